@@ -1,0 +1,22 @@
+# Everything happens in .venv, which is made on the first call; see the README for what
+# the two commands expand to.
+PYTHON ?= python3
+VENV := .venv
+INSTALLED := $(VENV)/.installed
+
+.PHONY: run test clean
+
+run: $(INSTALLED)
+	$(VENV)/bin/swarmstart run formation_v
+
+test: $(INSTALLED)
+	$(VENV)/bin/python -m pytest -q
+
+$(INSTALLED): pyproject.toml
+	$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('swarmstart needs Python 3.11 or newer; found ' + sys.version.split()[0] + '. Try: make PYTHON=python3.11')"
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $(INSTALLED)
+
+clean:
+	rm -rf $(VENV) build dist results

@@ -1,0 +1,1 @@
+"""What a user meets first: scenarios, the command line, records and figures."""

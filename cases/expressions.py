@@ -1,0 +1,359 @@
+"""Numbers written as expressions, such as `pi/18`: parsed, never run by Python.
+
+    text -> tokens -> ast of Python -> tree of Number, Name, Operation -> interpret
+
+The tree knows no arithmetic: `interpret` walks it with a table of operations, floats
+here (`FLOAT_OPERATIONS`), symbols elsewhere. Allowed: decimal numbers, names, pi,
++ - * / **, parentheses and `FUNCTIONS`; an exponent is a constant of at most
+`MAX_EXPONENT` in magnitude. Everything else Python's grammar knows is refused, from
+attributes to 1_000, 0x10, 1j and line breaks.
+"""
+
+import ast
+import difflib
+import math
+import operator
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import NoReturn, TypeAlias, TypeVar
+
+from swarmstart.errors import SwarmstartError
+
+T = TypeVar("T")
+
+MAX_CHARACTERS = 500
+MAX_NODES = 200
+MAX_DEPTH = 100
+MAX_EXPONENT = 8
+MAX_SHOWN = 60  # characters of an expression in a message
+MAX_NAMES = 20  # known names in a message
+
+CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi})
+FUNCTIONS: Mapping[str, int] = MappingProxyType(  # number of arguments
+    {
+        "sqrt": 1,
+        "sin": 1,
+        "cos": 1,
+        "tan": 1,
+        "asin": 1,
+        "acos": 1,
+        "atan": 1,
+        "exp": 1,
+        "log": 1,
+        "abs": 1,
+        "radians": 1,
+        "atan2": 2,
+        "min": 2,  # or more, in pairs from the left
+        "max": 2,  # or more
+    }
+)
+FLOAT_OPERATIONS: Mapping[str, Callable[..., float]] = MappingProxyType(
+    {
+        **{name: getattr(math, name) for name in FUNCTIONS if hasattr(math, name)},
+        "abs": abs,
+        "min": min,
+        "max": max,
+        "neg": operator.neg,
+        "+": operator.add,
+        "-": operator.sub,
+        "*": operator.mul,
+        "/": operator.truediv,
+        "**": math.pow,  # never complex, unlike Python's **
+    }
+)
+
+_SYMBOLS: Mapping[type[ast.operator], str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.Pow: "**",
+}
+_TOKEN = re.compile(
+    r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?(?![A-Za-z0-9_.])"
+    r"|[A-Za-z_][A-Za-z0-9_]*|[-+*/(),]|[ \t]+"
+)
+_ALLOWED = "numbers, names, pi, + - * / **, parentheses and " + ", ".join(FUNCTIONS)
+
+
+class ExpressionError(SwarmstartError, ValueError):
+    """An expression that is refused, or has no finite real value.
+
+    Attributes:
+        what: What was expected and what was found.
+        expression: The text, in full.
+        column: Where in it, from 1.
+    """
+
+    def __init__(self, what: str, expression: str, column: int) -> None:
+        """Keep the parts."""
+        super().__init__(what, expression, column)
+        self.what = what
+        self.expression = expression
+        self.column = column
+
+    def __str__(self) -> str:
+        """Show the expression, escaped and shortened, and the column."""
+        text = self.expression
+        shown = text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
+        return f"expression {shown!a}, column {self.column}: {self.what}"
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A finite literal."""
+
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A name to look up; column counts from 1."""
+
+    name: str
+    column: int
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """An operation by its key in a table, such as "+", "neg" or "atan2"."""
+
+    name: str
+    arguments: "tuple[Tree, ...]"
+    column: int
+
+
+Tree: TypeAlias = Number | Name | Operation
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """A checked expression.
+
+    Attributes:
+        text: As written, for messages.
+        tree: What to compute.
+    """
+
+    text: str
+    tree: Tree
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The names used, constants included."""
+        return frozenset(_names(self.tree))
+
+
+def evaluate(text: str, names: Mapping[str, float] = MappingProxyType({})) -> float:
+    """Compute an expression in floats.
+
+    Args:
+        text: At most `MAX_CHARACTERS` long.
+        names: The value of each name allowed beside the constants; they come first.
+
+    Returns:
+        A finite number.
+
+    Raises:
+        ExpressionError: If the text is no such expression, a name is unknown, or any
+            step leaves the finite real numbers.
+    """
+    expression = parse(text)
+    value = interpret(expression, operations=FLOAT_OPERATIONS, names=names)
+    if not math.isfinite(value):
+        raise ExpressionError("expected finite values of the names", text, 1)
+    return value
+
+
+def parse(text: str) -> Expression:
+    """Check a text and turn it into a tree; nothing is computed but exponents.
+
+    Args:
+        text: At most `MAX_CHARACTERS` long.
+
+    Returns:
+        The tree; its names are not looked up yet.
+
+    Raises:
+        ExpressionError: If it holds anything that is not allowed.
+    """
+    if len(text) > MAX_CHARACTERS:
+        what = f"expected at most {MAX_CHARACTERS} characters, found {len(text)}"
+        raise ExpressionError(what, text, MAX_CHARACTERS + 1)
+    body = text.strip(" \t\r\n")
+    offset = text.find(body)
+    _check_tokens(text, offset, offset + len(body))
+    try:
+        root = ast.parse(body, mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        column = getattr(error, "offset", 1) or len(body) + 1  # 0: at the end
+        reason = getattr(error, "msg", None) or type(error).__name__
+        reason = reason.partition(";")[0]  # what follows advises 0o, refused here
+        what = f"expected a complete expression, found: {reason}"
+        raise ExpressionError(what, text, min(offset + column, len(text) + 1)) from None
+    count = sum(isinstance(node, ast.expr) for node in ast.walk(root))
+    if count > MAX_NODES:
+        what = f"expected at most {MAX_NODES} numbers, names and operations"
+        raise ExpressionError(f"{what}, found {count}", text, 1)
+    return Expression(text, _Converter(text, offset).tree(root, 0))
+
+
+def interpret(
+    expression: Expression,
+    *,
+    operations: Mapping[str, Callable[..., T]],
+    names: Mapping[str, T],
+) -> T | float:
+    """Compute an expression with any arithmetic, floats or symbols.
+
+    Args:
+        expression: From `parse`.
+        operations: One callable for each key of `FLOAT_OPERATIONS`, of as many
+            arguments; they must take floats beside T.
+        names: The value of each name allowed beside the constants; they come first.
+
+    Returns:
+        The value; a float where no name of type T takes part.
+
+    Raises:
+        ExpressionError: If a name is unknown, or an operation on floats is undefined
+            or overflows.
+    """
+
+    def value(tree: Tree) -> T | float:
+        if isinstance(tree, Number):
+            return tree.value
+        if isinstance(tree, Name):
+            if tree.name in names:
+                return names[tree.name]
+            if tree.name in CONSTANTS:
+                return CONSTANTS[tree.name]
+            known = sorted({*names, *CONSTANTS})
+            what = f"unknown name {tree.name!r}{_suggested(tree.name, known)}"
+            raise ExpressionError(what, expression.text, tree.column)
+        arguments = [value(argument) for argument in tree.arguments]
+        try:
+            result: T | float = operations[tree.name](*arguments)
+        except (ArithmeticError, ValueError):
+            result = math.nan
+        if isinstance(result, float) and not math.isfinite(result):
+            shown = ", ".join(map(str, arguments))
+            what = f"expected a finite real value, found {tree.name!r} of {shown}"
+            raise ExpressionError(what, expression.text, tree.column)
+        return result
+
+    return value(expression.tree)
+
+
+class _Converter:
+    """Turns Python's ast into a Tree, and refuses what is not listed here."""
+
+    def __init__(self, text: str, offset: int) -> None:
+        self._text = text
+        self._offset = offset  # of the ast's columns in the text
+
+    def tree(self, node: ast.expr, depth: int) -> Tree:
+        """Convert one node and those below it."""
+        if depth > MAX_DEPTH:
+            self._refuse(node, f"expected at most {MAX_DEPTH} levels, found more")
+        match node:
+            case ast.Constant():
+                return self._number(node)
+            case ast.Name():
+                return Name(node.id, self._column(node))
+            case ast.UnaryOp(op=ast.UAdd()):
+                return self.tree(node.operand, depth + 1)
+            case ast.UnaryOp(op=ast.USub()):
+                return self._operation("neg", [node.operand], node, depth)
+            case ast.BinOp() if type(node.op) in _SYMBOLS:
+                symbol = _SYMBOLS[type(node.op)]
+                return self._operation(symbol, [node.left, node.right], node, depth)
+            case ast.Call():
+                return self._call(node, depth)
+        self._refuse(node, f"found {self._source(node)!r}; allowed are {_ALLOWED}")
+
+    def _number(self, node: ast.Constant) -> Number:
+        if type(node.value) not in (int, float):
+            self._refuse(node, f"found {node.value!r}; allowed are {_ALLOWED}")
+        value = float(self._source(node))
+        if not math.isfinite(value):
+            self._refuse(node, "expected a finite number")
+        return Number(value)
+
+    def _operation(
+        self, name: str, operands: list[ast.expr], node: ast.expr, depth: int
+    ) -> Operation:
+        column = self._column(node)
+        arguments = [self.tree(operand, depth + 1) for operand in operands]
+        if name == "**":
+            arguments[1] = self._exponent(arguments[1], operands[1])
+        result = Operation(name, tuple(arguments[:2]), column)
+        for argument in arguments[2:]:
+            result = Operation(name, (result, argument), column)
+        return result
+
+    def _exponent(self, tree: Tree, node: ast.expr) -> Number:
+        what = f"expected a constant from -{MAX_EXPONENT} to {MAX_EXPONENT} as exponent"
+        if set(_names(tree)) - CONSTANTS.keys():
+            self._refuse(node, f"{what}, found a name")
+        expression = Expression(self._text, tree)
+        value = interpret(expression, operations=FLOAT_OPERATIONS, names={})
+        if abs(value) > MAX_EXPONENT:
+            self._refuse(node, f"{what}, found {value}")
+        return Number(value)
+
+    def _call(self, node: ast.Call, depth: int) -> Operation:
+        if not isinstance(node.func, ast.Name):
+            self._refuse(node, f"found {self._source(node)!r}; allowed are {_ALLOWED}")
+        name = node.func.id
+        if name not in FUNCTIONS:
+            what = f"unknown function {name!r}{_suggested(name, FUNCTIONS)}"
+            self._refuse(node, what)
+        wanted, given = FUNCTIONS[name], len(node.args)
+        more = name in ("min", "max") and given > wanted
+        starred = node.keywords or any(isinstance(a, ast.Starred) for a in node.args)
+        if starred or (given != wanted and not more):
+            what = f"expected {name} with {wanted} plain argument(s)"
+            self._refuse(node, f"{what}, found {given + len(node.keywords)}")
+        return self._operation(name, node.args, node, depth)
+
+    def _column(self, node: ast.expr) -> int:
+        return self._offset + node.col_offset + 1
+
+    def _source(self, node: ast.expr) -> str:
+        end = node.end_col_offset or node.col_offset
+        return self._text[self._offset + node.col_offset : self._offset + end]
+
+    def _refuse(self, node: ast.expr, what: str) -> NoReturn:
+        raise ExpressionError(what, self._text, self._column(node))
+
+
+def _check_tokens(text: str, start: int, end: int) -> None:
+    """Refuse every character and number that no allowed expression holds."""
+    while start < end:
+        token = _TOKEN.match(text, start, end)
+        if token is None:
+            found = ascii(text[start : min(end, start + 12)])
+            what = f"expected an expression, found {found}; allowed are {_ALLOWED}"
+            raise ExpressionError(what, text, start + 1)
+        start = token.end()
+    if not text.strip():
+        raise ExpressionError("expected an expression, found nothing", text, 1)
+
+
+def _names(tree: Tree) -> Iterable[str]:
+    if isinstance(tree, Name):
+        yield tree.name
+    elif isinstance(tree, Operation):
+        for argument in tree.arguments:
+            yield from _names(argument)
+
+
+def _suggested(name: str, known: Collection[str]) -> str:
+    """Name the closest of the known names, or else the first of them."""
+    if close := difflib.get_close_matches(name, known, n=1):
+        return f": did you mean {close[0]!r}?"
+    first = ", ".join(list(known)[:MAX_NAMES])
+    return f"; known are {first}{', ...' if len(known) > MAX_NAMES else ''}"

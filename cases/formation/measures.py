@@ -1,0 +1,188 @@
+"""What is measured of a formation flight.
+
+Positions and distances come from the plant's dense states, not from plans.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.formation.build import FormationFlight
+from swarmstart.cases.formation.scenario import FormationScenario
+from swarmstart.cases.kind import Measure
+from swarmstart.cases.models.unicycle import POSITION
+from swarmstart.ocp import Mode, Trajectory
+from swarmstart.terminal_set import held_spectral_radius, input_excess, linearise
+
+Array = NDArray[np.float64]
+
+SETTLED_M = 1.0
+TAIL_S = 10.0
+# Below it e'Pe is the noise of floating point: it stalls at about 1e-25.
+SMALLEST_LYAPUNOV = 1e-12
+
+MEASURES = {
+    "settle_time_s": "first control instant after which max(|dx|, |dy|) <= 1 m for every "
+    "UAV until the end; null if never",
+    "tail_error_m": "largest max(|dx|, |dy|) over the UAVs in the last 10 s",
+    "tail_error_by_uav_m": "the same for each UAV",
+    "lone_failure": "number of the UAV that alone is off by more than 1 m in the last "
+    "10 s; 0 if none or several are",
+    "closed_loop_cost": "sum of e'e + u'u over steps and UAVs",
+    "min_distance_m": "smallest distance of two UAVs at the plant's steps",
+    "min_distance_sampled_m": "the same at the control instants",
+    "obstacle_clearance_m": "smallest distance to an obstacle's edge at the plant's "
+    "steps, negative inside",
+    "obstacle_clearance_sampled_m": "the same at the control instants",
+    "speed_min_m_s": "smallest speed of a UAV",
+    "speed_max_m_s": "largest speed of a UAV",
+    "terminal_exits": "control instants at which a UAV has left its terminal set during "
+    "a linear step",
+    "linear_steps": "steps flown under the linear law",
+    "lyapunov_ratio_max": "largest ratio of e'Pe after a linear step to before it, while "
+    "above 1e-12; null without one",
+    "held_spectral_radius": "spectral radius of the linear law, its input held",
+    "input_excess_ratio": "largest |K e| over the terminal set, divided by its bound",
+    "terminal_level": "alpha of the terminal set",
+    "infeasible_steps": "steps at which some UAV found no feasible plan",
+    "evaluations": "trajectories evaluated by searches and polishes",
+    "step_seconds_median": "median wall time of a decision of all UAVs [s]",
+    "step_seconds_max": "largest wall time of a decision of all UAVs [s]",
+}
+
+
+def measure(
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> Mapping[str, Measure]:
+    """Return all measures of MEASURES by name, null where one is not defined."""
+    measures: dict[str, Measure] = {
+        **_tracking(scenario, flight, trajectory),
+        **_distances(scenario, flight, trajectory),
+        **_linear_law(flight, trajectory),
+    }
+    decisions = trajectory.decisions
+    plans = [plan for decision in decisions for plan in decision.plans]
+    seconds = trajectory.step_seconds
+    measures |= {
+        "infeasible_steps": sum(
+            not all(plan.feasible for plan in decision.plans) for decision in decisions
+        ),
+        "evaluations": sum(plan.evaluations for plan in plans),
+        "step_seconds_median": float(np.median(seconds)),
+        "step_seconds_max": float(np.max(seconds)),
+    }
+    return {name: measures[name] for name in MEASURES}
+
+
+def by_uav(flight: FormationFlight, stacked: Array) -> Array:
+    """Return stacked rows (uavs * n, T) as (uavs, n, T)."""
+    return stacked.reshape(flight.agents, -1, stacked.shape[1])
+
+
+def errors(flight: FormationFlight, times: Array, states: Array) -> Array:
+    """Return the deviation of each UAV from its slot, shape (uavs, 4, T)."""
+    return by_uav(flight, states) - flight.slots(times)
+
+
+def pair_distances(flight: FormationFlight, states: Array) -> Array:
+    """Return the distance of each pair of UAVs, shape (pairs, T) [m]."""
+    positions = by_uav(flight, states)[:, list(POSITION)]
+    first, second = np.triu_indices(flight.agents, k=1)
+    return np.asarray(np.linalg.norm(positions[first] - positions[second], axis=1))
+
+
+def clearances(
+    scenario: FormationScenario, flight: FormationFlight, states: Array
+) -> Array:
+    """Return each UAV's distance to each obstacle's edge, (uavs * obstacles, T) [m]."""
+    positions = by_uav(flight, states)[:, list(POSITION)]
+    rows = [
+        np.linalg.norm(positions - np.array([[o.x_m], [o.y_m]]), axis=1) - o.radius_m
+        for o in scenario.obstacles
+    ]
+    return np.concatenate([np.empty((0, states.shape[1])), *rows])
+
+
+def lyapunov(flight: FormationFlight, trajectory: Trajectory) -> Array:
+    """Return e'Pe of each UAV at the control instants, shape (uavs, T + 1)."""
+    deviations = errors(flight, trajectory.times, trajectory.states)
+    return np.stack([flight.terminal_set.value(e) for e in deviations])
+
+
+def linear_mask(trajectory: Trajectory) -> NDArray[np.bool_]:
+    """Return which steps were flown under the linear law, shape (T,)."""
+    return np.array([d.mode is Mode.LINEAR for d in trajectory.decisions])
+
+
+def _tracking(
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> dict[str, Measure]:
+    times = trajectory.times
+    deviations = errors(flight, times, trajectory.states)
+    offset = np.abs(deviations[:, list(POSITION)]).max(axis=1)  # (uavs, T + 1)
+    late = times >= times[-1] - TAIL_S - 1e-9
+    tails = offset[:, late].max(axis=1)
+    failing = np.flatnonzero(tails > SETTLED_M)
+    return {
+        "settle_time_s": _settle_time(times, offset.max(axis=0)),
+        "tail_error_m": float(tails.max()),
+        "tail_error_by_uav_m": [float(tail) for tail in tails],
+        "lone_failure": int(failing[0]) + 1 if failing.size == 1 else 0,
+        "closed_loop_cost": float(
+            np.sum(deviations[:, :, :-1] ** 2) + np.sum(trajectory.controls**2)
+        ),
+    }
+
+
+def _settle_time(times: Array, offset: Array) -> float | None:
+    """Return the first time from which on the offset stays within SETTLED_M."""
+    outside = np.flatnonzero(offset > SETTLED_M)
+    if outside.size == 0:
+        return float(times[0])
+    return float(times[outside[-1] + 1]) if outside[-1] + 1 < times.size else None
+
+
+def _distances(
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> dict[str, Measure]:
+    measures: dict[str, Measure] = {}
+    for suffix, states in (
+        ("", trajectory.dense_states),
+        ("_sampled", trajectory.states),
+    ):
+        measures[f"min_distance{suffix}_m"] = _smallest(pair_distances(flight, states))
+        measures[f"obstacle_clearance{suffix}_m"] = _smallest(
+            clearances(scenario, flight, states)
+        )
+    speeds = by_uav(flight, trajectory.dense_states)[:, 0]
+    measures["speed_min_m_s"] = float(speeds.min())
+    measures["speed_max_m_s"] = float(speeds.max())
+    return measures
+
+
+def _smallest(values: Array) -> float | None:
+    return float(values.min()) if values.size else None
+
+
+def _linear_law(flight: FormationFlight, trajectory: Trajectory) -> dict[str, Measure]:
+    terminal_set, values = flight.terminal_set, lyapunov(flight, trajectory)
+    linear = linear_mask(trajectory)
+    before, after = values[:, :-1][:, linear], values[:, 1:][:, linear]
+    large = before > SMALLEST_LYAPUNOV
+    A, B = linearise(flight.dynamics, terminal_set.x_ref, terminal_set.u_ref)
+    excess = input_excess(
+        terminal_set.K, terminal_set.P, terminal_set.alpha, flight.reference.u_max
+    )
+    return {
+        "terminal_exits": int(np.sum((after > terminal_set.alpha).any(axis=0))),
+        "linear_steps": int(linear.sum()),
+        "lyapunov_ratio_max": float((after[large] / before[large]).max())
+        if large.any()
+        else None,
+        "held_spectral_radius": held_spectral_radius(
+            A, B, terminal_set.K, flight.plant.dt
+        ),
+        "input_excess_ratio": float(np.max(excess)),
+        "terminal_level": terminal_set.alpha,
+    }

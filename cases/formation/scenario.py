@@ -1,0 +1,218 @@
+"""The scenario of a formation flight: UAVs that follow slots of a virtual leader.
+
+Source: the chapter, section 5.2.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Literal
+
+from pydantic import Field
+
+from swarmstart.cases.settings import (
+    NonNegative,
+    Number,
+    Part,
+    Positive,
+    Range,
+    Scenario,
+)
+
+Problem = tuple[tuple[str | int, ...], str]
+"""Where in the scenario something is wrong, and what."""
+
+
+class PlanarState(Part):
+    """Speed, heading and position in the plane."""
+
+    speed_m_s: Number
+    heading_rad: Number
+    x_m: Number
+    y_m: Number
+
+    def vector(self) -> list[float]:
+        """Return (v, psi, x, y), the order of (5.3)."""
+        return [self.speed_m_s, self.heading_rad, self.x_m, self.y_m]
+
+
+class Point(Part):
+    """A position in the plane."""
+
+    x_m: Number
+    y_m: Number
+
+
+class Disc(Part):
+    """A circular obstacle."""
+
+    x_m: Number
+    y_m: Number
+    radius_m: Positive
+
+
+class Vehicle(Part):
+    """The model of the UAVs and its bounds."""
+
+    name: Literal["unicycle"]
+    acceleration_m_s2: Range
+    turn_rate_rad_s: Range
+    speed_m_s: Range | None = None
+
+
+class Uav(Part):
+    """One UAV: where it starts, and its slot relative to the leader, axes not turned."""
+
+    start: PlanarState
+    slot: Point
+
+
+class Prediction(Part):
+    """The horizon and its grid."""
+
+    dt_s: Positive
+    intervals: int = Field(ge=1, le=1000)
+    checks: int = Field(default=1, ge=1, le=100)
+    substeps: int = Field(default=1, ge=1, le=100)
+    integrator: Literal["rk4", "euler"] = "rk4"
+
+
+class Weights(Part):
+    """Diagonals of the weights of (5.6)."""
+
+    Q: list[NonNegative] = Field(min_length=4, max_length=4)
+    R: list[Positive] = Field(min_length=2, max_length=2)
+
+
+Matrix = list[list[Number]]
+
+
+class TerminalCost(Part):
+    """P of (5.7): of the sampled-data Riccati equation with Q and R, or given."""
+
+    design: Literal["riccati", "given"]
+    P: Matrix | None = None
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with it."""
+        yield from _matrix_problems(self.design == "given", self.P)
+
+
+class Avoidance(Part):
+    """How distances to other UAVs and to obstacles are kept (5.15), (5.16)."""
+
+    safe_distance_m: Positive
+    along: Literal["points", "segments"]
+    measure: Literal["excess", "indicator"]
+    distance_margin_m: NonNegative = 0.0
+    obstacle_margin_m: NonNegative = 0.0
+    polish_distance_margin_m: NonNegative = 0.0
+    polish_obstacle_margin_m: NonNegative = 0.0
+
+
+class DualModePart(Part):
+    """The linear law that takes over when every UAV is inside its terminal set."""
+
+    enabled: bool
+    design: Literal["sampled", "literal"]
+    Q: list[NonNegative] = Field(min_length=4, max_length=4)
+    R: list[Positive] = Field(min_length=2, max_length=2)
+    P: Matrix | None = None
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with it."""
+        yield from _matrix_problems(self.design == "literal", self.P)
+
+
+class PlantPart(Part):
+    """The simulated aircraft: integrated finer than the prediction."""
+
+    substeps: int = Field(default=20, ge=1, le=1000)
+
+
+class FormationScenario(Scenario):
+    """Everything a formation flight needs."""
+
+    kind: Literal["formation_flight"]
+    vehicle: Vehicle
+    leader: PlanarState
+    uavs: list[Uav] = Field(min_length=1, max_length=100)
+    obstacles: list[Disc] = Field(default_factory=list)
+    planning_order: Literal["highest_first", "lowest_first"] | list[int] = (
+        "highest_first"
+    )
+    prediction: Prediction
+    weights: Weights
+    terminal_cost: TerminalCost
+    avoidance: Avoidance
+    dual_mode: DualModePart
+    plant: PlantPart = PlantPart()
+
+    def order_of_planning(self) -> list[int]:
+        """Return the UAVs' indices from 0 in the order in which they plan."""
+        if isinstance(self.planning_order, list):
+            return [number - 1 for number in self.planning_order]
+        numbers = list(range(len(self.uavs)))
+        return numbers if self.planning_order == "lowest_first" else numbers[::-1]
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what one part of the scenario makes wrong in another."""
+        for key in ("terminal_cost", "dual_mode"):
+            for path, message in getattr(self, key).problems():
+                yield (key, *path), message
+        yield from self._order_problems()
+        yield from self._place_problems()
+        if self.vehicle.speed_m_s is not None:
+            yield from self._speed_problems(self.vehicle.speed_m_s)
+
+    def _order_problems(self) -> Iterator[Problem]:
+        if sorted(self.order_of_planning()) != list(range(len(self.uavs))):
+            yield (
+                ("planning_order",),
+                f"expected each UAV from 1 to {len(self.uavs)} once, "
+                f"found {self.planning_order}",
+            )
+
+    def _place_problems(self) -> Iterator[Problem]:
+        safe = self.avoidance.safe_distance_m
+        for (i, one), (j, other) in itertools.combinations(enumerate(self.uavs), 2):
+            for key in ("start", "slot"):
+                a, b = getattr(one, key), getattr(other, key)
+                distance = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
+                if distance < safe:
+                    yield (
+                        ("uavs", j, key),
+                        f"expected a {key} at least {safe:g} m (safe_distance_m) from "
+                        f"that of UAV {i + 1}, found {distance:g} m",
+                    )
+        for (i, uav), disc in itertools.product(enumerate(self.uavs), self.obstacles):
+            distance = math.hypot(uav.start.x_m - disc.x_m, uav.start.y_m - disc.y_m)
+            if distance < disc.radius_m:
+                yield (
+                    ("uavs", i, "start"),
+                    f"expected a start outside the obstacle of radius "
+                    f"{disc.radius_m:g} m, found {distance:g} m from its centre",
+                )
+
+    def _speed_problems(self, limits: Range) -> Iterator[Problem]:
+        states = [(("leader", "speed_m_s"), self.leader)] + [
+            (("uavs", i, "start", "speed_m_s"), uav.start)
+            for i, uav in enumerate(self.uavs)
+        ]
+        for path, state in states:
+            if not limits.lower <= state.speed_m_s <= limits.upper:
+                yield (
+                    path,
+                    f"expected a speed within vehicle.speed_m_s "
+                    f"[{limits.lower:g}, {limits.upper:g}], found {state.speed_m_s:g}",
+                )
+
+
+def _matrix_problems(needed: bool, P: Matrix | None) -> Iterator[Problem]:  # noqa: FBT001
+    """Yield what is wrong with a 4 x 4 matrix that a design needs, or does not."""
+    if not needed:
+        return
+    if P is None:
+        yield (), "expected the key P, a 4 x 4 matrix, with this design"
+    elif [len(row) for row in P] != [4, 4, 4, 4]:
+        yield ("P",), f"expected a 4 x 4 matrix, found rows of {[len(r) for r in P]}"

@@ -1,0 +1,64 @@
+"""What a kind of scenario must offer for the commands to run it."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.settings import Scenario
+from swarmstart.ocp import Controller, Plant, Trajectory
+
+Array = NDArray[np.float64]
+Measure = float | int | list[float | None] | None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Flight:
+    """A closed loop ready to be flown.
+
+    Attributes:
+        plant: What is flown.
+        controller: What flies it.
+        x0: Where it starts, shape (nx,).
+        agents: Number of agents whose states are stacked.
+    """
+
+    plant: Plant
+    controller: Controller
+    x0: Array
+    agents: int
+
+
+class MeasureFunction(Protocol):
+    """One measure of a flight, from the scenario, what was built, what was flown."""
+
+    def __call__(
+        self, scenario: Scenario, flight: Flight, trajectory: Trajectory
+    ) -> Mapping[str, Measure]:
+        """Return the measures by name."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Kind:
+    """A kind of scenario.
+
+    Attributes:
+        scenario: The pydantic model of its scenarios.
+        build: Scenario -> flight; everything is compiled here, nothing later.
+        measure: (scenario, flight, trajectory) -> measures by name.
+        measures: Name -> what it is, for the list.
+        problems: Scenario -> what is wrong across its parts, with the place.
+        figures: (scenario, flight, trajectory, folder) -> files written.
+        animate: (scenario, flight, trajectory, file) -> None.
+    """
+
+    scenario: type[Scenario]
+    build: Callable[..., Flight]
+    measure: Callable[..., Mapping[str, Measure]]
+    measures: Mapping[str, str]
+    problems: Callable[..., Iterator[tuple[tuple[str | int, ...], str]]]
+    figures: Callable[..., list[Path]]
+    animate: Callable[..., None]

@@ -1,0 +1,1 @@
+"""Models that scenarios can name."""

@@ -1,0 +1,58 @@
+"""What a scenario can name, as "module:attribute" strings: imported when used.
+
+Nothing heavy is imported here, so that `swarmstart list` and `--help` stay quick.
+"""
+
+import importlib
+from typing import Any, NamedTuple
+
+
+class SearchEntry(NamedTuple):
+    """A search as scenarios and the command line know it.
+
+    Attributes:
+        title: What it is, in a few words.
+        settings: Where its settings class is; empty for none.
+        warm_start: How much of its first population is the last plan by default.
+    """
+
+    title: str
+    settings: str
+    warm_start: str
+
+
+SEARCHES = {
+    "cpso": SearchEntry(
+        "chaotic particle swarm (5.17)-(5.19)",
+        "swarmstart.heuristics:ChaoticPSO",
+        "all",
+    ),
+    "pso": SearchEntry(
+        "standard particle swarm", "swarmstart.heuristics:ParticleSwarm", "all"
+    ),
+    "de": SearchEntry(
+        "differential evolution, rand/1/bin",
+        "swarmstart.heuristics:DifferentialEvolution",
+        "one",
+    ),
+    "ga": SearchEntry(
+        "real-coded genetic algorithm, started at random as the chapter's",
+        "swarmstart.heuristics:GeneticAlgorithm",
+        "none",
+    ),
+    "random": SearchEntry("random search", "swarmstart.heuristics:RandomSearch", "one"),
+    "none": SearchEntry("no search: the polish alone", "", "one"),
+}
+
+POLISHES = {
+    "ipopt": "IPOPT on multiple shooting, from the search's answer",
+    "none": "no polish",
+}
+
+KINDS = {"formation_flight": "swarmstart.cases.formation:KIND"}
+
+
+def load(where: str) -> Any:  # noqa: ANN401 - whatever the registry names
+    """Return the attribute that a "module:attribute" string names."""
+    module, _, attribute = where.partition(":")
+    return getattr(importlib.import_module(module), attribute)

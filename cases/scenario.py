@@ -1,0 +1,312 @@
+"""A scenario: from a name or a path to a checked, frozen object.
+
+    file -> document -> variant laid over it -> --set -> validated Scenario
+
+Everything wrong is reported at once, each with file:line:column.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib.resources
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swarmstart.cases.registry import KINDS, load
+from swarmstart.cases.yaml_reader import (
+    Document,
+    Place,
+    YamlError,
+    assign,
+    frame,
+    overlay,
+    parse_yaml,
+    read_yaml,
+    split_assignment,
+)
+from swarmstart.errors import SwarmstartError
+
+if TYPE_CHECKING:
+    import pydantic_core
+
+    from swarmstart.cases.kind import Kind
+    from swarmstart.cases.settings import Scenario
+
+DEFAULT_VARIANT = "corrected"
+_SHOWN = 40  # characters of a value in a message
+
+
+@dataclass(frozen=True, slots=True)
+class Flaw:
+    """One thing wrong with a scenario.
+
+    Attributes:
+        place: Where.
+        what: What was expected and what was found.
+        frame: The line with a caret; empty where there is none.
+    """
+
+    place: Place
+    what: str
+    frame: str = ""
+
+    def __str__(self) -> str:
+        """Put the place before the message."""
+        return f"{self.place}: {self.what}"
+
+
+class InvalidScenarioError(SwarmstartError, ValueError):
+    """A scenario that can be read but not run.
+
+    Attributes:
+        flaws: Everything that is wrong with it, in the order of the file.
+    """
+
+    def __init__(self, flaws: Sequence[Flaw]) -> None:
+        """Keep the flaws, sorted by their places."""
+        self.flaws = tuple(sorted(flaws, key=lambda flaw: flaw.place))
+        super().__init__("\n".join(map(str, self.flaws)))
+
+
+class UnknownScenarioError(SwarmstartError, LookupError):
+    """A name that is neither a shipped scenario nor a file."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Resolved:
+    """A scenario as it is run.
+
+    Attributes:
+        scenario: The checked scenario.
+        kind: How its kind is built, measured and drawn.
+        variant: The variant's name; empty where the scenario has none.
+        settings: The resolved scenario as plain data, complete with defaults.
+    """
+
+    scenario: Scenario
+    kind: Kind
+    variant: str
+    settings: Mapping[str, Any]
+
+
+def shipped() -> dict[str, Path]:
+    """Return the scenarios that come with the package, name -> file."""
+    folder = importlib.resources.files("swarmstart.cases") / "scenarios"
+    return {Path(f.name).stem: Path(str(f)) for f in sorted_files(folder)}
+
+
+def sorted_files(folder: Any) -> list[Any]:  # noqa: ANN401 - a Traversable
+    """Return the YAML files of a folder by name."""
+    return sorted(
+        (f for f in folder.iterdir() if f.name.endswith(".yaml")), key=lambda f: f.name
+    )
+
+
+def read_document(name_or_path: str) -> Document:
+    """Read a scenario file.
+
+    Args:
+        name_or_path: The name of a shipped scenario, or a path: anything with a dot, a
+            slash, or an existing file.
+
+    Raises:
+        UnknownScenarioError: If it looks like a name and is none.
+        UnreadableFileError: If the file cannot be read.
+        YamlError: If its content is not the format.
+    """
+    known = shipped()
+    if name_or_path in known:
+        text = known[name_or_path].read_bytes()
+        return parse_yaml(text, name=f"{name_or_path}.yaml")
+    looks_like_path = any(mark in name_or_path for mark in "./\\")
+    if looks_like_path or Path(name_or_path).exists():
+        return read_yaml(name_or_path)
+    near = difflib.get_close_matches(name_or_path, known, n=1)
+    hint = f"; did you mean {near[0]}?" if near else ""
+    raise UnknownScenarioError(
+        f"expected a path or one of {', '.join(known)}, found {name_or_path!r}{hint}"
+    )
+
+
+def resolve(
+    document: Document, *, variant: str | None = None, assignments: Sequence[str] = ()
+) -> Resolved:
+    """Lay the variant and the assignments over a scenario and check the result.
+
+    Args:
+        document: The scenario as read.
+        variant: The variant's name; None means corrected, where there are variants.
+        assignments: "key.path=value", applied in order.
+
+    Raises:
+        YamlError: If an assignment does not fit.
+        InvalidScenarioError: With everything that is wrong.
+    """
+    document, name = _with_variant(document, variant)
+    for text in assignments:
+        document = assign(document, *split_assignment(text))
+    document = _without(document, "variants")
+    kind = _kind(document)
+    scenario = _validated(document, kind)
+    flaws = [_flaw(document, path, what) for path, what in kind.problems(scenario)]
+    if flaws:
+        raise InvalidScenarioError(flaws)
+    return Resolved(
+        scenario=scenario,
+        kind=kind,
+        variant=name,
+        settings=scenario.model_dump(mode="json", by_alias=True),
+    )
+
+
+def _with_variant(document: Document, variant: str | None) -> tuple[Document, str]:
+    """Return the document with its variant laid over it, and the variant's name."""
+    variants = document.data.get("variants")
+    if variants is None:
+        if variant is None:
+            return document, ""
+        place = document.places[()]
+        what = f"expected a scenario with variants, to choose {variant!r} from"
+        raise YamlError(what, place)
+    if not isinstance(variants, dict):
+        raise InvalidScenarioError(
+            [_flaw(document, ("variants",), "expected a mapping of names to overrides")]
+        )
+    name = variant or (DEFAULT_VARIANT if DEFAULT_VARIANT in variants else "")
+    if name not in variants:
+        listed = ", ".join(variants)
+        what = f"expected --variant to be one of {listed}, found {variant!r}"
+        raise YamlError(what, document.places[("variants",)])
+    return overlay(document, ("variants", name)), name
+
+
+def _without(document: Document, key: str) -> Document:
+    """Return the document without a top-level key."""
+    from dataclasses import replace
+
+    content = document.root.content
+    if not isinstance(content, dict) or key not in content:
+        return document
+    kept = {name: node for name, node in content.items() if name != key}
+    return replace(document, root=replace(document.root, content=kept))
+
+
+def _kind(document: Document) -> Kind:
+    """Return the kind the document says it is of."""
+    kind = document.data.get("kind")
+    if kind not in KINDS:
+        found = "nothing" if kind is None else _shown(kind)
+        what = f"expected kind: one of {', '.join(KINDS)}; found {found}"
+        path = ("kind",) if kind is not None else ()
+        raise InvalidScenarioError([_flaw(document, path, what)])
+    found_kind: Kind = load(KINDS[str(kind)])
+    return found_kind
+
+
+def _validated(document: Document, kind: Kind) -> Scenario:
+    """Return the scenario that pydantic makes of the document."""
+    import pydantic
+
+    try:
+        return kind.scenario.model_validate(document.data)
+    except pydantic.ValidationError as error:
+        flaws = {
+            _described(document, details, kind.scenario)
+            for details in error.errors(include_url=False)
+        }
+        raise InvalidScenarioError(list(flaws)) from error
+
+
+def _described(
+    document: Document, details: pydantic_core.ErrorDetails, model: type[Any]
+) -> Flaw:
+    """Return one of pydantic's errors in this project's words, at its place."""
+    path = _path_in(document.data, details["loc"])
+    kind, value = details["type"], details["input"]
+    if kind == "extra_forbidden":
+        known = _known_keys(model, document.data, path[:-1])
+        near = difflib.get_close_matches(str(path[-1]), known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
+        what = f"expected a known key, found {_shown(path[-1])}; {hint}"
+        return _flaw(document, path, what, of_key=True)
+    if kind == "missing":
+        return _flaw(document, path[:-1], f"expected the key {path[-1]!r}")
+    message = details["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    if kind in ("value_error",):
+        return _flaw(document, path, message)
+    if kind.startswith("union_tag"):
+        expected = details.get("ctx", {}).get("expected_tags", "")
+        tag = details.get("ctx", {}).get("tag")
+        found = "none" if tag is None else _shown(tag)
+        at = (*path, "name") if (*path, "name") in document.places else path
+        return _flaw(document, at, f"expected name: one of {expected}; found {found}")
+    dotted = ".".join(map(str, path)) or "the scenario"
+    return _flaw(document, path, f"{dotted} {message}, found {_shown(value)}")
+
+
+def _path_in(data: Any, loc: Sequence[str | int]) -> tuple[str | int, ...]:  # noqa: ANN401
+    """Return pydantic's location without what is not in the data: tags of unions.
+
+    The last part of a missing key is not in the data either, and is kept.
+    """
+    path: list[str | int] = []
+    for number, part in enumerate(loc):
+        if isinstance(data, dict) and part in data:
+            data = data[part]
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            data = data[part]
+        elif number < len(loc) - 1 or not isinstance(data, dict):
+            continue
+        path.append(part)
+    return tuple(path)
+
+
+def _known_keys(
+    model: type[Any],
+    data: Any,
+    path: Sequence[str | int],  # noqa: ANN401
+) -> list[str]:
+    """Return the keys a mapping at a path may have, as far as the schema tells."""
+    schema = model.model_json_schema(by_alias=True)
+    node = _resolved(schema, schema, data)
+    for part in path:
+        data = data[part]
+        below = node.get("items") if isinstance(part, int) else None
+        below = below or node.get("properties", {}).get(part, {})
+        node = _resolved(schema, below, data)
+    return list(node.get("properties", {}))
+
+
+def _resolved(schema: Any, node: Any, data: Any) -> Any:  # noqa: ANN401
+    """Return the schema of a node behind references and choices by name."""
+    if "discriminator" in node and isinstance(data, dict):
+        node = {"$ref": node["discriminator"]["mapping"].get(data.get("name"), "")}
+    for choice in node.get("anyOf", ()):
+        if "$ref" in choice:
+            node = choice
+    if node.get("$ref"):
+        node = schema["$defs"].get(node["$ref"].rpartition("/")[2], {})
+    return node
+
+
+def _flaw(
+    document: Document,
+    path: Sequence[str | int],
+    what: str,
+    *,
+    of_key: bool = False,
+) -> Flaw:
+    """Return a flaw at the place of a path, or of the nearest part of it there is."""
+    places = document.key_places if of_key else document.places
+    at = tuple(path)
+    while at not in places and at:
+        at, places = at[:-1], document.places
+    place = places[at]
+    return Flaw(place, what, frame(document.sources.get(place.name, ""), place))
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."

@@ -1,0 +1,260 @@
+"""The parts of a scenario that every kind of scenario shares, as pydantic models.
+
+All are strict and frozen, and refuse unknown keys. A number may be written as an
+expression, `pi/18`.
+"""
+
+import dataclasses
+import types
+from collections.abc import Mapping
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
+
+from swarmstart.cases.expressions import evaluate
+from swarmstart.cases.registry import SEARCHES, load
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics import (
+    Algorithm,
+    Budget,
+    Order,
+    feasibility_first,
+    static_penalty,
+)
+from swarmstart.ocp import IpoptOptions, SearchSettings, WarmStart
+
+
+def _number(value: object) -> object:
+    """Compute an expression; leave everything else to pydantic."""
+    return evaluate(value) if isinstance(value, str) else value
+
+
+Number = Annotated[
+    float,
+    BeforeValidator(_number),
+    Field(allow_inf_nan=False),
+    WithJsonSchema(
+        {"type": ["number", "string"], "description": "A number, or as in pi/18."}
+    ),
+]
+Positive = Annotated[Number, Field(gt=0)]
+NonNegative = Annotated[Number, Field(ge=0)]
+
+
+class Part(BaseModel):
+    """A mapping of a scenario."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Range(Part):
+    """An interval, written as a list of two: [lower, upper]."""
+
+    lower: Number
+    upper: Number
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_list(cls, value: object) -> object:
+        if not isinstance(value, list):
+            raise ValueError("expected a list of two numbers, [lower, upper]")
+        if len(value) != len(cls.model_fields):
+            raise ValueError(f"expected [lower, upper], found {len(value)} entries")
+        return {"lower": value[0], "upper": value[1]}
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Range":
+        if not self.lower < self.upper:
+            raise ValueError(
+                f"expected lower < upper, found [{self.lower}, {self.upper}]"
+            )
+        return self
+
+
+class BudgetPart(Part):
+    """What the search may spend on one planning problem; whichever comes first."""
+
+    evaluations: int | None = Field(default=None, ge=1)
+    seconds: Positive | None = None
+
+    @model_validator(mode="after")
+    def _some(self) -> "BudgetPart":
+        if self.evaluations is None and self.seconds is None:
+            raise ValueError("expected evaluations, seconds or both")
+        return self
+
+    def budget(self) -> Budget:
+        """Return the budget as the search takes it."""
+        return Budget(evaluations=self.evaluations, seconds=self.seconds)
+
+
+class OrderPart(Part):
+    """How two individuals are ordered."""
+
+    name: Literal["static_penalty", "feasibility_first"]
+    weight: Positive = 1e4
+
+    def order(self) -> Order:
+        """Return the order as the search takes it."""
+        if self.name == "static_penalty":
+            return static_penalty(self.weight)
+        return feasibility_first()
+
+
+class IpoptPart(Part):
+    """What IPOPT is told where `polish: ipopt`."""
+
+    max_iterations: int = Field(default=300, ge=1)
+    tolerance: Positive = 1e-8
+
+    def options(self) -> IpoptOptions:
+        """Return the options as the polish takes them."""
+        return IpoptOptions(
+            max_iterations=self.max_iterations, tolerance=self.tolerance
+        )
+
+
+class SearchPart(Part):
+    """An algorithm of swarmstart.heuristics with its settings; see `search_part`."""
+
+    name: str
+    warm_start: WarmStart
+
+    @model_validator(mode="after")
+    def _makes_settings(self) -> "SearchPart":
+        try:
+            self.algorithm()
+        except SwarmstartError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def algorithm(self) -> Algorithm | None:
+        """Return the algorithm's settings; None where the search is `none`."""
+        if self.name == "none":
+            return None
+        settings: Algorithm = load(SEARCHES[self.name].settings)(
+            **self.model_dump(exclude={"name", "warm_start"})
+        )
+        return settings
+
+
+def _yaml_type(hint: Any) -> Any:  # noqa: ANN401 - type hints are of any type
+    """Return the type that a key of a scenario has for a setting's type hint."""
+    if hint is float:
+        return Number
+    if get_origin(hint) in (Union, types.UnionType):
+        members = {_yaml_type(member) for member in get_args(hint)}
+        return Union[tuple(members)]  # noqa: UP007 - the members are known at run time
+    if hint in (int, str, type(None)) or get_origin(hint) is Literal:
+        return hint
+    return list[Number]  # Sequences and arrays of numbers.
+
+
+def search_part(name: str) -> type[SearchPart]:
+    """Return the model of a search: its settings dataclass, key by key."""
+    entry = SEARCHES[name]
+    keys: dict[str, Any] = {
+        "name": (Literal[name], ...),
+        "warm_start": (WarmStart, entry.warm_start),
+    }
+    if entry.settings:
+        settings = load(entry.settings)
+        hints = get_type_hints(settings)
+        for setting in dataclasses.fields(settings):
+            keys[setting.name] = (_yaml_type(hints[setting.name]), setting.default)
+    return create_model(
+        f"Search_{name}", __base__=SearchPart, __doc__=entry.title, **keys
+    )
+
+
+if TYPE_CHECKING:
+    AnySearch = SearchPart
+else:
+    AnySearch = Annotated[
+        Union[tuple(search_part(name) for name in SEARCHES)],  # noqa: UP007 - as above
+        Field(discriminator="name"),
+    ]
+
+
+class Claim(Part):
+    """A published claim, and how a run judges it.
+
+    Attributes:
+        id: Its number in the list of the chapter's claims; a letter for its parts.
+        text: What is claimed.
+        source: Where.
+        measure: The name of a measure of the run.
+        relation: How the measure must relate to the bound.
+        bound: A number; null where "not defined" (never settled) is what is claimed.
+        when: Settings, dotted key to value, under which a run can judge it.
+        against: Settings of a second run, same seed: then the measure is divided by
+            that of the second run, and one run alone cannot judge.
+        share: Part of the seeds in which it must hold.
+        gate: Whether the command fails (exit code 3) when it does not hold.
+        note: What the reader ought to know.
+    """
+
+    id: str
+    text: str
+    source: str
+    measure: str
+    relation: Literal["<=", ">=", "<", ">", "=="]
+    bound: Number | None
+    when: Mapping[str, Any] = Field(default_factory=dict)
+    against: Mapping[str, Any] | None = None
+    share: Annotated[Number, Field(gt=0, le=1)] = 1.0
+    gate: bool = False
+    note: str = ""
+
+
+class Scenario(Part):
+    """What every kind of scenario has."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")
+    kind: str
+    title: str
+    source: str = ""
+    steps: int = Field(ge=1, le=1_000_000)
+    search: AnySearch
+    budget: BudgetPart
+    order: OrderPart
+    polish: Literal["none", "ipopt"] = "none"
+    ipopt: IpoptPart = IpoptPart()
+    claims: list[Claim] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _plans_somehow(self) -> "Scenario":
+        if self.search.name == "none" and self.polish == "none":
+            raise ValueError("expected a search, a polish or both, found neither")
+        return self
+
+    def search_settings(self) -> SearchSettings | None:
+        """Return the search as a planner takes it; None where it is `none`."""
+        part: SearchPart = self.search
+        algorithm = part.algorithm()
+        if algorithm is None:
+            return None
+        return SearchSettings(
+            algorithm=algorithm,
+            budget=self.budget.budget(),
+            order=self.order.order(),
+            warm_start=part.warm_start,
+        )

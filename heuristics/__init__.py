@@ -1,0 +1,70 @@
+"""Population search on arrays: everything minimises; knows no optimal control.
+
+A population is a float64 array of shape (dim, size): a column is an individual.
+"""
+
+from swarmstart.heuristics.algorithm import (
+    Algorithm,
+    InvalidSettingsError,
+    Kernels,
+    State,
+)
+from swarmstart.heuristics.box import Box, InvalidBoxError, InvalidPointsError
+from swarmstart.heuristics.chaotic_pso import ChaoticPSO
+from swarmstart.heuristics.de import DifferentialEvolution
+from swarmstart.heuristics.genetic import GeneticAlgorithm
+from swarmstart.heuristics.minimize import (
+    Budget,
+    GenerationEvent,
+    InvalidBudgetError,
+    Objective,
+    SearchResult,
+    StopReason,
+    minimize,
+    run,
+)
+from swarmstart.heuristics.order import (
+    InvalidOrderError,
+    Order,
+    feasibility_first,
+    static_penalty,
+)
+from swarmstart.heuristics.pso import ParticleSwarm
+from swarmstart.heuristics.random_search import RandomSearch
+from swarmstart.heuristics.search import (
+    AskTellError,
+    Individual,
+    InvalidEvaluationError,
+    Search,
+)
+
+__all__ = [
+    "Algorithm",
+    "AskTellError",
+    "Box",
+    "Budget",
+    "ChaoticPSO",
+    "DifferentialEvolution",
+    "GenerationEvent",
+    "GeneticAlgorithm",
+    "Individual",
+    "InvalidBoxError",
+    "InvalidBudgetError",
+    "InvalidEvaluationError",
+    "InvalidOrderError",
+    "InvalidPointsError",
+    "InvalidSettingsError",
+    "Kernels",
+    "Objective",
+    "Order",
+    "ParticleSwarm",
+    "RandomSearch",
+    "Search",
+    "SearchResult",
+    "State",
+    "StopReason",
+    "feasibility_first",
+    "minimize",
+    "run",
+    "static_penalty",
+]

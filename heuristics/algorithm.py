@@ -1,0 +1,189 @@
+"""What every algorithm is made of, and what all of them share.
+
+An algorithm is a frozen record of settings, a state of plain arrays, and two compiled
+kernels. One generation is
+
+    propose(rng, settings, state, asked)              fills asked, shape (dim, size)
+    cost, violation = objective(asked)
+    accept(settings, state, asked, cost, violation)
+
+At generation 0 `propose` hands out the initial population, and `accept` takes its
+costs. Everything that changes lives in the arrays of the state; with a copy of them and
+of the generator's state a search continues bit for bit.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.kernel import Array, Count, kernel
+from swarmstart.heuristics.order import Order, better, is_finite
+
+
+class InvalidSettingsError(SwarmstartError, ValueError):
+    """A setting of an algorithm or of a search has a value that is not allowed.
+
+    Attributes:
+        name: The setting.
+        value: What was given.
+        allowed: What is allowed, in words.
+    """
+
+    def __init__(self, name: str, value: object, allowed: str) -> None:
+        """Keep the parts of the message."""
+        super().__init__(f"{name} must be {allowed}, got {value!r}")
+        self.name = name
+        self.value = value
+        self.allowed = allowed
+
+
+class State(Protocol):
+    """The fields that the states of all algorithms share; a NamedTuple of arrays."""
+
+    @property
+    def generation(self) -> Count:
+        """Number of generations accepted so far, int64, shape (1,)."""
+
+    @property
+    def progress(self) -> Array:
+        """Fraction of the budget used, in [0, 1], shape (1,); iter_k / iter_max (5.19).
+
+        The loop sets it before each propose.
+        """
+
+    @property
+    def best(self) -> Array:
+        """Best point so far, shape (dim,).
+
+        The first point of the initial population as long as nothing finite was seen.
+        """
+
+    @property
+    def best_cost(self) -> Array:
+        """Cost of `best`, shape (1,); infinity as long as nothing finite was seen."""
+
+    @property
+    def best_violation(self) -> Array:
+        """Violation of `best`, shape (1,); infinity likewise."""
+
+    @property
+    def nonfinite(self) -> Count:
+        """Number of individuals so far that were not finite, int64, shape (1,)."""
+
+
+class CommonFields(NamedTuple):
+    """The shared fields of `State`, in the order in which every state begins."""
+
+    generation: Count
+    progress: Array
+    best: Array
+    best_cost: Array
+    best_violation: Array
+    nonfinite: Count
+
+
+class Kernels(NamedTuple):
+    """The two compiled functions of an algorithm.
+
+    Attributes:
+        propose: (rng, settings, state, asked) -> None; fills asked.
+        accept: (settings, state, asked, cost, violation) -> None; updates the state.
+    """
+
+    propose: Callable[..., None]
+    accept: Callable[..., None]
+
+
+class Algorithm(Protocol):
+    """What a search needs of an algorithm's settings, a frozen dataclass."""
+
+    @property
+    def size(self) -> int:
+        """Number of individuals of a generation."""
+
+    @property
+    def kernels(self) -> Kernels:
+        """The two compiled functions."""
+
+    def kernel_settings(self, box: Box, order: Order) -> tuple[object, ...]:
+        """The settings as a NamedTuple of numbers and arrays, for the kernels.
+
+        Raises:
+            InvalidSettingsError: If a setting does not fit the box.
+        """
+
+    def start(self, box: Box, population: Array, *, rng: np.random.Generator) -> State:
+        """The state before generation 0.
+
+        Args:
+            box: The box.
+            population: Initial population, shape (dim, size); copied.
+            rng: Source of randomness.
+        """
+
+
+def common_fields(population: Array) -> CommonFields:
+    """The shared fields of a state before generation 0.
+
+    Args:
+        population: Initial population, shape (dim, size).
+
+    Returns:
+        New arrays.
+    """
+    return CommonFields(
+        generation=np.zeros(1, dtype=np.int64),
+        progress=np.zeros(1),
+        best=population[:, 0].copy(),
+        best_cost=np.full(1, np.inf),
+        best_violation=np.full(1, np.inf),
+        nonfinite=np.zeros(1, dtype=np.int64),
+    )
+
+
+@kernel
+def take_generation(
+    order: Order, state: State, asked: Array, cost: Array, violation: Array
+) -> None:
+    """Update the shared fields: the best, the count of non-finite, the generation.
+
+    Args:
+        order: The order.
+        state: State of the algorithm, changed in place.
+        asked: Points that were evaluated, shape (dim, size).
+        cost: Their costs, shape (size,).
+        violation: Their violations, shape (size,).
+    """
+    for i in range(cost.size):
+        if not is_finite(cost[i], violation[i]):
+            state.nonfinite[0] += 1
+        if better(
+            order, cost[i], violation[i], state.best_cost[0], state.best_violation[0]
+        ):
+            state.best[:] = asked[:, i]
+            state.best_cost[0] = cost[i]
+            state.best_violation[0] = violation[i]
+    state.generation[0] += 1
+
+
+def require(name: str, value: object, *, ok: bool, allowed: str) -> None:
+    """Refuse a setting that is not ok.
+
+    Raises:
+        InvalidSettingsError: If not ok.
+    """
+    if not ok:
+        raise InvalidSettingsError(name, value, allowed)
+
+
+def require_size(size: int, *, at_least: int) -> None:
+    """Refuse a population size that is no integer or too small.
+
+    Raises:
+        InvalidSettingsError: If so.
+    """
+    ok = isinstance(size, int) and size >= at_least
+    require("size", size, ok=ok, allowed=f"an integer of at least {at_least}")

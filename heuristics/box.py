@@ -1,0 +1,136 @@
+"""The box a search is confined to: {x : lower <= x <= upper}."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics.kernel import Array, kernel
+
+
+class InvalidBoxError(SwarmstartError, ValueError):
+    """The bounds do not make a box.
+
+    Attributes:
+        lower: The lower bounds as given.
+        upper: The upper bounds as given.
+    """
+
+    def __init__(self, message: str, *, lower: ArrayLike, upper: ArrayLike) -> None:
+        """Keep the bounds beside the message."""
+        super().__init__(message)
+        self.lower = lower
+        self.upper = upper
+
+
+class InvalidPointsError(SwarmstartError, ValueError):
+    """Points do not fit the box or the population they are meant for.
+
+    Attributes:
+        shape: Shape of the points as given.
+    """
+
+    def __init__(self, message: str, *, shape: tuple[int, ...]) -> None:
+        """Keep the shape beside the message."""
+        super().__init__(message)
+        self.shape = shape
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Box:
+    """Lower and upper bounds of the variables; copied and read-only.
+
+    Attributes:
+        lower: Lower bounds, shape (dim,), in the units of the variables.
+        upper: Upper bounds, shape (dim,), each above its lower bound.
+        per_step: Where the variables are a sequence in time, step after step: how many
+            of them belong to one step. None where they are no sequence.
+
+    Raises:
+        InvalidBoxError: If the bounds are no vectors of one length, not finite, or a
+            lower bound is not below its upper bound, or per_step does not divide dim.
+    """
+
+    lower: Array
+    upper: Array
+    per_step: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check the bounds, copy them and set them read-only."""
+        for name in ("lower", "upper"):
+            bound = np.array(getattr(self, name), dtype=np.float64)
+            bound.setflags(write=False)
+            object.__setattr__(self, name, bound)
+        problem = _problem(self.lower, self.upper)
+        if not problem and self.per_step is not None:
+            if self.per_step < 1 or self.dim % self.per_step:
+                problem = f"per_step must divide {self.dim}, got {self.per_step}"
+        if problem:
+            raise InvalidBoxError(problem, lower=self.lower, upper=self.upper)
+
+    @property
+    def dim(self) -> int:
+        """Number of variables."""
+        return self.lower.size
+
+    @property
+    def width(self) -> Array:
+        """Upper minus lower bounds, shape (dim,), a new array."""
+        return self.upper - self.lower
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Which points lie in the box, its boundary included.
+
+        Args:
+            points: One point, shape (dim,), or several as columns, shape (dim, k).
+
+        Returns:
+            One truth value for each point, shape () or (k,); NaN lies outside.
+
+        Raises:
+            InvalidPointsError: If the points do not have `dim` rows.
+        """
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim not in (1, 2) or points.shape[0] != self.dim:
+            raise InvalidPointsError(
+                f"points must have shape ({self.dim},) or ({self.dim}, k), "
+                f"got {points.shape}",
+                shape=points.shape,
+            )
+        rows = points.reshape(self.dim, -1)
+        inside = (rows >= self.lower[:, None]) & (rows <= self.upper[:, None])
+        return np.asarray(inside.all(axis=0), dtype=np.bool_).reshape(points.shape[1:])
+
+
+@kernel
+def clip(value: float, lower: float, upper: float) -> float:
+    """The nearest value in [lower, upper]."""
+    if value < lower:
+        return lower
+    if value > upper:
+        return upper
+    return value
+
+
+@kernel
+def between(lower: float, upper: float, fraction: float) -> float:
+    """The point at a fraction in [0, 1] of the way, never above upper by rounding."""
+    return min(lower + (upper - lower) * fraction, upper)
+
+
+def _problem(lower: Array, upper: Array) -> str:
+    """What is wrong with the bounds; empty if nothing is."""
+    if lower.ndim != 1 or lower.shape != upper.shape or lower.size == 0:
+        return (
+            "lower and upper must be vectors of one length, at least 1, "
+            f"got shapes {lower.shape} and {upper.shape}"
+        )
+    for d, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+        if not (low < high and math.isfinite(high - low)):
+            return (
+                f"bounds of variable {d} must be finite, the lower below the upper, "
+                f"got [{low}, {high}]; a variable that cannot move is no variable"
+            )
+    return ""

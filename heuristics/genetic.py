@@ -1,0 +1,277 @@
+"""Real-coded genetic algorithm, as chapter 5 compares with.
+
+Parents are drawn by roulette on w_i = J_max - J_i, J the merits of `order`; each pair
+has, with probability p_c and one alpha uniform in [0, 1), the children
+
+    alpha a + (1 - alpha) b   and   (1 - alpha) a + alpha b       (arithmetic crossover)
+
+else copies of the parents; each coordinate is, with probability p_m, drawn anew over
+the box (uniform mutation).
+
+Source: chapter 5, section 5.2.4 (real valued, size 20, p_c = 0.8, p_m = 1/n); the
+operators, which it does not name, are those of Michalewicz (1996), Genetic algorithms +
+data structures = evolution programs.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmstart.heuristics.algorithm import (
+    Kernels,
+    common_fields,
+    require,
+    require_size,
+    take_generation,
+)
+from swarmstart.heuristics.box import Box, between
+from swarmstart.heuristics.kernel import Array, Count, kernel
+from swarmstart.heuristics.order import Order, better, merits
+
+
+class GeneticAlgorithmSettings(NamedTuple):
+    """What the kernels read; fields as in `GeneticAlgorithm`."""
+
+    lower: Array
+    upper: Array
+    order: Order
+    crossover: float
+    mutation: float
+    elitism: bool
+
+
+class GeneticAlgorithmState(NamedTuple):
+    """State of a `GeneticAlgorithm`; first fields as in `State`.
+
+    Attributes:
+        population: Parents of the next generation, shape (dim, size).
+        cost: Their costs, shape (size,).
+        violation: Their violations, shape (size,).
+    """
+
+    generation: Count
+    progress: Array
+    best: Array
+    best_cost: Array
+    best_violation: Array
+    nonfinite: Count
+    population: Array
+    cost: Array
+    violation: Array
+
+
+@kernel
+def propose(
+    rng: np.random.Generator,
+    settings: GeneticAlgorithmSettings,
+    state: GeneticAlgorithmState,
+    asked: Array,
+) -> None:
+    """Two children for each pair of parents (the last one single if size is odd)."""
+    asked[:] = state.population
+    if state.generation[0] == 0:
+        return
+    size = asked.shape[1]
+    weight = np.empty(size)
+    roulette_weights(settings.order, state.cost, state.violation, weight)
+    for i in range(0, size, 2):
+        a = state.population[:, spin(rng, weight)]
+        b = state.population[:, spin(rng, weight)]
+        alpha = rng.random() if rng.random() < settings.crossover else 1.0
+        breed(rng, settings, alpha, (a, b), asked[:, i])
+        if i + 1 < size:
+            breed(rng, settings, alpha, (b, a), asked[:, i + 1])
+
+
+@kernel
+def breed(
+    rng: np.random.Generator,
+    settings: GeneticAlgorithmSettings,
+    alpha: float,
+    parents: tuple[Array, Array],
+    child: Array,
+) -> None:
+    """Fill child, shape (dim,), with alpha a + (1 - alpha) b, then mutate it."""
+    a, b = parents
+    for d in range(child.size):
+        low, high = settings.lower[d], settings.upper[d]
+        if rng.random() < settings.mutation:
+            child[d] = between(low, high, rng.random())
+        else:
+            child[d] = blend(a[d], b[d], alpha)
+
+
+@kernel
+def blend(a: float, b: float, alpha: float) -> float:
+    """The point alpha a + (1 - alpha) b, never outside of [a, b] by rounding."""
+    value = alpha * a + (1.0 - alpha) * b
+    return min(max(value, min(a, b)), max(a, b))
+
+
+@kernel
+def accept(
+    settings: GeneticAlgorithmSettings,
+    state: GeneticAlgorithmState,
+    asked: Array,
+    cost: Array,
+    violation: Array,
+) -> None:
+    """The children replace the parents; the best parent may replace the worst child.
+
+    Before generation 0 the costs of the parents are infinite: none of them is kept.
+    """
+    elite = best_index(settings.order, state.cost, state.violation)
+    elite_point = state.population[:, elite].copy()
+    elite_cost, elite_violation = state.cost[elite], state.violation[elite]
+    state.population[:] = asked
+    state.cost[:] = cost
+    state.violation[:] = violation
+    worst = worst_index(settings.order, cost, violation)
+    if settings.elitism and better(
+        settings.order, elite_cost, elite_violation, cost[worst], violation[worst]
+    ):
+        state.population[:, worst] = elite_point
+        state.cost[worst] = elite_cost
+        state.violation[worst] = elite_violation
+    take_generation(settings.order, state, asked, cost, violation)
+
+
+@kernel
+def best_index(order: Order, cost: Array, violation: Array) -> int:
+    """Index of the first of the best individuals."""
+    best = 0
+    for i in range(1, cost.size):
+        if better(order, cost[i], violation[i], cost[best], violation[best]):
+            best = i
+    return best
+
+
+@kernel
+def worst_index(order: Order, cost: Array, violation: Array) -> int:
+    """Index of the first of the worst individuals."""
+    worst = 0
+    for i in range(1, cost.size):
+        if better(order, cost[worst], violation[worst], cost[i], violation[i]):
+            worst = i
+    return worst
+
+
+@kernel
+def roulette_weights(
+    order: Order, cost: Array, violation: Array, weight: Array
+) -> None:
+    """Weights J_max - J_i, scaled to at most 1; 0 for what is not finite.
+
+    If all finite merits are equal, they weigh the same; if none is finite, all do.
+
+    Args:
+        order: The order whose merits J are used.
+        cost: Costs, shape (size,).
+        violation: Violations, shape (size,).
+        weight: Filled with the weights, shape (size,).
+    """
+    merit = np.empty(cost.size)
+    merits(order, cost, violation, merit)
+    least, largest = finite_range(merit)
+    for i in range(cost.size):
+        if largest > least:  # J_max - J_i; halves, since the difference may overflow
+            span = 0.5 * largest - 0.5 * least
+            weight[i] = max((0.5 * largest - 0.5 * merit[i]) / span, 0.0)
+        elif largest == least:
+            weight[i] = 1.0 if merit[i] == largest else 0.0
+        else:
+            weight[i] = 1.0
+
+
+@kernel
+def finite_range(merit: Array) -> tuple[float, float]:
+    """The least and the largest finite merit; (inf, -inf) if none is finite."""
+    least, largest = np.inf, -np.inf
+    for i in range(merit.size):
+        if np.isfinite(merit[i]):
+            least = min(least, merit[i])
+            largest = max(largest, merit[i])
+    return least, largest
+
+
+@kernel
+def spin(rng: np.random.Generator, weight: Array) -> int:
+    """Draw an index with probability proportional to its weight.
+
+    Args:
+        rng: Source of randomness; asked for one number.
+        weight: Weights, at least 0 and not all 0, shape (size,).
+
+    Returns:
+        The index; never one of weight 0.
+    """
+    total = 0.0
+    for i in range(weight.size):
+        total += weight[i]
+    mark = rng.random() * total
+    reached = 0.0
+    for i in range(weight.size):
+        reached += weight[i]
+        if mark < reached:
+            return i
+    return weight.size - 1  # never: mark < total, summed in the same order
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GeneticAlgorithm:
+    """Settings of the genetic algorithm.
+
+    Attributes:
+        size: Number of individuals, at least 2.
+        crossover: Probability p_c that a pair is crossed, in [0, 1].
+        mutation: Probability p_m that a coordinate is drawn anew, in [0, 1]; None means
+            1 / dim.
+        elitism: 1: the best parent replaces the worst child if it is better; 0: parents
+            die. The best point ever seen is reported either way.
+
+    Raises:
+        InvalidSettingsError: If a value is out of its range.
+    """
+
+    size: int = 20
+    crossover: float = 0.8
+    mutation: float | None = None
+    elitism: int = 1
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        require_size(self.size, at_least=2)
+        ok = 0.0 <= self.crossover <= 1.0
+        require("crossover", self.crossover, ok=ok, allowed="in [0, 1]")
+        ok = self.mutation is None or 0.0 <= self.mutation <= 1.0
+        require("mutation", self.mutation, ok=ok, allowed="None or in [0, 1]")
+        require("elitism", self.elitism, ok=self.elitism in (0, 1), allowed="0 or 1")
+
+    @property
+    def kernels(self) -> Kernels:
+        """The two compiled functions."""
+        return Kernels(propose=propose, accept=accept)
+
+    def kernel_settings(self, box: Box, order: Order) -> GeneticAlgorithmSettings:
+        """The settings as numbers and arrays."""
+        return GeneticAlgorithmSettings(
+            lower=box.lower,
+            upper=box.upper,
+            order=order,
+            crossover=float(self.crossover),
+            mutation=float(1.0 / box.dim if self.mutation is None else self.mutation),
+            elitism=bool(self.elitism),
+        )
+
+    def start(
+        self, box: Box, population: Array, *, rng: np.random.Generator
+    ) -> GeneticAlgorithmState:
+        """The state before generation 0; arguments as in `Algorithm.start`."""
+        del box, rng
+        return GeneticAlgorithmState(
+            *common_fields(population),
+            population=population.copy(),
+            cost=np.full(self.size, np.inf),
+            violation=np.full(self.size, np.inf),
+        )

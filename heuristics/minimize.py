@@ -1,0 +1,301 @@
+"""The loop: ask, evaluate, tell, until the budget is used up."""
+
+import enum
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics.algorithm import Algorithm, State
+from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.kernel import Array
+from swarmstart.heuristics.order import Order
+from swarmstart.heuristics.search import InvalidEvaluationError, Search
+
+Objective = Callable[[Array], tuple[ArrayLike, ArrayLike]]
+"""Population, shape (dim, size), read-only -> cost and violation, each (size,)."""
+
+
+class InvalidBudgetError(SwarmstartError, ValueError):
+    """A budget that is no budget, or in which not one generation fits.
+
+    Attributes:
+        evaluations: The evaluations given.
+        seconds: The seconds given.
+    """
+
+    def __init__(self, message: str, budget: "Budget") -> None:
+        """Keep the budget's numbers beside the message."""
+        super().__init__(message)
+        self.evaluations = budget.evaluations
+        self.seconds = budget.seconds
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Budget:
+    """When a search stops: at whichever limit comes first.
+
+    Attributes:
+        evaluations: Largest number of individuals evaluated, at least 1; None means no
+            limit.
+        seconds: Wall time in s, above 0, after which no generation is started (the
+            first always is); None means no limit. It includes the compilation of the
+            kernels, a few seconds once per machine.
+
+    Raises:
+        InvalidBudgetError: If both are None, or one is out of its range.
+    """
+
+    evaluations: int | None = None
+    seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the limits."""
+        if self.evaluations is None and self.seconds is None:
+            raise InvalidBudgetError("a budget needs evaluations or seconds", self)
+        if self.evaluations is not None and not (
+            isinstance(self.evaluations, int) and self.evaluations >= 1
+        ):
+            message = (
+                f"evaluations must be an integer of at least 1, got {self.evaluations}"
+            )
+            raise InvalidBudgetError(message, self)
+        if self.seconds is not None and not 0.0 < self.seconds < np.inf:
+            message = f"seconds must be finite and above 0, got {self.seconds}"
+            raise InvalidBudgetError(message, self)
+
+
+class StopReason(enum.Enum):
+    """Why a search stopped."""
+
+    EVALUATIONS = "the budget of evaluations is used up"
+    SECONDS = "the budget of wall time is used up"
+    CALLBACK = "on_generation stopped the search"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class GenerationEvent:
+    """What `on_generation` is told after each generation; arrays are read-only.
+
+    Attributes:
+        generation: Number of the generation; the initial population is 0.
+        evaluations: Individuals evaluated so far.
+        progress: Fraction of the budget used, in [0, 1].
+        best_x: Best point so far, shape (dim,).
+        best_cost: Its cost.
+        best_violation: Its violation.
+        population: The generation, shape (dim, size).
+        cost: Its costs, shape (size,).
+        violation: Its violations, shape (size,).
+    """
+
+    generation: int
+    evaluations: int
+    progress: float
+    best_x: Array
+    best_cost: float
+    best_violation: float
+    population: Array
+    cost: Array
+    violation: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SearchResult:
+    """What a search found; arrays are read-only.
+
+    Attributes:
+        x: Best point, shape (dim,), in the units of the variables.
+        cost: Its cost; infinity if no individual was finite.
+        violation: Its violation; 0 = feasible.
+        evaluations: Individuals evaluated, those before a continuation included.
+        generations: Generations evaluated, the initial population included.
+        stopped: Why the search stopped.
+        history_cost: Cost of the best point after each generation of this call, shape
+            (generations of this call,). It may rise where the violation falls.
+        history_violation: Violation of that point, same shape.
+        nonfinite: Individuals whose cost or violation was not finite.
+        seconds: Wall time of this call in s.
+        state: Final state of the algorithm, a copy; `Search` continues from it.
+    """
+
+    x: Array
+    cost: float
+    violation: float
+    evaluations: int
+    generations: int
+    stopped: StopReason
+    history_cost: Array
+    history_violation: Array
+    nonfinite: int
+    seconds: float
+    state: State
+
+
+def minimize(  # noqa: PLR0913
+    objective: Objective,
+    box: Box,
+    *,
+    algorithm: Algorithm,
+    budget: Budget,
+    rng: np.random.Generator,
+    order: Order | None = None,
+    initial: ArrayLike | None = None,
+    on_generation: Callable[[GenerationEvent], None] | None = None,
+) -> SearchResult:
+    """Search a box for the best point of an objective.
+
+    Args:
+        objective: Population, shape (dim, size) -> (cost, violation), each (size,). The
+            population is read-only and stays as it is; what is returned is copied.
+        box: The box to search.
+        algorithm: Settings of the algorithm.
+        budget: When to stop.
+        rng: Source of randomness. The same state of it gives the same bits, unless the
+            budget has seconds only, or seconds end the search.
+        order: How individuals are ordered; None means `feasibility_first()`.
+        initial: First columns of the initial population, shape (dim, k), in the box;
+            None means all are drawn uniformly.
+        on_generation: Called after each generation; may raise StopIteration to stop.
+
+    Returns:
+        The best point found, and how the search went.
+
+    Raises:
+        InvalidBudgetError: If not one generation fits into the evaluations.
+        InvalidEvaluationError: If the objective returns wrong shapes.
+        InvalidPointsError: If initial points do not fit.
+        InvalidSettingsError: If the settings do not fit the box.
+    """
+    search = Search(algorithm, box, rng=rng, order=order, initial=initial)
+    return run(search, objective, budget=budget, on_generation=on_generation)
+
+
+def run(
+    search: Search,
+    objective: Objective,
+    *,
+    budget: Budget,
+    on_generation: Callable[[GenerationEvent], None] | None = None,
+) -> SearchResult:
+    """Run a search until its budget is used up; the loop of `minimize`.
+
+    Args:
+        search: A search, new or continued; it is advanced.
+        objective: As in `minimize`.
+        budget: When to stop. Evaluations count from the beginning of the search, so
+            that a continued search ends as an uninterrupted one; seconds count from
+            this call.
+        on_generation: As in `minimize`.
+
+    Returns:
+        The best point found, and how the search went.
+
+    Raises:
+        InvalidBudgetError: If not one generation fits into the evaluations left.
+        InvalidEvaluationError: If the objective returns wrong shapes.
+    """
+    begin = time.perf_counter()
+    _require_one_generation(search, budget)
+    bests = []
+    stopped = None
+    while stopped is None:
+        progress = _progress(search, budget, time.perf_counter() - begin)
+        population = search.ask(progress=progress)
+        cost, violation = _pair(objective(population))
+        search.tell(cost, violation)
+        bests.append(search.best)
+        if on_generation is not None:
+            try:
+                on_generation(_event(search, progress, population, cost, violation))
+            except StopIteration:
+                stopped = StopReason.CALLBACK
+                break
+        stopped = _used_up(search, budget, time.perf_counter() - begin)
+    return SearchResult(
+        x=_locked(bests[-1].x),
+        cost=bests[-1].cost,
+        violation=bests[-1].violation,
+        evaluations=search.evaluations,
+        generations=search.generations,
+        stopped=stopped,
+        history_cost=_locked([best.cost for best in bests]),
+        history_violation=_locked([best.violation for best in bests]),
+        nonfinite=search.nonfinite,
+        seconds=time.perf_counter() - begin,
+        state=search.state,
+    )
+
+
+def _progress(search: Search, budget: Budget, seconds: float) -> float:
+    """Fraction of the budget used before a generation, in [0, 1].
+
+    With evaluations it is k / (G - 1) for generation k of the G that fit, which is
+    iter_k / iter_max of (5.19): 0 for the initial population, 1 for the last
+    generation. The clock counts only where there is no other limit: the same seed gives
+    the same bits.
+    """
+    if budget.evaluations is not None:
+        last = budget.evaluations // search.algorithm.size - 1
+        return search.generations / last if last > 0 else 0.0
+    return min(seconds / (budget.seconds or np.inf), 1.0)
+
+
+def _used_up(search: Search, budget: Budget, seconds: float) -> StopReason | None:
+    """Which limit forbids another generation; None if none does."""
+    after_next = search.evaluations + search.algorithm.size
+    if budget.evaluations is not None and after_next > budget.evaluations:
+        return StopReason.EVALUATIONS
+    if budget.seconds is not None and seconds >= budget.seconds:
+        return StopReason.SECONDS
+    return None
+
+
+def _require_one_generation(search: Search, budget: Budget) -> None:
+    if _used_up(search, budget, seconds=0.0) is StopReason.EVALUATIONS:
+        raise InvalidBudgetError(
+            f"evaluations must be at least {search.evaluations + search.algorithm.size}"
+            f" (one generation of {search.algorithm.size} after {search.evaluations} "
+            f"evaluations so far), got {budget.evaluations}",
+            budget,
+        )
+
+
+def _pair(values: tuple[ArrayLike, ArrayLike]) -> tuple[ArrayLike, ArrayLike]:
+    try:
+        cost, violation = values
+    except (TypeError, ValueError) as error:
+        message = f"objective must return (cost, violation), got {type(values)}"
+        raise InvalidEvaluationError(message, name="objective") from error
+    return cost, violation
+
+
+def _event(
+    search: Search,
+    progress: float,
+    population: Array,
+    cost: ArrayLike,
+    violation: ArrayLike,
+) -> GenerationEvent:
+    best = search.best
+    return GenerationEvent(
+        generation=search.generations - 1,
+        evaluations=search.evaluations,
+        progress=progress,
+        best_x=_locked(best.x),
+        best_cost=best.cost,
+        best_violation=best.violation,
+        population=population,
+        cost=_locked(cost),
+        violation=_locked(violation),
+    )
+
+
+def _locked(values: ArrayLike) -> Array:
+    """A read-only copy."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array

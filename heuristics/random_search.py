@@ -1,0 +1,108 @@
+"""Random search: every generation is drawn uniformly in the box.
+
+What any other algorithm must beat.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmstart.heuristics.algorithm import (
+    Kernels,
+    common_fields,
+    require_size,
+    take_generation,
+)
+from swarmstart.heuristics.box import Box, between
+from swarmstart.heuristics.kernel import Array, Count, kernel
+from swarmstart.heuristics.order import Order
+
+
+class RandomSearchSettings(NamedTuple):
+    """What the kernels read."""
+
+    lower: Array
+    upper: Array
+    order: Order
+
+
+class RandomSearchState(NamedTuple):
+    """State of a `RandomSearch`; first fields as in `State`.
+
+    Attributes:
+        population: Initial population, shape (dim, size).
+    """
+
+    generation: Count
+    progress: Array
+    best: Array
+    best_cost: Array
+    best_violation: Array
+    nonfinite: Count
+    population: Array
+
+
+@kernel
+def propose(
+    rng: np.random.Generator,
+    settings: RandomSearchSettings,
+    state: RandomSearchState,
+    asked: Array,
+) -> None:
+    """Draw a population uniformly in the box, except in generation 0."""
+    asked[:] = state.population
+    if state.generation[0] == 0:
+        return
+    dim, size = asked.shape
+    for i in range(size):
+        for d in range(dim):
+            asked[d, i] = between(settings.lower[d], settings.upper[d], rng.random())
+
+
+@kernel
+def accept(
+    settings: RandomSearchSettings,
+    state: RandomSearchState,
+    asked: Array,
+    cost: Array,
+    violation: Array,
+) -> None:
+    """Keep the best."""
+    take_generation(settings.order, state, asked, cost, violation)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RandomSearch:
+    """Settings of random search.
+
+    Attributes:
+        size: Number of points of a generation, at least 1.
+
+    Raises:
+        InvalidSettingsError: If the size is out of its range.
+    """
+
+    size: int = 20
+
+    def __post_init__(self) -> None:
+        """Check the size."""
+        require_size(self.size, at_least=1)
+
+    @property
+    def kernels(self) -> Kernels:
+        """The two compiled functions."""
+        return Kernels(propose=propose, accept=accept)
+
+    def kernel_settings(self, box: Box, order: Order) -> RandomSearchSettings:
+        """The settings as numbers and arrays."""
+        return RandomSearchSettings(lower=box.lower, upper=box.upper, order=order)
+
+    def start(
+        self, box: Box, population: Array, *, rng: np.random.Generator
+    ) -> RandomSearchState:
+        """The state before generation 0; arguments as in `Algorithm.start`."""
+        del box, rng
+        return RandomSearchState(
+            *common_fields(population), population=population.copy()
+        )

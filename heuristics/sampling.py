@@ -1,0 +1,66 @@
+"""Initial populations.
+
+Smooth in time: where the variables are a sequence, step after step, independent draws
+make sequences that jitter; a sequence that turns one way all the time, say, hardly
+occurs among them. Smooth draws have the same distribution in each variable (uniform),
+and are correlated in time by a first-order autoregressive process,
+
+    z_0 = n_0,  z_k = r z_k-1 + sqrt(1 - r^2) n_k,  r = exp(-1 / steps),  u_k = Phi(z_k)
+
+with n_k standard normal and Phi its distribution: correlated over the whole sequence.
+"""
+
+import math
+
+import numpy as np
+
+from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.kernel import Array, kernel
+
+
+def sample_uniform(box: Box, size: int, *, rng: np.random.Generator) -> Array:
+    """Draw points uniformly in the box.
+
+    Args:
+        box: The box.
+        size: Number of points.
+        rng: Source of randomness.
+
+    Returns:
+        The points as columns, shape (dim, size), a new array.
+    """
+    points = box.lower[:, None] + box.width[:, None] * rng.random((box.dim, size))
+    return np.minimum(points, box.upper[:, None])  # rounding may step over
+
+
+def smooth_fractions(
+    shape: tuple[int, int], *, per_step: int, rng: np.random.Generator
+) -> Array:
+    """Draw numbers uniform in (0, 1), each column correlated over its steps.
+
+    Args:
+        shape: (dim, size), the shape of the result.
+        per_step: How many variables belong to one step; divides dim.
+        rng: Source of randomness.
+
+    Returns:
+        The numbers, a new array; columns, and variables of one step, are independent.
+    """
+    fractions = np.empty(shape)
+    correlate(rng, per_step, fractions)
+    return fractions
+
+
+@kernel
+def correlate(rng: np.random.Generator, per_step: int, fractions: Array) -> None:
+    """Fill (dim, size) with the process at the head of this module."""
+    dim, size = fractions.shape
+    r = math.exp(-per_step / dim)
+    spread = math.sqrt(1.0 - r * r)
+    for i in range(size):
+        for variable in range(per_step):
+            z = rng.standard_normal()
+            for d in range(variable, dim, per_step):
+                if d != variable:
+                    z = r * z + spread * rng.standard_normal()
+                fractions[d, i] = 0.5 * (1.0 + math.erf(z / math.sqrt(2.0)))

@@ -1,0 +1,156 @@
+"""What the particle swarms share: how particles fly and what they remember.
+
+With r1, r2 uniform in [0, 1), drawn anew for each coordinate of each particle,
+
+    v <- w v + c1 r1 (p - x) + c2 r2 (g - x),    |v| <= v_max                (2.11)
+    x <- x + v
+
+p is the best point the particle has seen, g the best point any particle has seen.
+
+Source: chapter 2, eq. (2.11); Shi and Eberhart (1998), A modified particle swarm
+optimizer, IEEE International Conference on Evolutionary Computation.
+"""
+
+from typing import Protocol
+
+import numpy as np
+
+from swarmstart.heuristics.algorithm import State, require, take_generation
+from swarmstart.heuristics.box import clip
+from swarmstart.heuristics.kernel import Array, kernel
+from swarmstart.heuristics.order import Order, better
+
+
+class SwarmSettings(Protocol):
+    """The fields of a swarm's kernel settings that the kernels here read."""
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds of the box, shape (dim,)."""
+
+    @property
+    def upper(self) -> Array:
+        """Upper bounds of the box, shape (dim,)."""
+
+    @property
+    def order(self) -> Order:
+        """How individuals are ordered."""
+
+    @property
+    def cognitive(self) -> float:
+        """Acceleration c1 towards the particle's own best."""
+
+    @property
+    def social(self) -> float:
+        """Acceleration c2 towards the swarm's best."""
+
+    @property
+    def velocity_max(self) -> Array:
+        """Largest speed of each coordinate v_max, shape (dim,); may be infinite."""
+
+    @property
+    def absorb(self) -> bool:
+        """Whether the bounds stop a particle, or only its position."""
+
+
+class SwarmState(State, Protocol):
+    """The fields that the states of all swarms share."""
+
+    @property
+    def position(self) -> Array:
+        """Positions x, shape (dim, size)."""
+
+    @property
+    def velocity(self) -> Array:
+        """Velocities v, shape (dim, size)."""
+
+    @property
+    def personal(self) -> Array:
+        """Best point of each particle p, shape (dim, size)."""
+
+    @property
+    def personal_cost(self) -> Array:
+        """Their costs, shape (size,)."""
+
+    @property
+    def personal_violation(self) -> Array:
+        """Their violations, shape (size,)."""
+
+
+@kernel
+def fly(
+    rng: np.random.Generator,
+    inertia: float,
+    settings: SwarmSettings,
+    state: SwarmState,
+) -> None:
+    """Move every particle by (2.11); its position is clipped to the box.
+
+    With `settings.absorb` a velocity that led out of the box becomes zero in that
+    coordinate; else it is kept.
+
+    Args:
+        rng: Source of r1 and r2.
+        inertia: Inertia weight w.
+        settings: Kernel settings of the swarm.
+        state: State of the swarm; position and velocity are changed in place.
+    """
+    dim, size = state.position.shape
+    for i in range(size):
+        for d in range(dim):
+            x = state.position[d, i]
+            r1 = rng.random()
+            r2 = rng.random()
+            v = (  # (2.11)
+                inertia * state.velocity[d, i]
+                + settings.cognitive * r1 * (state.personal[d, i] - x)
+                + settings.social * r2 * (state.best[d] - x)
+            )
+            v = clip(v, -settings.velocity_max[d], settings.velocity_max[d])
+            inside = clip(x + v, settings.lower[d], settings.upper[d])
+            if settings.absorb and inside != x + v:
+                v = 0.0
+            state.position[d, i] = inside
+            state.velocity[d, i] = v
+
+
+@kernel
+def remember(
+    settings: SwarmSettings,
+    state: SwarmState,
+    asked: Array,
+    cost: Array,
+    violation: Array,
+) -> None:
+    """Update the best of each particle and of the swarm: `accept` of every swarm.
+
+    Args:
+        settings: Kernel settings of the swarm.
+        state: State of the swarm, changed in place.
+        asked: Positions that were evaluated, shape (dim, size).
+        cost: Their costs, shape (size,).
+        violation: Their violations, shape (size,).
+    """
+    for i in range(cost.size):
+        if better(
+            settings.order,
+            cost[i],
+            violation[i],
+            state.personal_cost[i],
+            state.personal_violation[i],
+        ):
+            state.personal[:, i] = asked[:, i]
+            state.personal_cost[i] = cost[i]
+            state.personal_violation[i] = violation[i]
+    take_generation(settings.order, state, asked, cost, violation)
+
+
+def require_accelerations(cognitive: float, social: float) -> None:
+    """Refuse acceleration coefficients c1, c2 that are negative or not finite.
+
+    Raises:
+        InvalidSettingsError: If one of them is.
+    """
+    for name, value in (("cognitive", cognitive), ("social", social)):
+        ok = 0.0 <= value < np.inf
+        require(name, value, ok=ok, allowed="finite and at least 0")

@@ -1,0 +1,68 @@
+"""The optimal-control problem and everything done to one."""
+
+from swarmstart.ocp.constraints import (
+    Bounds,
+    Constraint,
+    PathConstraint,
+    Separation,
+    TerminalConstraint,
+    disc,
+)
+from swarmstart.ocp.controller import Controller, Decision, Mode, RecedingHorizon
+from swarmstart.ocp.dual_mode import DualMode
+from swarmstart.ocp.errors import InvalidProblemError, SolveError
+from swarmstart.ocp.fitness import Fitness, Known
+from swarmstart.ocp.integrators import INTEGRATORS, held_step
+from swarmstart.ocp.model import Model, right_hand_side, stack_models
+from swarmstart.ocp.planner import Plan, Planner, SearchSettings, Source, WarmStart
+from swarmstart.ocp.polish import IpoptOptions, Polished, Polisher, PolishStatus
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.simulate import Plant, Step, Trajectory, collected, fly, simulate
+from swarmstart.ocp.solution import Solution, SolutionStatus, verified
+from swarmstart.ocp.solve import solve
+from swarmstart.ocp.team import Agent, Team
+
+__all__ = [
+    "INTEGRATORS",
+    "Agent",
+    "Bounds",
+    "Constraint",
+    "Controller",
+    "Decision",
+    "DualMode",
+    "Fitness",
+    "InvalidProblemError",
+    "IpoptOptions",
+    "Known",
+    "Mode",
+    "Model",
+    "OptimalControlProblem",
+    "PathConstraint",
+    "Plan",
+    "Planner",
+    "Plant",
+    "PolishStatus",
+    "Polished",
+    "Polisher",
+    "RecedingHorizon",
+    "SearchSettings",
+    "Separation",
+    "Solution",
+    "SolutionStatus",
+    "SolveError",
+    "Source",
+    "Step",
+    "Team",
+    "TerminalConstraint",
+    "Trajectory",
+    "WarmStart",
+    "collected",
+    "disc",
+    "fly",
+    "held_step",
+    "right_hand_side",
+    "simulate",
+    "solve",
+    "stack_models",
+    "verified",
+]

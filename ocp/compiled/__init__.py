@@ -1,0 +1,1 @@
+"""An SX casadi.Function -> an evaluator of whole populations."""

@@ -1,0 +1,172 @@
+"""Feedback by planning: receding horizon, and the dual mode with a linear law.
+
+A controller's memory is its last decision: `decide` takes it and returns the next one,
+so that a flight can be stopped, stored and gone on with.
+
+Receding horizon: at each control instant the planner starts at the last plan, shifted
+by one interval with zero controls appended, and the first control of the new plan is
+flown. (The chapter starts at U(t - delta) unshifted, which does not settle: erratum.)
+Where no feasible plan is found, the shifted last plan is flown, and the plan says so.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.fitness import Known
+from swarmstart.ocp.guess import shifted_controls
+from swarmstart.ocp.planner import Plan, Planner, Source
+
+Array = NDArray[np.float64]
+Reference = Callable[[Array], Array]
+"""Absolute times (n,) [s] -> known signals (nr, n)."""
+
+
+class Mode(Enum):
+    """Which law made a decision."""
+
+    PLANNED = "planned"
+    LINEAR = "linear"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Decision:
+    """What a controller does at one control instant; also its memory.
+
+    Attributes:
+        control: Control to hold over the coming interval, shape (nu,).
+        plans: The plan of each agent, in the order of the agents.
+        mode: Which law made it.
+    """
+
+    control: Array
+    plans: tuple[Plan, ...]
+    mode: Mode = Mode.PLANNED
+
+
+class Controller(Protocol):
+    """Feedback at fixed control instants."""
+
+    @property
+    def dt(self) -> float:
+        """Time from one control instant to the next [s]."""
+
+    def decide(
+        self,
+        time: float,
+        state: Array,
+        previous: Decision | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Decision:
+        """Return the decision at a control instant.
+
+        Args:
+            time: Time since the start [s].
+            state: Measured state, shape (nx,).
+            previous: The decision one interval ago; None at the start.
+            rng: Source of all randomness.
+        """
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RecedingHorizon:
+    """Plan over the horizon, fly the first interval, plan again.
+
+    Attributes:
+        planner: Plans from one state.
+        reference: The problem's first signals; None where it has none.
+        parameters: Time [s] -> parameters (np,) of the plan made then; None: none.
+    """
+
+    planner: Planner
+    reference: Reference | None = None
+    parameters: Callable[[float], Array] | None = None
+
+    @property
+    def dt(self) -> float:
+        """Length of a control interval [s]."""
+        return self.planner.problem.dt
+
+    def decide(
+        self,
+        time: float,
+        state: Array,
+        previous: Decision | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Decision:
+        """Return the first control of a new plan; see Controller."""
+        last = previous.plans[0] if previous else None
+        plan = self.plan(time, state, last, rng=rng)
+        return Decision(control=plan.controls[:, 0], plans=(plan,))
+
+    def known(self, time: float, seen: tuple[Array, ...] = ()) -> Known:
+        """Return parameters and signals of a plan made at a time.
+
+        Args:
+            time: Time since the start [s].
+            seen: Rows that follow the reference's, each (k, nodes): plans of others.
+        """
+        problem = self.planner.problem
+        times = time + problem.times
+        rows = () if self.reference is None else (self.reference(times),)
+        return Known(
+            parameters=() if self.parameters is None else self.parameters(time),
+            signals=np.vstack([np.empty((0, problem.nodes)), *rows, *seen]),
+        )
+
+    def plan(
+        self,
+        time: float,
+        state: Array,
+        last: Plan | None,
+        *,
+        seen: tuple[Array, ...] = (),
+        rng: np.random.Generator,
+    ) -> Plan:
+        """Return the plan to fly from a state.
+
+        Args:
+            time: Time since the start [s].
+            state: Shape (nx,).
+            last: The plan one interval ago; None at the start.
+            seen: As in `known`.
+            rng: Source of all randomness.
+        """
+        known = self.known(time, seen)
+        problem = self.planner.problem
+        guess = None if last is None else shifted_controls(problem, last.controls)
+        plan = self.planner.plan(state, known=known, guess=guess, rng=rng)
+        if plan.feasible or guess is None:
+            return plan
+        return self.fallback(plan, guess, state, known)
+
+    def fallback(self, plan: Plan, guess: Array, state: Array, known: Known) -> Plan:
+        """Return the shifted last plan in place of an infeasible one.
+
+        Args:
+            plan: What planning found; its search values and effort are kept.
+            guess: The shifted last plan's controls, shape (nu, N).
+            state: Shape (nx,).
+            known: Parameters and signals of the plan.
+        """
+        shifted = self.planner.evaluated(
+            guess, state, known=known, source=Source.SHIFTED
+        )
+        return Plan(
+            controls=shifted.controls,
+            states=shifted.states,
+            cost=shifted.cost,
+            violation=shifted.violation,
+            feasible=shifted.feasible,
+            source=Source.SHIFTED,
+            search_cost=plan.search_cost,
+            search_violation=plan.search_violation,
+            evaluations=plan.evaluations,
+            polish_status=plan.polish_status,
+        )

@@ -1,0 +1,124 @@
+"""Dual mode: plan outside the terminal sets, fly the linear law inside them.
+
+    u_i = u_ref,i - K_i (x_i - x_ref,i(t))   when every agent is inside its set,
+
+clipped to the bounds of the controls. (The chapter writes u = K x; K here is as
+python-control returns it.) The switch is the whole team's: an agent under the linear
+law no longer avoids anybody, so nobody flies it alone.
+
+Source: the chapter, 5.2.3.1 and steps 3 and 10; Michalska and Mayne (1993), Robust
+receding horizon control of constrained nonlinear systems.
+"""
+
+from collections.abc import Callable, Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.controller import Decision, Mode
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.integrators import held_step
+from swarmstart.ocp.planner import Plan, Source
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.team import Team, first_controls
+from swarmstart.terminal_set import TerminalSet
+
+Array = NDArray[np.float64]
+Target = Callable[[float], Array]
+"""Absolute time [s] -> the state an agent ought to be in, shape (nx,)."""
+
+
+class DualMode:
+    """A team that switches to linear laws when all are in their terminal sets.
+
+    Attributes:
+        team: Plans while somebody is outside.
+        sets: The terminal set of each agent.
+        targets: The moving reference of each agent.
+    """
+
+    def __init__(
+        self, team: Team, *, sets: Sequence[TerminalSet], targets: Sequence[Target]
+    ) -> None:
+        """Put planner and linear laws together.
+
+        Args:
+            team: The team.
+            sets: One terminal set an agent.
+            targets: One target an agent.
+
+        Raises:
+            InvalidProblemError: If there is not one of each an agent.
+        """
+        if not len(team.agents) == len(sets) == len(targets):
+            raise InvalidProblemError(
+                f"dual mode needs a terminal set and a target for each of the "
+                f"{len(team.agents)} agents, got {len(sets)} and {len(targets)}"
+            )
+        self.team, self.sets, self.targets = team, tuple(sets), tuple(targets)
+        self._problems = [a.controller.planner.problem for a in team.agents]
+        # Agents of one kind share one problem's model; each keeps its own step.
+        self._steps = [_step(problem) for problem in self._problems]
+
+    @property
+    def dt(self) -> float:
+        """Length of a control interval [s]."""
+        return self.team.dt
+
+    def errors(self, time: float, state: Array) -> list[Array]:
+        """Return x_i - x_ref,i of each agent, each (nx_i,)."""
+        own = self.team.split(state)
+        return [x - target(time) for x, target in zip(own, self.targets, strict=True)]
+
+    def inside(self, time: float, state: Array) -> bool:
+        """Return whether every agent is inside its terminal set."""
+        errors = self.errors(time, state)
+        return all(bool(s.contains(e)) for s, e in zip(self.sets, errors, strict=True))
+
+    def decide(
+        self,
+        time: float,
+        state: Array,
+        previous: Decision | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Decision:
+        """Return the linear laws' controls, or the team's decision; see Controller."""
+        if not self.inside(time, state):
+            return self.team.decide(time, state, previous, rng=rng)
+
+        def linear(number: int, own: Array, seen: tuple[Array, ...]) -> Plan:
+            controller = self.team.agents[number].controller
+            return controller.planner.evaluated(
+                self._linear_controls(number, time, own),
+                own,
+                known=controller.known(time, seen),
+                source=Source.LINEAR,
+            )
+
+        plans = self.team.plans(state, linear)
+        return Decision(control=first_controls(plans), plans=plans, mode=Mode.LINEAR)
+
+    def _linear_controls(self, number: int, time: float, state: Array) -> Array:
+        """Return the linear law's controls over the horizon, shape (nu, N)."""
+        problem, step = self._problems[number], self._steps[number]
+        terminal_set, target = self.sets[number], self.targets[number]
+        known = self.team.agents[number].controller.known(time)
+        lower, upper = problem.control_limits
+        x, controls = state, []
+        for k in range(problem.intervals):
+            error = x - target(time + k * problem.dt)
+            u = np.clip(terminal_set.u_ref + terminal_set.feedback(error), lower, upper)
+            controls.append(u)
+            x = np.array(step(x, u, np.asarray(known.parameters))).ravel()
+        return np.array(controls).T
+
+
+def _step(problem: OptimalControlProblem) -> ca.Function:
+    return held_step(
+        problem.model,
+        problem.dt,
+        method=problem.integrator,
+        substeps=problem.substeps * problem.checks,
+    )

@@ -1,0 +1,11 @@
+"""Errors of the optimal-control room."""
+
+from swarmstart.errors import SwarmstartError
+
+
+class InvalidProblemError(SwarmstartError, ValueError):
+    """An optimal-control problem, or what is given to one, cannot be posed."""
+
+
+class SolveError(SwarmstartError):
+    """A solver could not be run; not converging is a status, not an error."""

@@ -1,0 +1,256 @@
+"""One planning problem: guess -> search -> polish -> plan.
+
+A planner is built once for a problem; planning rebuilds nothing.
+"""
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.heuristics import (
+    Algorithm,
+    Box,
+    Budget,
+    Order,
+    minimize,
+    static_penalty,
+)
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.fitness import NOTHING, Fitness, Known, flatten, unflatten
+from swarmstart.ocp.guess import zero_controls
+from swarmstart.ocp.polish import IpoptOptions, Polisher, PolishStatus
+from swarmstart.ocp.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+WarmStart = Literal["all", "one", "none"]
+
+
+class Source(Enum):
+    """Where a plan comes from."""
+
+    GUESS = "the guess itself"
+    SEARCH = "the search"
+    POLISH = "the polish"
+    SHIFTED = "the last plan, shifted, since no feasible one was found"
+    LINEAR = "the linear law of the terminal set"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SearchSettings:
+    """A population search on one planning problem.
+
+    Attributes:
+        algorithm: Settings of an algorithm of `swarmstart.heuristics`.
+        budget: What one planning problem may cost.
+        order: How two individuals are ordered.
+        warm_start: How much of the first population is the guess: "all", "one" or
+            "none" of it; the rest is drawn at random.
+    """
+
+    algorithm: Algorithm
+    budget: Budget
+    order: Order = field(default_factory=lambda: static_penalty(1e4))
+    warm_start: WarmStart = "one"
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown kind of warm start."""
+        if self.warm_start not in ("all", "one", "none"):
+            raise InvalidProblemError(
+                f"warm_start must be all, one or none, got {self.warm_start!r}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Plan:
+    """A control sequence over one horizon, and what it is worth.
+
+    Attributes:
+        controls: Shape (nu, N).
+        states: At the nodes, shape (nx, nodes).
+        cost: Cost on the problem's evaluator.
+        violation: Summed violation there.
+        feasible: Whether the violation is within the problem's tolerance.
+        source: Where the plan comes from.
+        search_cost: Cost of the search's own answer; NaN without a search.
+        search_violation: Violation of that answer; NaN without a search.
+        evaluations: Evaluations spent, those of the polish included.
+        polish_status: How the polish ended; None without one.
+    """
+
+    controls: Array
+    states: Array
+    cost: float
+    violation: float
+    feasible: bool
+    source: Source
+    search_cost: float = np.nan
+    search_violation: float = np.nan
+    evaluations: int = 0
+    polish_status: PolishStatus | None = None
+
+
+class Planner:
+    """Search and polish of one problem, compiled once.
+
+    Attributes:
+        problem: The problem.
+        fitness: Its evaluator.
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        *,
+        search: SearchSettings | None,
+        polish: IpoptOptions | None = None,
+    ) -> None:
+        """Compile what planning needs.
+
+        Args:
+            problem: The problem.
+            search: The population search; None means none.
+            polish: Options of the polish; None means none.
+
+        Raises:
+            InvalidProblemError: If a search is asked for and a control is unbounded.
+        """
+        self.problem = problem
+        self.fitness = Fitness(problem)
+        self._search = search
+        self._box = _control_box(problem) if search else None
+        self._polisher = Polisher(self.fitness, polish) if polish else None
+
+    def plan(
+        self,
+        x0: ArrayLike,
+        *,
+        known: Known = NOTHING,
+        guess: Array | None = None,
+        rng: np.random.Generator,
+    ) -> Plan:
+        """Return the best plan found from an initial state.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+            guess: Controls to start from, shape (nu, N); None means none is known:
+                the search starts at random, the polish alone at zero controls.
+            rng: Source of all randomness.
+        """
+        plan = self._searched(x0, guess, known, rng)
+        if self._polisher is None:
+            return plan
+        polished = self._polisher(plan.controls, x0, known)
+        return self._plan(
+            polished.controls,
+            x0,
+            known,
+            value=(polished.cost, polished.violation),
+            source=Source.POLISH if polished.improved else plan.source,
+            search_value=(plan.search_cost, plan.search_violation),
+            evaluations=plan.evaluations + polished.evaluations,
+            polish_status=polished.status,
+        )
+
+    def evaluated(
+        self,
+        controls: Array,
+        x0: ArrayLike,
+        *,
+        known: Known = NOTHING,
+        source: Source,
+    ) -> Plan:
+        """Return given controls as a plan, evaluated but neither searched nor polished.
+
+        Args:
+            controls: Shape (nu, N).
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+            source: Where the controls come from.
+        """
+        value = self.fitness.value(controls, x0, known)
+        return self._plan(controls, x0, known, value=value, source=source)
+
+    def _searched(
+        self,
+        x0: ArrayLike,
+        guess: Array | None,
+        known: Known,
+        rng: np.random.Generator,
+    ) -> Plan:
+        """Return the search's answer; the guess, or zero controls, without a search."""
+        search = self._search
+        if search is None or self._box is None:
+            controls = zero_controls(self.problem) if guess is None else guess
+            return self.evaluated(controls, x0, known=known, source=Source.GUESS)
+        result = minimize(
+            self.fitness.objective(x0, known),
+            self._box,
+            algorithm=search.algorithm,
+            budget=search.budget,
+            order=search.order,
+            initial=_first_population(search, guess),
+            rng=rng,
+        )
+        value = (result.cost, result.violation)
+        return self._plan(
+            unflatten(result.x, self.problem.model.nu),
+            x0,
+            known,
+            value=value,
+            source=Source.SEARCH,
+            search_value=value,
+            evaluations=result.evaluations,
+        )
+
+    def _plan(  # noqa: PLR0913 - all that one plan records
+        self,
+        controls: Array,
+        x0: ArrayLike,
+        known: Known,
+        *,
+        value: tuple[float, float],
+        source: Source,
+        search_value: tuple[float, float] = (np.nan, np.nan),
+        evaluations: int = 0,
+        polish_status: PolishStatus | None = None,
+    ) -> Plan:
+        cost, violation = value
+        return Plan(
+            controls=controls,
+            states=self.fitness.states(controls, x0, known),
+            cost=cost,
+            violation=violation,
+            feasible=bool(violation <= self.problem.tolerance and np.isfinite(cost)),
+            source=source,
+            search_cost=search_value[0],
+            search_violation=search_value[1],
+            evaluations=evaluations,
+            polish_status=polish_status,
+        )
+
+
+def _control_box(problem: OptimalControlProblem) -> Box:
+    """Return the box of all control sequences."""
+    lower, upper = problem.control_limits
+    if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
+        raise InvalidProblemError(
+            "a population search needs finite bounds on every control, "
+            f"got lower {lower} and upper {upper}"
+        )
+    return Box(
+        lower=np.tile(lower, problem.intervals),
+        upper=np.tile(upper, problem.intervals),
+        per_step=problem.model.nu,
+    )
+
+
+def _first_population(search: SearchSettings, guess: Array | None) -> Array | None:
+    """Return the given part of the first population, shape (nu * N, k)."""
+    if guess is None or search.warm_start == "none":
+        return None
+    copies = search.algorithm.size if search.warm_start == "all" else 1
+    return np.repeat(flatten(guess)[:, None], copies, axis=1)

@@ -1,0 +1,183 @@
+"""A plant under a controller: the closed loop, one control interval after another.
+
+The plant is integrated finer than the controller's model, by classical Runge-Kutta.
+`fly` yields each finished step, so that nothing finished is lost when it is stopped;
+`simulate` collects them.
+"""
+
+import time as clock
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.controller import Controller, Decision
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.integrators import held_step
+from swarmstart.ocp.model import Model
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Step:
+    """One control interval as it was flown.
+
+    Attributes:
+        number: Its number, from 0.
+        state: At its beginning, shape (nx,).
+        decision: What the controller decided there.
+        dense_states: After each of the plant's steps within it, shape (nx, m).
+        seconds: Wall time of the decision [s].
+    """
+
+    number: int
+    state: Array
+    decision: Decision
+    dense_states: Array
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Trajectory:
+    """A flight.
+
+    Attributes:
+        times: Control instants, shape (T + 1,) [s].
+        states: At the control instants, shape (nx, T + 1).
+        controls: Held from each to the next, shape (nu, T).
+        dense_times: The plant's steps, shape (T * m + 1,) [s].
+        dense_states: At the plant's steps, shape (nx, T * m + 1).
+        decisions: What the controller decided, T of them.
+        step_seconds: Wall time of each decision, shape (T,) [s].
+    """
+
+    times: Array
+    states: Array
+    controls: Array
+    dense_times: Array
+    dense_states: Array
+    decisions: tuple[Decision, ...]
+    step_seconds: Array
+
+
+class Plant:
+    """A model integrated finely over a control interval with held controls.
+
+    Attributes:
+        model: The model.
+        dt: Length of a control interval [s].
+        substeps: Steps of the integrator in it.
+    """
+
+    def __init__(self, model: Model, *, dt: float, substeps: int) -> None:
+        """Compile the plant.
+
+        Args:
+            model: The model, without parameters.
+            dt: Length of a control interval [s].
+            substeps: Steps of the integrator in it, at least 1.
+
+        Raises:
+            InvalidProblemError: If the model has parameters, or a number is none.
+        """
+        if model.np:
+            raise InvalidProblemError(
+                f"a plant's model must have no parameters, got {model.np}"
+            )
+        if substeps < 1:
+            raise InvalidProblemError(f"substeps must be at least 1, got {substeps}")
+        self.model, self.dt, self.substeps = model, dt, substeps
+        one = held_step(model, dt / substeps)
+        x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+        simple = ca.Function("plant_step", [x, u], [one(x, u, ca.SX(0, 1))])
+        self._interval = simple.mapaccum("plant", substeps)
+
+    def __call__(self, state: Array, control: Array) -> Array:
+        """Return the states after each step of the interval, shape (nx, substeps)."""
+        held = np.repeat(control[:, None], self.substeps, axis=1)
+        return np.array(self._interval(state, held))
+
+
+def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
+    plant: Plant,
+    controller: Controller,
+    x0: ArrayLike,
+    *,
+    steps: int,
+    rng: np.random.Generator,
+    done: int = 0,
+    previous: Decision | None = None,
+) -> Iterator[Step]:
+    """Yield the closed loop, one finished control interval at a time.
+
+    Args:
+        plant: The plant.
+        controller: The controller.
+        x0: State at the first interval flown here, shape (nx,).
+        steps: Number of the interval to stop before.
+        rng: Source of all randomness.
+        done: Number of the first interval; above 0 where a flight goes on.
+        previous: The decision of the interval before it; None at the start.
+
+    Raises:
+        InvalidProblemError: If x0 does not fit the plant, or intervals differ.
+    """
+    state = np.array(x0, dtype=np.float64)
+    if state.shape != (plant.model.nx,):
+        raise InvalidProblemError(
+            f"x0 must have shape ({plant.model.nx},), got {state.shape}"
+        )
+    if not np.isclose(plant.dt, controller.dt):
+        raise InvalidProblemError(
+            f"plant and controller must share one interval, got {plant.dt} s "
+            f"and {controller.dt} s"
+        )
+    for number in range(done, steps):
+        began = clock.perf_counter()
+        decision = controller.decide(number * plant.dt, state, previous, rng=rng)
+        seconds = clock.perf_counter() - began
+        dense = plant(state, decision.control)
+        yield Step(
+            number=number,
+            state=state,
+            decision=decision,
+            dense_states=dense,
+            seconds=seconds,
+        )
+        state, previous = dense[:, -1], decision
+
+
+def simulate(
+    plant: Plant,
+    controller: Controller,
+    x0: ArrayLike,
+    *,
+    steps: int,
+    rng: np.random.Generator,
+) -> Trajectory:
+    """Return the whole closed loop over `steps` control intervals; see `fly`."""
+    return collected(plant, list(fly(plant, controller, x0, steps=steps, rng=rng)))
+
+
+def collected(plant: Plant, steps: Sequence[Step]) -> Trajectory:
+    """Return finished steps, from number 0 on without a gap, as a trajectory.
+
+    Raises:
+        InvalidProblemError: If there is none.
+    """
+    if not steps:
+        raise InvalidProblemError("a trajectory needs at least one finished step")
+    dense = np.hstack([steps[0].state[:, None], *[s.dense_states for s in steps]])
+    count = len(steps)
+    return Trajectory(
+        times=np.linspace(0.0, count * plant.dt, count + 1),
+        states=dense[:, :: plant.substeps],
+        controls=np.stack([s.decision.control for s in steps], axis=1),
+        dense_times=np.linspace(0.0, count * plant.dt, count * plant.substeps + 1),
+        dense_states=dense,
+        decisions=tuple(s.decision for s in steps),
+        step_seconds=np.array([s.seconds for s in steps]),
+    )

@@ -1,0 +1,124 @@
+"""Agents that plan in priority order, each seeing the plans of those before it.
+
+All plan at the same instant, one after the other; an agent receives the fresh plans of
+those it watches as time-varying signals, below its own reference (5.2.3.2: the higher
+index plans first, the lower avoids it).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.controller import Decision, RecedingHorizon
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.planner import Plan
+
+Array = NDArray[np.float64]
+MakePlan = Callable[[int, Array, tuple[Array, ...]], Plan]
+"""(agent's number, its state, rows it sees) -> its plan."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Agent:
+    """A member of a team.
+
+    Attributes:
+        controller: Its planner and reference.
+        watches: Numbers of the agents whose plans it sees; each plans before it.
+        shows: Rows of its own states that others see: its position.
+    """
+
+    controller: RecedingHorizon
+    watches: tuple[int, ...] = ()
+    shows: tuple[int, ...] = ()
+
+
+class Team:
+    """A controller of agents whose states and controls are stacked.
+
+    Attributes:
+        agents: The agents, in the order of their states and controls.
+        order: Their numbers in the order in which they plan.
+    """
+
+    def __init__(self, agents: Sequence[Agent], *, order: Sequence[int]) -> None:
+        """Put a team together.
+
+        Args:
+            agents: At least one agent.
+            order: A permutation of 0..len(agents) - 1.
+
+        Raises:
+            InvalidProblemError: If the order is no permutation, an agent watches one
+                that plans later, or control intervals differ.
+        """
+        self.agents, self.order = tuple(agents), tuple(order)
+        if sorted(self.order) != list(range(len(self.agents))) or not self.agents:
+            raise InvalidProblemError(
+                f"order must name each of the {len(self.agents)} agents once, "
+                f"got {self.order}"
+            )
+        for place, number in enumerate(self.order):
+            late = set(self.agents[number].watches) - set(self.order[:place])
+            if late:
+                raise InvalidProblemError(
+                    f"agent {number} watches {sorted(late)}, who plan after it"
+                )
+        lengths = {agent.controller.dt for agent in self.agents}
+        if len(lengths) > 1:
+            raise InvalidProblemError(
+                f"agents must share one control interval, got {sorted(lengths)} s"
+            )
+        models = [a.controller.planner.problem.model for a in self.agents]
+        self._splits = np.cumsum([m.nx for m in models])[:-1]
+
+    @property
+    def dt(self) -> float:
+        """Length of a control interval [s]."""
+        return self.agents[0].controller.dt
+
+    def split(self, state: Array) -> list[Array]:
+        """Return the state of each agent, views of the stacked state (nx,)."""
+        return np.split(state, self._splits)
+
+    def decide(
+        self,
+        time: float,
+        state: Array,
+        previous: Decision | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Decision:
+        """Let every agent plan in order; see Controller."""
+
+        def replan(number: int, own: Array, seen: tuple[Array, ...]) -> Plan:
+            last = previous.plans[number] if previous else None
+            controller = self.agents[number].controller
+            return controller.plan(time, own, last, seen=seen, rng=rng)
+
+        plans = self.plans(state, replan)
+        return Decision(control=first_controls(plans), plans=plans)
+
+    def plans(self, state: Array, make: MakePlan) -> tuple[Plan, ...]:
+        """Return each agent's plan, made in order, in the order of the agents.
+
+        Args:
+            state: Stacked state, shape (nx,).
+            make: Makes one plan; called once an agent.
+        """
+        states = self.split(state)
+        made: dict[int, Plan] = {}
+        for number in self.order:
+            seen = tuple(
+                made[j].states[list(self.agents[j].shows)]
+                for j in self.agents[number].watches
+            )
+            made[number] = make(number, states[number], seen)
+        return tuple(made[number] for number in range(len(self.agents)))
+
+
+def first_controls(plans: Sequence[Plan]) -> Array:
+    """Return the first control of each plan, stacked, shape (nu,)."""
+    return np.concatenate([plan.controls[:, 0] for plan in plans])

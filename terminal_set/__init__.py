@@ -1,0 +1,86 @@
+"""Terminal sets: where a linear law takes over, and on what grounds.
+
+For x' = f(x, u) near a reference (x_ref, u_ref): a gain K, a matrix P and a level alpha
+such that inside {e : e'Pe <= alpha} the law u = u_ref - K (x - x_ref) respects the
+bounds. `sampled_terminal_set` goes all the way; the modules beneath it hold one step
+each: linearisation, lqr, lyapunov, level, ellipsoid.
+"""
+
+from swarmstart.terminal_set.arrays import (
+    AsymmetricMatrixError,
+    IndefiniteMatrixError,
+    InvalidShapeError,
+    NotFiniteError,
+    NotPositiveError,
+)
+from swarmstart.terminal_set.design import (
+    InvalidReserveError,
+    TerminalSet,
+    continuous_terminal_set,
+    literal_terminal_set,
+    sampled_terminal_set,
+)
+from swarmstart.terminal_set.ellipsoid import Ellipsoid, InvalidPlaneError
+from swarmstart.terminal_set.level import (
+    SaturatedReferenceError,
+    input_excess,
+    level_from_inputs,
+    level_from_states,
+    literal_level,
+    smaller_side,
+)
+from swarmstart.terminal_set.linearisation import (
+    InvalidDynamicsError,
+    held_spectral_radius,
+    hold,
+    linearise,
+)
+from swarmstart.terminal_set.lqr import Gain, continuous_lqr, sampled_lqr
+from swarmstart.terminal_set.lyapunov import (
+    continuous_lyapunov,
+    literal_lyapunov,
+    sampled_lyapunov,
+)
+from swarmstart.terminal_set.reference import Reference
+from swarmstart.terminal_set.reliability import UnreliableSolutionError
+from swarmstart.terminal_set.stability import (
+    NotStabilisableError,
+    UnstableLoopError,
+    UnweightedModeError,
+)
+
+__all__ = [
+    "AsymmetricMatrixError",
+    "Ellipsoid",
+    "Gain",
+    "IndefiniteMatrixError",
+    "InvalidDynamicsError",
+    "InvalidPlaneError",
+    "InvalidReserveError",
+    "InvalidShapeError",
+    "NotFiniteError",
+    "NotPositiveError",
+    "NotStabilisableError",
+    "Reference",
+    "SaturatedReferenceError",
+    "TerminalSet",
+    "UnreliableSolutionError",
+    "UnstableLoopError",
+    "UnweightedModeError",
+    "continuous_lqr",
+    "continuous_lyapunov",
+    "continuous_terminal_set",
+    "held_spectral_radius",
+    "hold",
+    "input_excess",
+    "level_from_inputs",
+    "level_from_states",
+    "linearise",
+    "literal_level",
+    "literal_lyapunov",
+    "literal_terminal_set",
+    "sampled_lqr",
+    "sampled_lyapunov",
+    "sampled_terminal_set",
+    "smaller_side",
+]

@@ -1,0 +1,284 @@
+"""Arrays as this package needs them: finite, of the right shape, read-only copies.
+
+A gain computed from a NaN or from a weight of the wrong sign is worse than none, so
+every array that comes in passes here first and is refused by its name.
+
+The errors are data classes; their fields are also the arguments they are made of, in
+order, so that they survive the way back from a worker process.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.errors import SwarmstartError
+
+FloatArray = NDArray[np.float64]
+
+SYMMETRY_TOLERANCE = 1e-8
+"""Largest |M - M'| / |M| (Frobenius norms) of a matrix taken as symmetric."""
+
+
+@dataclass(eq=False)
+class NotFiniteError(SwarmstartError, ValueError):
+    """An array holds NaN, an infinity or something that is not a real number.
+
+    Attributes:
+        name: Name of the array.
+    """
+
+    name: str
+
+    def __str__(self) -> str:
+        """Say which array."""
+        return f"{self.name} must hold finite real numbers only"
+
+
+@dataclass(eq=False)
+class InvalidShapeError(SwarmstartError, ValueError):
+    """An array has another shape than the one it must have.
+
+    Attributes:
+        name: Name of the array.
+        shape: Shape found.
+        expected: Shape required; None stands for any size of at least 1.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    expected: tuple[int | None, ...]
+
+    def __str__(self) -> str:
+        """Say both shapes."""
+        sizes = ["any" if size is None else str(size) for size in self.expected]
+        wanted = f"({', '.join(sizes)}{',' if len(sizes) == 1 else ''})"
+        return f"{self.name} must have shape {wanted}, got {self.shape}"
+
+
+@dataclass(eq=False)
+class NotPositiveError(SwarmstartError, ValueError):
+    """A step, a level or a bound is zero, negative or infinite where it must not be.
+
+    Attributes:
+        name: Name of the number.
+        value: The number found, the smallest one if there are several.
+    """
+
+    name: str
+    value: float
+
+    def __str__(self) -> str:
+        """Say which number."""
+        return f"{self.name} must be a positive number, got {self.value:.6g}"
+
+
+@dataclass(eq=False)
+class AsymmetricMatrixError(SwarmstartError, ValueError):
+    """A matrix that must be symmetric is not.
+
+    Attributes:
+        name: Name of the matrix.
+        asymmetry: |M - M'| / |M|, Frobenius norms.
+    """
+
+    name: str
+    asymmetry: float
+
+    def __str__(self) -> str:
+        """Say by how much."""
+        return (
+            f"{self.name} must be symmetric, but |M - M'| / |M| is "
+            f"{self.asymmetry:.3g} (allowed: {SYMMETRY_TOLERANCE:.0e})"
+        )
+
+
+@dataclass(eq=False)
+class IndefiniteMatrixError(SwarmstartError, ValueError):
+    """A weight or a Lyapunov matrix has an eigenvalue of the wrong sign.
+
+    Attributes:
+        name: Name of the matrix.
+        smallest_eigenvalue: Its smallest eigenvalue.
+        needed: "positive definite" or "positive semidefinite".
+    """
+
+    name: str
+    smallest_eigenvalue: float
+    needed: str
+
+    def __str__(self) -> str:
+        """Say by which eigenvalue."""
+        return (
+            f"{self.name} must be {self.needed}, but its smallest eigenvalue is "
+            f"{self.smallest_eigenvalue:.6g}"
+        )
+
+
+def finite_array(
+    name: str, value: ArrayLike, shape: tuple[int | None, ...]
+) -> FloatArray:
+    """Copy a value into a read-only float array of the shape given.
+
+    Args:
+        name: What an error calls it.
+        value: Anything NumPy makes a real array of.
+        shape: Required shape; None stands for any size of at least 1.
+
+    Returns:
+        A read-only copy.
+
+    Raises:
+        NotFiniteError: The value holds NaN, infinity or no real numbers.
+        InvalidShapeError: The shape differs.
+    """
+    array = bound_array(name, value, shape)
+    if not np.all(np.isfinite(array)):
+        raise NotFiniteError(name)
+    return array
+
+
+def bound_array(
+    name: str, value: ArrayLike, shape: tuple[int | None, ...]
+) -> FloatArray:
+    """Copy bounds into a read-only float array; an infinite one means "no bound".
+
+    Args:
+        name: What an error calls it.
+        value: Anything NumPy makes a real array of.
+        shape: Required shape; None stands for any size of at least 1.
+
+    Returns:
+        A read-only copy, without NaN.
+
+    Raises:
+        NotFiniteError: The value holds NaN or no real numbers.
+        InvalidShapeError: The shape differs.
+    """
+    try:
+        array = np.asarray(value).astype(np.float64, casting="same_kind")
+    except (TypeError, ValueError) as error:
+        raise NotFiniteError(name) from error
+    if array.ndim != len(shape) or not all(
+        found == size or (size is None and found > 0)
+        for found, size in zip(array.shape, shape, strict=True)
+    ):
+        raise InvalidShapeError(name, array.shape, shape)
+    if np.any(np.isnan(array)):
+        raise NotFiniteError(name)
+    return read_only(array)
+
+
+def columns_of(name: str, value: ArrayLike, size: int) -> FloatArray:
+    """Take a point, or many side by side, without a copy; NaN passes.
+
+    Args:
+        name: What an error calls it.
+        value: One point, shape (size,), or many, shape (size, n).
+        size: Required number of rows.
+
+    Returns:
+        The value as a float array.
+
+    Raises:
+        InvalidShapeError: The number of rows differs.
+    """
+    columns = np.asarray(value, dtype=np.float64)
+    if columns.ndim not in {1, 2} or len(columns) != size:
+        expected = (size,) if columns.ndim < 2 else (size, None)  # noqa: PLR2004
+        raise InvalidShapeError(name, columns.shape, expected)
+    return columns
+
+
+def read_only(array: FloatArray) -> FloatArray:
+    """Lock an array of our own against writing and return it."""
+    array.setflags(write=False)
+    return array
+
+
+def square_matrix(name: str, value: ArrayLike, size: int | None = None) -> FloatArray:
+    """Copy a finite square matrix.
+
+    Args:
+        name: What an error calls it.
+        value: The matrix, shape (size, size).
+        size: Required number of rows; None takes any.
+
+    Returns:
+        A read-only copy.
+
+    Raises:
+        NotFiniteError: The value holds NaN, infinity or no real numbers.
+        InvalidShapeError: It is no matrix, not square or of another size.
+    """
+    matrix = finite_array(name, value, (size, size))
+    if matrix.shape[0] != matrix.shape[1]:
+        raise InvalidShapeError(name, matrix.shape, (matrix.shape[0],) * 2)
+    return matrix
+
+
+def positive_definite(
+    name: str, value: ArrayLike, size: int | None = None
+) -> FloatArray:
+    """Copy a symmetric positive definite matrix.
+
+    Args:
+        name: What an error calls it.
+        value: The matrix, shape (size, size).
+        size: Required number of rows; None takes any.
+
+    Returns:
+        A read-only copy, made symmetric to the last bit.
+
+    Raises:
+        NotFiniteError: The value holds NaN, infinity or no real numbers.
+        InvalidShapeError: It is no matrix, not square or of another size.
+        AsymmetricMatrixError: It is not symmetric.
+        IndefiniteMatrixError: An eigenvalue is negative or, to rounding, zero.
+    """
+    matrix, smallest, rounding = _symmetric(name, value, size)
+    if not smallest > rounding:
+        raise IndefiniteMatrixError(name, smallest, "positive definite")
+    return matrix
+
+
+def positive_semidefinite(
+    name: str, value: ArrayLike, size: int | None = None
+) -> FloatArray:
+    """Copy a symmetric positive semidefinite matrix.
+
+    Args:
+        name: What an error calls it.
+        value: The matrix, shape (size, size).
+        size: Required number of rows; None takes any.
+
+    Returns:
+        A read-only copy, made symmetric to the last bit.
+
+    Raises:
+        NotFiniteError: The value holds NaN, infinity or no real numbers.
+        InvalidShapeError: It is no matrix, not square or of another size.
+        AsymmetricMatrixError: It is not symmetric.
+        IndefiniteMatrixError: An eigenvalue is negative beyond rounding.
+    """
+    matrix, smallest, rounding = _symmetric(name, value, size)
+    if not smallest >= -rounding:
+        raise IndefiniteMatrixError(name, smallest, "positive semidefinite")
+    return matrix
+
+
+def _symmetric(
+    name: str, value: ArrayLike, size: int | None
+) -> tuple[FloatArray, float, float]:
+    """Copy a symmetric matrix; return it, its smallest eigenvalue, its rounding."""
+    matrix = square_matrix(name, value, size)
+    asymmetry = float(np.linalg.norm(matrix - matrix.T))
+    norm = float(np.linalg.norm(matrix))
+    if asymmetry > SYMMETRY_TOLERANCE * norm:
+        raise AsymmetricMatrixError(name, asymmetry / norm)
+    matrix = read_only((matrix + matrix.T) / 2)
+    eigenvalues = np.linalg.eigvalsh(matrix)
+    rounding = float(np.finfo(np.float64).eps * len(matrix) * np.abs(eigenvalues).max())
+    return matrix, float(eigenvalues[0]), rounding

@@ -1,0 +1,297 @@
+"""Terminal sets: a linear law and the region where it takes over (the dual mode).
+
+    inside Omega = {e : e'Pe <= alpha}, e = x - x_ref:  u = u_ref - K e
+
+Three designs, side by side:
+
+    sampled     gain and P of the discrete Riccati equation for the input held dt;
+                corrected level. The design for a controller that holds its input.
+    continuous  gain of the continuous Riccati equation, P of (5.12) corrected,
+                corrected level. For an input that moves all the time.
+    literal     the same gain, P as given, the level of (5.14) as printed.
+
+The chapter holds the input of a continuous design for 1 s. On its formation model that
+loop has the spectral radius 10.8 (`held_spectral_radius`), so its dual mode is unstable
+as it is used, whatever P and alpha are.
+
+All levels here come from bounds on inputs and states alone. They say nothing of the
+decrease of e'Pe under the nonlinear dynamics, nor of states between two samples: that
+takes a certificate, which may lower alpha (`dataclasses.replace(design, alpha=...)`).
+
+Source: the chapter, eq. (5.8)-(5.14); H. Chen and F. Allgoewer, A quasi-infinite
+horizon nonlinear model predictive control scheme with guaranteed stability, Automatica
+34 (1998), whose P is that of `continuous_terminal_set` with kappa.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.terminal_set.arrays import (
+    FloatArray,
+    NotPositiveError,
+    columns_of,
+    finite_array,
+)
+from swarmstart.terminal_set.ellipsoid import Ellipsoid
+from swarmstart.terminal_set.level import (
+    level_from_inputs,
+    level_from_states,
+    literal_level,
+)
+from swarmstart.terminal_set.linearisation import hold, linearise
+from swarmstart.terminal_set.lqr import continuous_lqr, sampled_lqr
+from swarmstart.terminal_set.lyapunov import continuous_lyapunov
+from swarmstart.terminal_set.reference import Reference
+from swarmstart.terminal_set.stability import CONTINUOUS, growth
+
+
+@dataclass(eq=False)
+class InvalidReserveError(SwarmstartError, ValueError):
+    """The decay kept in reserve is negative, or more than there is.
+
+    Attributes:
+        kappa: The reserve asked for, 1/s.
+        decay: Decay of the slowest mode of the closed loop, 1/s.
+    """
+
+    kappa: float
+    decay: float
+
+    def __str__(self) -> str:
+        """Say what there is to reserve."""
+        return (
+            f"kappa must be at least 0 and less than {self.decay:.6g}, the decay of "
+            f"the slowest mode, got {self.kappa:.6g}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TerminalSet:
+    """A linear law and the ellipsoid it is meant for; arrays copied and read-only.
+
+    Attributes:
+        K: Gain of u = u_ref - K e, shape (nu, nx). The chapter's K is -K.
+        P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
+        alpha: Level of the ellipsoid, > 0.
+        x_ref: Reference state of the design, shape (nx,), SI units.
+        u_ref: Reference input, shape (nu,).
+        dt: How long the input is held [s]; None for an input that moves all the time.
+        design: Which design it is: "sampled", "continuous", "literal" or one's own.
+        ellipsoid: {e : e'Pe <= alpha}; made from P and alpha.
+
+    Raises:
+        InvalidShapeError: Sizes do not agree.
+        NotFiniteError: An array holds NaN or infinity.
+        AsymmetricMatrixError: P is not symmetric.
+        IndefiniteMatrixError: P is not positive definite.
+        NotPositiveError: alpha or dt is not positive and finite.
+    """
+
+    K: FloatArray
+    P: FloatArray
+    alpha: float
+    x_ref: FloatArray
+    u_ref: FloatArray
+    dt: float | None
+    design: str
+    ellipsoid: Ellipsoid = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check and copy."""
+        ellipsoid = Ellipsoid(P=self.P, alpha=self.alpha)
+        if self.dt is not None and not 0 < self.dt < np.inf:
+            raise NotPositiveError("dt", self.dt)
+        nx = len(ellipsoid.P)
+        u_ref = finite_array("u_ref", self.u_ref, (None,))
+        checked = {
+            "K": finite_array("K", self.K, (u_ref.size, nx)),
+            "P": ellipsoid.P,
+            "x_ref": finite_array("x_ref", self.x_ref, (nx,)),
+            "u_ref": u_ref,
+            "ellipsoid": ellipsoid,
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    def feedback(self, e: ArrayLike) -> FloatArray:
+        """Compute the law's input relative to u_ref, du = -K e.
+
+        Args:
+            e: Deviation x - x_ref, shape (nx,), or many, shape (nx, n).
+
+        Returns:
+            u - u_ref, shape (nu,) or (nu, n).
+
+        Raises:
+            InvalidShapeError: e has another number of rows.
+        """
+        return np.asarray(-self.K @ columns_of("e", e, len(self.P)))
+
+    def value(self, e: ArrayLike) -> FloatArray:
+        """Compute e'Pe.
+
+        Args:
+            e: Deviation x - x_ref, shape (nx,), or many, shape (nx, n).
+
+        Returns:
+            The value, shape () or (n,).
+
+        Raises:
+            InvalidShapeError: e has another number of rows.
+        """
+        return self.ellipsoid.value(e)
+
+    def contains(self, e: ArrayLike) -> NDArray[np.bool_]:
+        """Tell whether e'Pe <= alpha: whether the linear law may take over.
+
+        Args:
+            e: Deviation x - x_ref, shape (nx,), or many, shape (nx, n).
+
+        Returns:
+            Whether it is inside, shape () or (n,).
+
+        Raises:
+            InvalidShapeError: e has another number of rows.
+        """
+        return self.ellipsoid.contains(e)
+
+
+def sampled_terminal_set(
+    dynamics: ca.Function,
+    reference: Reference,
+    *,
+    dt: float,
+    Q: ArrayLike,
+    R: ArrayLike,
+) -> TerminalSet:
+    """Design the set for an input held over dt: what the chapter means to use.
+
+    Args:
+        dynamics: f(x, u) -> xdot, SI units.
+        reference: Reference and bounds.
+        dt: How long the input is held, > 0, s.
+        Q: State weight per step, shape (nx, nx), symmetric positive semidefinite.
+        R: Input weight per step, shape (nu, nu), symmetric positive definite.
+
+    Returns:
+        K and P of the discrete Riccati equation, alpha of the bounds. State bounds hold
+        at the samples, not necessarily between them.
+
+    Raises:
+        SwarmstartError: As `linearise`, `hold`, `sampled_lqr` say; NotPositiveError
+            also when no bound limits alpha.
+    """
+    A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
+    gain = sampled_lqr(*hold(A, B, dt), Q, R)
+    return TerminalSet(
+        K=gain.K,
+        P=gain.P,
+        alpha=_level_from_bounds(gain.K, gain.P, reference),
+        x_ref=reference.x_ref,
+        u_ref=reference.u_ref,
+        dt=dt,
+        design="sampled",
+    )
+
+
+def continuous_terminal_set(
+    dynamics: ca.Function,
+    reference: Reference,
+    *,
+    Q: ArrayLike,
+    R: ArrayLike,
+    kappa: float = 0.0,
+) -> TerminalSet:
+    """Design the set for an input that moves all the time, (5.9)-(5.14) corrected.
+
+    P solves (F + kappa I)'P + P(F + kappa I) = -Q* with F = A - B K and
+    Q* = Q + K'RK; of kappa = 0 comes the Riccati matrix.
+
+    Args:
+        dynamics: f(x, u) -> xdot, SI units.
+        reference: Reference and bounds.
+        Q: State weight, shape (nx, nx), symmetric positive semidefinite.
+        R: Input weight, shape (nu, nu), symmetric positive definite.
+        kappa: Decay [1/s] kept in reserve for the nonlinear part, at least 0 and below
+            that of the slowest mode of F. Needed where e'Pe is to bound the cost to go
+            of the nonlinear system: with 0 the linear part leaves no margin at all.
+
+    Returns:
+        K of the continuous Riccati equation, P as above, alpha of the bounds.
+
+    Raises:
+        InvalidReserveError: kappa is negative or not below the slowest mode's decay.
+        SwarmstartError: As `linearise`, `continuous_lqr`, `continuous_lyapunov` say;
+            NotPositiveError also when no bound limits alpha.
+    """
+    A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
+    K = continuous_lqr(A, B, Q, R).K
+    F = A - B @ K
+    decay = -growth(F, CONTINUOUS)
+    if not 0 <= kappa < decay:
+        raise InvalidReserveError(kappa, decay)
+    P = continuous_lyapunov(
+        F + kappa * np.eye(len(F)), np.asarray(Q) + K.T @ np.asarray(R) @ K
+    )
+    return TerminalSet(
+        K=K,
+        P=P,
+        alpha=_level_from_bounds(K, P, reference),
+        x_ref=reference.x_ref,
+        u_ref=reference.u_ref,
+        dt=None,
+        design="continuous",
+    )
+
+
+def literal_terminal_set(
+    dynamics: ca.Function,
+    reference: Reference,
+    *,
+    Q: ArrayLike,
+    R: ArrayLike,
+    P: ArrayLike,
+) -> TerminalSet:
+    """Design the set as the chapter prints it: an erratum, kept to be measured.
+
+    Args:
+        dynamics: f(x, u) -> xdot, SI units.
+        reference: Reference and bounds; (5.14) looks at those of the input only.
+        Q: State weight, shape (nx, nx), symmetric positive semidefinite.
+        R: Input weight, shape (nu, nu), symmetric positive definite.
+        P: The matrix printed in section 5.2.4, or that of `literal_lyapunov`, shape
+            (nx, nx), symmetric positive definite.
+
+    Returns:
+        K of the continuous Riccati equation, P as given, alpha of (5.14) as printed.
+        Its law may exceed the input bounds in the set (`input_excess`) and need not be
+        stable when held (`held_spectral_radius`).
+
+    Raises:
+        SwarmstartError: As `linearise`, `continuous_lqr`, `literal_level` say.
+    """
+    A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
+    K = continuous_lqr(A, B, Q, R).K
+    return TerminalSet(
+        K=K,
+        P=finite_array("P", P, A.shape),
+        alpha=literal_level(K, P, reference.u_max),
+        x_ref=reference.x_ref,
+        u_ref=reference.u_ref,
+        dt=None,
+        design="literal",
+    )
+
+
+def _level_from_bounds(K: FloatArray, P: FloatArray, reference: Reference) -> float:
+    """Compute the level of the nearest bound, of an input or of a state."""
+    return min(
+        level_from_inputs(K, P, reference.u_max),
+        level_from_states(P, reference.e_max),
+    )

@@ -1,0 +1,147 @@
+"""The linear system near a reference, in continuous time and with the input held.
+
+    e' = A e + B du,    A = df/dx, B = df/du at (x_ref, u_ref)            (5.9)
+    e+ = Ad e + Bd du,  [Ad Bd; 0 I] = exp([A B; 0 0] dt)
+
+A reference may move: the leader of a formation flies on, so f(x_ref, u_ref) is not
+zero. What is linearised is the motion relative to it,
+e' = f(x_ref + e, u_ref + du) - f(x_ref, u_ref), which has its equilibrium at e = 0
+whatever f(x_ref, u_ref) is, as long as the Jacobian does not change along the
+reference (positions must not enter f, v_L and psi_L stay constant).
+
+Source: the held system by Van Loan, IEEE Trans. Automatic Control 23 (1978).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.terminal_set.arrays import (
+    FloatArray,
+    NotPositiveError,
+    finite_array,
+    read_only,
+    square_matrix,
+)
+from swarmstart.terminal_set.stability import SAMPLED, growth
+
+
+@dataclass(eq=False)
+class InvalidDynamicsError(SwarmstartError, ValueError):
+    """A function given as dynamics is not of the form f(x, u) -> xdot.
+
+    Attributes:
+        inputs: Shapes of its inputs.
+        outputs: Shapes of its outputs.
+    """
+
+    inputs: list[tuple[int, int]]
+    outputs: list[tuple[int, int]]
+
+    def __str__(self) -> str:
+        """Say the form needed and the one found."""
+        return (
+            "dynamics must map columns x (nx, 1), u (nu, 1) to xdot (nx, 1), but maps "
+            f"{self.inputs} to {self.outputs}"
+        )
+
+
+def linearise(
+    dynamics: ca.Function, x_ref: ArrayLike, u_ref: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Linearise the motion relative to a reference (5.9).
+
+    Args:
+        dynamics: f(x, u) -> xdot as a casadi.Function, SI units. Its value at the
+            reference is not needed to be zero, see the head of this module.
+        x_ref: Reference state, shape (nx,).
+        u_ref: Reference input, shape (nu,).
+
+    Returns:
+        A = df/dx of shape (nx, nx) and B = df/du of shape (nx, nu) at the reference,
+        read-only.
+
+    Raises:
+        InvalidDynamicsError: The function has other inputs or outputs.
+        InvalidShapeError: A reference has another size than the function's input.
+        NotFiniteError: A reference or a derivative there is NaN or infinite.
+    """
+    nx, nu = _sizes(dynamics)
+    point = [finite_array("x_ref", x_ref, (nx,)), finite_array("u_ref", u_ref, (nu,))]
+    x, u = ca.MX.sym("x", nx), ca.MX.sym("u", nu)
+    xdot = dynamics(x, u)
+    derivatives = ca.Function(
+        "linearised", [x, u], [ca.jacobian(xdot, x), ca.jacobian(xdot, u)]
+    )
+    A, B = (matrix.full() for matrix in derivatives(*point))
+    return (
+        finite_array("the derivative df/dx at the reference", A, (nx, nx)),
+        finite_array("the derivative df/du at the reference", B, (nx, nu)),
+    )
+
+
+def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[FloatArray, FloatArray]:
+    """Sample a linear system whose input is held over each step (zero-order hold).
+
+    Args:
+        A: System matrix, shape (nx, nx), 1/s.
+        B: Input matrix, shape (nx, nu).
+        dt: Length of a step, > 0, s.
+
+    Returns:
+        Ad of shape (nx, nx) and Bd of shape (nx, nu), read-only.
+
+    Raises:
+        NotPositiveError: dt is not positive and finite.
+        NotFiniteError: A or B holds NaN or infinity.
+        InvalidShapeError: A is not square or B has another number of rows.
+    """
+    if not 0 < dt < np.inf:
+        raise NotPositiveError("dt", dt)
+    A = square_matrix("A", A)
+    nx = len(A)
+    B = finite_array("B", B, (nx, None))
+    block = np.zeros((nx + B.shape[1],) * 2)
+    block[:nx, :nx] = A
+    block[:nx, nx:] = B
+    exponential = scipy.linalg.expm(block * dt)[:nx]
+    return read_only(exponential[:, :nx].copy()), read_only(exponential[:, nx:].copy())
+
+
+def held_spectral_radius(A: ArrayLike, B: ArrayLike, K: ArrayLike, dt: float) -> float:
+    """Compute the spectral radius of a gain whose input is held: max |eig(Ad - Bd K)|.
+
+    A gain designed in continuous time need not survive the hold; 1 or more is unstable.
+
+    Args:
+        A: System matrix, shape (nx, nx), 1/s.
+        B: Input matrix, shape (nx, nu).
+        K: Gain of du = -K e, shape (nu, nx).
+        dt: Length of a step, > 0, s.
+
+    Returns:
+        The factor by which the slowest mode shrinks (or grows) per step.
+
+    Raises:
+        NotPositiveError: dt is not positive and finite.
+        NotFiniteError: A matrix holds NaN or infinity.
+        InvalidShapeError: The sizes of the matrices do not agree.
+    """
+    Ad, Bd = hold(A, B, dt)
+    return growth(Ad - Bd @ finite_array("K", K, Bd.T.shape), SAMPLED)
+
+
+def _sizes(dynamics: ca.Function) -> tuple[int, int]:
+    """Return nx and nu of f(x, u) -> xdot, or refuse the function."""
+    inputs = [dynamics.size_in(index) for index in range(dynamics.n_in())]
+    outputs = [dynamics.size_out(index) for index in range(dynamics.n_out())]
+    # The columns x, u and xdot, where x and xdot are of one size.
+    if not ([columns for _, columns in inputs] == [1, 1] and outputs == inputs[:1]):
+        raise InvalidDynamicsError(inputs, outputs)
+    return inputs[0][0], inputs[1][0]

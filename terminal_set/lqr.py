@@ -1,0 +1,152 @@
+"""Linear-quadratic regulators: the gain K and the Riccati matrix P.
+
+    continuous  min int e'Qe + du'R du dt   A'P + PA - PBK + Q = 0,  K = R^-1 B'P
+    sampled     min sum e'Qe + du'R du      A'P(A - BK) - P + Q = 0,
+                                            K = (R + B'PB)^-1 B'PA
+    du = -K e
+
+The chapter writes the feedback as u = K x (5.10), so its K is the negative of this one.
+
+python-control returns a gain without a word where there is none (a unicycle at rest,
+Q = 0). So what must hold for a gain to exist is tested before it is asked, what must
+hold of the answer after; the method is pinned, for with slycot installed python-control
+would otherwise fail, and answer, in other ways.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.terminal_set.arrays import (
+    FloatArray,
+    finite_array,
+    positive_definite,
+    positive_semidefinite,
+    read_only,
+    square_matrix,
+)
+from swarmstart.terminal_set.reliability import (
+    RESIDUAL_LIMIT,
+    UnreliableSolutionError,
+    reliable_solution,
+)
+from swarmstart.terminal_set.stability import (
+    CONTINUOUS,
+    SAMPLED,
+    ComplexArray,
+    TimeDomain,
+    require_stabilisable,
+    require_weighted,
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Gain:
+    """A stabilising gain and what belongs to it; all arrays are read-only.
+
+    Attributes:
+        K: Gain of du = -K e, shape (nu, nx).
+        P: Riccati solution: e'Pe is the cost to go, shape (nx, nx), symmetric positive
+            definite.
+        eigenvalues: Of the closed loop A - B K, shape (nx,); 1/s if continuous.
+    """
+
+    K: FloatArray
+    P: FloatArray
+    eigenvalues: ComplexArray
+
+
+def continuous_lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Gain:
+    """Design the gain that minimises int e'Qe + du'R du dt for e' = A e + B du.
+
+    Args:
+        A: System matrix, shape (nx, nx), 1/s.
+        B: Input matrix, shape (nx, nu).
+        Q: State weight, shape (nx, nx), symmetric positive semidefinite.
+        R: Input weight, shape (nu, nu), symmetric positive definite.
+
+    Returns:
+        The gain, its Riccati matrix and the poles of the loop.
+
+    Raises:
+        InvalidShapeError: The sizes of the matrices do not agree.
+        NotFiniteError: A matrix holds NaN or infinity.
+        AsymmetricMatrixError: Q or R is not symmetric.
+        IndefiniteMatrixError: Q or R has an eigenvalue of the wrong sign.
+        NotStabilisableError: No input reaches a mode that does not decay.
+        UnweightedModeError: Q does not see a mode on the boundary of stability.
+        UnreliableSolutionError: The Riccati solution fails a check.
+    """
+    return _design(A, B, Q, R, CONTINUOUS)
+
+
+def sampled_lqr(Ad: ArrayLike, Bd: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Gain:
+    """Design the gain that minimises sum e'Qe + du'R du for e+ = Ad e + Bd du.
+
+    Args:
+        Ad: System matrix of one step, shape (nx, nx).
+        Bd: Input matrix of one step, shape (nx, nu).
+        Q: State weight per step, shape (nx, nx), symmetric positive semidefinite.
+        R: Input weight per step, shape (nu, nu), symmetric positive definite.
+
+    Returns:
+        The gain, its Riccati matrix and the multipliers of the loop.
+
+    Raises:
+        InvalidShapeError: The sizes of the matrices do not agree.
+        NotFiniteError: A matrix holds NaN or infinity.
+        AsymmetricMatrixError: Q or R is not symmetric.
+        IndefiniteMatrixError: Q or R has an eigenvalue of the wrong sign.
+        NotStabilisableError: No input reaches a mode that does not decay.
+        UnweightedModeError: Q does not see a mode on the boundary of stability.
+        UnreliableSolutionError: The Riccati solution fails a check.
+    """
+    return _design(Ad, Bd, Q, R, SAMPLED)
+
+
+def _design(
+    A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, domain: TimeDomain
+) -> Gain:
+    """Check the problem, solve it, check the answer."""
+    A = square_matrix("A", A)
+    B = finite_array("B", B, (len(A), None))
+    Q = positive_semidefinite("Q", Q, len(A))
+    R = positive_definite("R", R, B.shape[1])
+    require_stabilisable(A, B, domain)
+    require_weighted(A, Q, domain)
+
+    equation = f"{domain.name} Riccati"
+    try:
+        K, P = _solve((A, B, Q, R), domain)
+    except np.linalg.LinAlgError as error:
+        quantity = "|residual| / |P|"
+        raise UnreliableSolutionError(
+            equation, quantity, np.inf, RESIDUAL_LIMIT
+        ) from error
+    F = A - B @ K
+    eigenvalues = np.linalg.eigvals(F).astype(np.complex128)
+    largest = float(np.max(domain.growth(eigenvalues)))
+    if not largest < domain.limit:
+        quantity = f"the {domain.measure} of A - B K"
+        raise UnreliableSolutionError(equation, quantity, largest, domain.limit)
+    residual = A.T @ P + P @ F + Q if domain is CONTINUOUS else A.T @ P @ F - P + Q
+    eigenvalues.setflags(write=False)
+    return Gain(
+        K=read_only(K),
+        P=reliable_solution(equation, P, residual),
+        eigenvalues=eigenvalues,
+    )
+
+
+def _solve(
+    matrices: tuple[NDArray[np.float64], ...], domain: TimeDomain
+) -> tuple[FloatArray, FloatArray]:
+    """Ask python-control for K and P; its import takes seconds, so it is here."""
+    import control  # noqa: PLC0415
+
+    solve = control.lqr if domain is CONTINUOUS else control.dlqr
+    K, P, _ = solve(*matrices, method="scipy")
+    return np.array(K, dtype=np.float64), np.array(P, dtype=np.float64)

@@ -1,0 +1,73 @@
+"""The chapter's formation model and the example of Chen and Allgoewer (1998)."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmstart.terminal_set import Reference, linearise
+
+TURN_RATE = np.pi / 18  # 10 deg/s
+
+
+@pytest.fixture(scope="session")
+def formation() -> ca.Function:
+    """Unicycle v' = u, psi' = w, x' = v cos psi, y' = v sin psi."""
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u", 2)
+    xdot = ca.vertcat(u, x[0] * ca.cos(x[1]), x[0] * ca.sin(x[1]))
+    return ca.Function("formation", [x, u], [xdot])
+
+
+@pytest.fixture(scope="session")
+def leader() -> Reference:
+    """A leader that flies 15 m/s along x; bounds of the chapter, section 5.2.4."""
+    return leader_at(0.0)
+
+
+@pytest.fixture(scope="session")
+def turned_leader() -> Reference:
+    """The same leader on the heading of the second experiment."""
+    return leader_at(np.pi / 4)
+
+
+def leader_at(heading: float) -> Reference:
+    return Reference(
+        x_ref=np.array([15.0, heading, 0.0, 0.0]),
+        u_ref=np.zeros(2),
+        u_lower=np.array([-5.0, -TURN_RATE]),
+        u_upper=np.array([5.0, TURN_RATE]),
+    )
+
+
+@pytest.fixture(scope="session")
+def matrices(
+    formation: ca.Function, leader: Reference
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A and B of the formation model."""
+    return linearise(formation, leader.x_ref, leader.u_ref)
+
+
+@pytest.fixture(scope="session")
+def printed_p() -> NDArray[np.float64]:
+    """P as printed in section 5.2.4."""
+    P = np.diag([0.0596, 0.0596, 0.0129, 0.0129])
+    P[[0, 1, 2, 3], [2, 3, 0, 1]] = -0.0063
+    return P
+
+
+@pytest.fixture(scope="session")
+def chen() -> tuple[ca.Function, Reference]:
+    """The example of Chen and Allgoewer, mu = 0.5, |u| <= 2."""
+    x, u, mu = ca.SX.sym("x", 2), ca.SX.sym("u"), 0.5
+    xdot = ca.vertcat(
+        x[1] + u * (mu + (1 - mu) * x[0]), x[0] + u * (mu - 4 * (1 - mu) * x[1])
+    )
+    reference = Reference(
+        x_ref=np.zeros(2),
+        u_ref=np.zeros(1),
+        u_lower=np.array([-2.0]),
+        u_upper=np.array([2.0]),
+    )
+    return ca.Function("chen", [x, u], [xdot]), reference

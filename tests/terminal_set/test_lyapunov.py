@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmstart.terminal_set import (
+    IndefiniteMatrixError,
+    InvalidShapeError,
+    NotFiniteError,
+    UnreliableSolutionError,
+    UnstableLoopError,
+    continuous_lqr,
+    continuous_lyapunov,
+    hold,
+    literal_lyapunov,
+    sampled_lqr,
+    sampled_lyapunov,
+)
+
+Matrices = tuple[NDArray[np.float64], NDArray[np.float64]]
+I2, I4 = np.eye(2), np.eye(4)
+
+
+def test_the_riccati_matrix_is_the_lyapunov_matrix_of_its_loop(
+    matrices: Matrices,
+) -> None:
+    for (A, B), design, solve in [
+        (matrices, continuous_lqr, continuous_lyapunov),
+        (hold(*matrices, 1.0), sampled_lqr, sampled_lyapunov),
+    ]:
+        gain = design(A, B, I4, I2)
+        P = solve(A - B @ gain.K, I4 + gain.K.T @ gain.K)
+        np.testing.assert_allclose(P, gain.P, rtol=1e-12, atol=1e-12)
+
+
+def test_the_printed_equation_is_that_of_the_transposed_loop(
+    matrices: Matrices,
+) -> None:
+    A, B = matrices
+    K = continuous_lqr(A, B, I4, I2).K
+    F, Q = A - B @ K, I4 + K.T @ K
+    P = literal_lyapunov(F, Q)
+    assert P[3, 3] == pytest.approx(49.22, abs=0.01)
+    assert P[1, 3] == pytest.approx(-0.0667, abs=1e-4)
+    np.testing.assert_allclose(F @ P + P @ F.T, -Q, atol=1e-12)
+    # So e'Pe grows somewhere along the loop it is meant for.
+    assert np.linalg.eigvalsh(F.T @ P + P @ F)[-1] > 1.0
+
+
+def test_the_value_falls_by_the_weight_along_the_loop() -> None:
+    rng = np.random.default_rng(1)
+    F, Q = rng.normal(size=(3, 3)), np.diag([1.0, 2.0, 3.0])
+    F *= 0.9 / np.max(np.abs(np.linalg.eigvals(F)))
+    P = sampled_lyapunov(F, Q)
+    e = rng.normal(size=3)
+    assert e @ P @ e - F @ e @ P @ (F @ e) == pytest.approx(e @ Q @ e, rel=1e-12)
+
+
+def test_an_unstable_loop_is_refused_with_its_growth() -> None:
+    message = r"largest real part is 0\.25, allowed is less than -1e-09"
+    with pytest.raises(UnstableLoopError, match=message) as caught:
+        continuous_lyapunov([[0.25, 1.0], [0.0, -1.0]], I2)
+    np.testing.assert_allclose(np.sort(caught.value.eigenvalues.real), [-1, 0.25])
+    with pytest.raises(UnstableLoopError, match=r"spectral radius is 1,"):
+        sampled_lyapunov(-I2, I2)
+    with pytest.raises(UnstableLoopError, match="real part is 0,"):
+        literal_lyapunov(0 * I2, I2)
+
+
+def test_a_weight_that_leaves_a_direction_free_gives_no_lyapunov_matrix() -> None:
+    with pytest.raises(UnreliableSolutionError, match="smallest eigenvalue of P is 0"):
+        continuous_lyapunov(-I2, np.diag([1.0, 0.0]))
+
+
+def test_arrays_of_the_wrong_kind_are_refused() -> None:
+    with pytest.raises(IndefiniteMatrixError, match="Q must be positive semidefinite"):
+        sampled_lyapunov(0.5 * I2, -I2)
+    with pytest.raises(InvalidShapeError, match=r"Q must have shape \(2, 2\)"):
+        continuous_lyapunov(-I2, I4)
+    with pytest.raises(NotFiniteError, match="F must hold finite real numbers"):
+        literal_lyapunov(np.nan * I2, I2)
