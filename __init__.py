@@ -1,3 +1,101 @@
-"""swarmstart: warm starts for nonlinear optimal control by population search."""
+"""swarmstart: warm starts for nonlinear optimal control by population search.
+
+Public names are imported when first used, so that the command line stays quick.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from swarmstart.errors import SwarmstartError
+    from swarmstart.heuristics import (
+        Budget,
+        ChaoticPSO,
+        DifferentialEvolution,
+        GeneticAlgorithm,
+        ParticleSwarm,
+        RandomSearch,
+        feasibility_first,
+        static_penalty,
+    )
+    from swarmstart.ocp import (
+        Agent,
+        Bounds,
+        DualMode,
+        IpoptOptions,
+        Model,
+        OptimalControlProblem,
+        PathConstraint,
+        Planner,
+        Plant,
+        RecedingHorizon,
+        SearchSettings,
+        Separation,
+        Solution,
+        SolutionStatus,
+        Team,
+        TerminalConstraint,
+        Trajectory,
+        disc,
+        simulate,
+        solve,
+    )
+    from swarmstart.terminal_set import Reference, TerminalSet, sampled_terminal_set
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "Agent",
+    "Bounds",
+    "Budget",
+    "ChaoticPSO",
+    "DifferentialEvolution",
+    "DualMode",
+    "GeneticAlgorithm",
+    "IpoptOptions",
+    "Model",
+    "OptimalControlProblem",
+    "ParticleSwarm",
+    "PathConstraint",
+    "Planner",
+    "Plant",
+    "RandomSearch",
+    "RecedingHorizon",
+    "Reference",
+    "SearchSettings",
+    "Separation",
+    "Solution",
+    "SolutionStatus",
+    "SwarmstartError",
+    "Team",
+    "TerminalConstraint",
+    "TerminalSet",
+    "Trajectory",
+    "disc",
+    "feasibility_first",
+    "sampled_terminal_set",
+    "simulate",
+    "solve",
+    "static_penalty",
+]
+
+_HOMES = (
+    "swarmstart.errors",
+    "swarmstart.ocp",
+    "swarmstart.heuristics",
+    "swarmstart.terminal_set",
+)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used."""
+    if name in __all__:
+        for home in map(importlib.import_module, _HOMES):
+            if hasattr(home, name):
+                return getattr(home, name)
+    raise AttributeError(f"module 'swarmstart' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted([*globals(), *__all__])

@@ -49,10 +49,28 @@ POLISHES = {
     "none": "no polish",
 }
 
-KINDS = {"formation_flight": "swarmstart.cases.formation:KIND"}
+
+class KindEntry(NamedTuple):
+    """A kind of scenario as the registry knows it.
+
+    Attributes:
+        kind: Where its Kind is.
+        measures: Where the names of its measures are, with what they mean.
+    """
+
+    kind: str
+    measures: str
 
 
-def load(where: str) -> Any:  # noqa: ANN401 - whatever the registry names
+KINDS = {
+    "formation_flight": KindEntry(
+        "swarmstart.cases.formation.kind:KIND",
+        "swarmstart.cases.formation.names:MEASURES",
+    )
+}
+
+
+def load(where: str) -> Any:
     """Return the attribute that a "module:attribute" string names."""
     module, _, attribute = where.partition(":")
     return getattr(importlib.import_module(module), attribute)

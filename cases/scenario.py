@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import importlib.resources
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,7 +67,11 @@ class InvalidScenarioError(SwarmstartError, ValueError):
     def __init__(self, flaws: Sequence[Flaw]) -> None:
         """Keep the flaws, sorted by their places."""
         self.flaws = tuple(sorted(flaws, key=lambda flaw: flaw.place))
-        super().__init__("\n".join(map(str, self.flaws)))
+        super().__init__(self.flaws)
+
+    def __str__(self) -> str:
+        """Say everything, a line each."""
+        return "\n".join(map(str, self.flaws))
 
 
 class UnknownScenarioError(SwarmstartError, LookupError):
@@ -97,7 +101,7 @@ def shipped() -> dict[str, Path]:
     return {Path(f.name).stem: Path(str(f)) for f in sorted_files(folder)}
 
 
-def sorted_files(folder: Any) -> list[Any]:  # noqa: ANN401 - a Traversable
+def sorted_files(folder: Any) -> list[Any]:
     """Return the YAML files of a folder by name."""
     return sorted(
         (f for f in folder.iterdir() if f.name.endswith(".yaml")), key=lambda f: f.name
@@ -131,13 +135,21 @@ def read_document(name_or_path: str) -> Document:
 
 
 def resolve(
-    document: Document, *, variant: str | None = None, assignments: Sequence[str] = ()
+    document: Document,
+    *,
+    variant: str | None = None,
+    search: str | None = None,
+    polish: str | None = None,
+    assignments: Sequence[str] = (),
 ) -> Resolved:
     """Lay the variant and the assignments over a scenario and check the result.
 
     Args:
         document: The scenario as read.
         variant: The variant's name; None means corrected, where there are variants.
+        search: The search's name, with its defaults; the scenario's own settings where
+            it is the scenario's own search. None means the scenario's.
+        polish: The polish's name; None means the scenario's.
         assignments: "key.path=value", applied in order.
 
     Raises:
@@ -145,6 +157,10 @@ def resolve(
         InvalidScenarioError: With everything that is wrong.
     """
     document, name = _with_variant(document, variant)
+    if search is not None and _value(document, ("search", "name")) != search:
+        document = assign(document, "search", f"{{name: {search}}}", name="--search")
+    if polish is not None:
+        document = assign(document, "polish", polish, name="--polish")
     for text in assignments:
         document = assign(document, *split_assignment(text))
     document = _without(document, "variants")
@@ -182,10 +198,16 @@ def _with_variant(document: Document, variant: str | None) -> tuple[Document, st
     return overlay(document, ("variants", name)), name
 
 
+def _value(document: Document, path: Sequence[str]) -> object:
+    """Return the value at a path; None where there is none."""
+    value: Any = document.data
+    for part in path:
+        value = value.get(part) if isinstance(value, dict) else None
+    return value
+
+
 def _without(document: Document, key: str) -> Document:
     """Return the document without a top-level key."""
-    from dataclasses import replace
-
     content = document.root.content
     if not isinstance(content, dict) or key not in content:
         return document
@@ -201,7 +223,7 @@ def _kind(document: Document) -> Kind:
         what = f"expected kind: one of {', '.join(KINDS)}; found {found}"
         path = ("kind",) if kind is not None else ()
         raise InvalidScenarioError([_flaw(document, path, what)])
-    found_kind: Kind = load(KINDS[str(kind)])
+    found_kind: Kind = load(KINDS[str(kind)].kind)
     return found_kind
 
 
@@ -246,7 +268,7 @@ def _described(
     return _flaw(document, path, f"{dotted} {message}, found {_shown(value)}")
 
 
-def _path_in(data: Any, loc: Sequence[str | int]) -> tuple[str | int, ...]:  # noqa: ANN401
+def _path_in(data: Any, loc: Sequence[str | int]) -> tuple[str | int, ...]:
     """Return pydantic's location without what is not in the data: tags of unions.
 
     The last part of a missing key is not in the data either, and is kept.
@@ -266,7 +288,7 @@ def _path_in(data: Any, loc: Sequence[str | int]) -> tuple[str | int, ...]:  # n
 def _known_keys(
     model: type[Any],
     data: Any,
-    path: Sequence[str | int],  # noqa: ANN401
+    path: Sequence[str | int],
 ) -> list[str]:
     """Return the keys a mapping at a path may have, as far as the schema tells."""
     schema = model.model_json_schema(by_alias=True)
@@ -279,7 +301,7 @@ def _known_keys(
     return list(node.get("properties", {}))
 
 
-def _resolved(schema: Any, node: Any, data: Any) -> Any:  # noqa: ANN401
+def _resolved(schema: Any, node: Any, data: Any) -> Any:
     """Return the schema of a node behind references and choices by name."""
     if "discriminator" in node and isinstance(data, dict):
         node = {"$ref": node["discriminator"]["mapping"].get(data.get("name"), "")}

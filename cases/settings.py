@@ -155,7 +155,7 @@ class SearchPart(Part):
         return settings
 
 
-def _yaml_type(hint: Any) -> Any:  # noqa: ANN401 - type hints are of any type
+def _yaml_type(hint: Any) -> Any:
     """Return the type that a key of a scenario has for a setting's type hint."""
     if hint is float:
         return Number

@@ -77,7 +77,7 @@ class OptimalControlProblem:
     signals: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     quadrature: Literal["integral", "left"] = "integral"
     integrator: str = "rk4"
-    substeps: int = 1
+    substeps: int = 4
     checks: int = 1
     tolerance: float = 1e-6
 

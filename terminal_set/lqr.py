@@ -145,7 +145,7 @@ def _solve(
     matrices: tuple[NDArray[np.float64], ...], domain: TimeDomain
 ) -> tuple[FloatArray, FloatArray]:
     """Ask python-control for K and P; its import takes seconds, so it is here."""
-    import control  # noqa: PLC0415
+    import control
 
     solve = control.lqr if domain is CONTINUOUS else control.dlqr
     K, P, _ = solve(*matrices, method="scipy")

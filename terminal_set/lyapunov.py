@@ -45,7 +45,7 @@ def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> FloatArray:
     F = square_matrix("F", F)
     Q = positive_semidefinite("Q", Q, len(F))
     require_stable(F, CONTINUOUS)
-    import control  # noqa: PLC0415  (takes seconds)
+    import control
 
     P = np.array(control.lyap(F.T, Q, method="scipy"), dtype=np.float64)
     return reliable_solution("continuous Lyapunov", P, F.T @ P + P @ F + Q)
@@ -72,7 +72,7 @@ def sampled_lyapunov(F: ArrayLike, Q: ArrayLike) -> FloatArray:
     F = square_matrix("F", F)
     Q = positive_semidefinite("Q", Q, len(F))
     require_stable(F, SAMPLED)
-    import control  # noqa: PLC0415  (takes seconds)
+    import control
 
     P = np.array(control.dlyap(F.T, Q, method="scipy"), dtype=np.float64)
     return reliable_solution("sampled Lyapunov", P, F.T @ P @ F - P + Q)

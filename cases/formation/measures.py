@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.formation.build import FormationFlight
+from swarmstart.cases.formation.names import MEASURES
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.kind import Measure
 from swarmstart.cases.models.unicycle import POSITION
@@ -21,35 +22,6 @@ SETTLED_M = 1.0
 TAIL_S = 10.0
 # Below it e'Pe is the noise of floating point: it stalls at about 1e-25.
 SMALLEST_LYAPUNOV = 1e-12
-
-MEASURES = {
-    "settle_time_s": "first control instant after which max(|dx|, |dy|) <= 1 m for every "
-    "UAV until the end; null if never",
-    "tail_error_m": "largest max(|dx|, |dy|) over the UAVs in the last 10 s",
-    "tail_error_by_uav_m": "the same for each UAV",
-    "lone_failure": "number of the UAV that alone is off by more than 1 m in the last "
-    "10 s; 0 if none or several are",
-    "closed_loop_cost": "sum of e'e + u'u over steps and UAVs",
-    "min_distance_m": "smallest distance of two UAVs at the plant's steps",
-    "min_distance_sampled_m": "the same at the control instants",
-    "obstacle_clearance_m": "smallest distance to an obstacle's edge at the plant's "
-    "steps, negative inside",
-    "obstacle_clearance_sampled_m": "the same at the control instants",
-    "speed_min_m_s": "smallest speed of a UAV",
-    "speed_max_m_s": "largest speed of a UAV",
-    "terminal_exits": "control instants at which a UAV has left its terminal set during "
-    "a linear step",
-    "linear_steps": "steps flown under the linear law",
-    "lyapunov_ratio_max": "largest ratio of e'Pe after a linear step to before it, while "
-    "above 1e-12; null without one",
-    "held_spectral_radius": "spectral radius of the linear law, its input held",
-    "input_excess_ratio": "largest |K e| over the terminal set, divided by its bound",
-    "terminal_level": "alpha of the terminal set",
-    "infeasible_steps": "steps at which some UAV found no feasible plan",
-    "evaluations": "trajectories evaluated by searches and polishes",
-    "step_seconds_median": "median wall time of a decision of all UAVs [s]",
-    "step_seconds_max": "largest wall time of a decision of all UAVs [s]",
-}
 
 
 def measure(

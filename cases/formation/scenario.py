@@ -61,7 +61,7 @@ class Vehicle(Part):
 
 
 class Uav(Part):
-    """One UAV: where it starts, and its slot relative to the leader, axes not turned."""
+    """One UAV: its start, and its slot relative to the leader, in axes not turned."""
 
     start: PlanarState
     slot: Point
@@ -208,7 +208,7 @@ class FormationScenario(Scenario):
                 )
 
 
-def _matrix_problems(needed: bool, P: Matrix | None) -> Iterator[Problem]:  # noqa: FBT001
+def _matrix_problems(needed: bool, P: Matrix | None) -> Iterator[Problem]:
     """Yield what is wrong with a 4 x 4 matrix that a design needs, or does not."""
     if not needed:
         return

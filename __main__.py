@@ -1,0 +1,7 @@
+"""`python -m swarmstart` is the command line."""
+
+import sys
+
+from swarmstart.cases.cli import main
+
+sys.exit(main())

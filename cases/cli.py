@@ -1,0 +1,215 @@
+"""The command line: `swarmstart run | list | check | schema`.
+
+Exit codes: 0 done; 1 internal error; 2 wrong usage or invalid input; 3 ran, but a gate
+failed; 4 no feasible solution; 5 a file could not be read or written; 130 interrupted,
+finished work kept.
+
+Everything heavy is imported by the command that needs it.
+"""
+
+import argparse
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import NoReturn
+
+from swarmstart.cases.registry import POLISHES, SEARCHES
+from swarmstart.errors import SwarmstartError
+
+DONE, INTERNAL, INVALID, GATE, INFEASIBLE, FILE, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
+
+_EPILOG = """exit codes: 0 done, 1 internal error, 2 invalid input, 3 a gate failed,
+4 no feasible solution, 5 a file could not be read or written, 130 interrupted"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command.
+
+    Args:
+        arguments: The command line without the program's name; None means sys.argv's.
+
+    Returns:
+        The exit code.
+    """
+    signal.signal(signal.SIGTERM, _interrupt)
+    options = parser().parse_args(arguments)
+    command: Callable[[argparse.Namespace], int] = options.command
+    try:
+        code = command(options)
+        sys.stdout.flush()
+    except KeyboardInterrupt as interrupt:
+        _say(f"interrupted{': ' if interrupt.args else ''}{interrupt}")
+        return INTERRUPTED
+    except BrokenPipeError:  # The reader of our output has gone; nobody to tell.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except Exception as error:  # noqa: BLE001 - the last resort of a command line
+        if options.debug:
+            traceback.print_exc()
+        return _reported(error)
+    return code
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    top = argparse.ArgumentParser(
+        prog="swarmstart",
+        description="Warm starts for nonlinear optimal control by population search.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("--version", action=_Version, nargs=0, help="versions that matter")
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--debug", action="store_true", help="show tracebacks")
+    commands = top.add_subparsers(required=True, metavar="COMMAND")
+    _add_run(commands.add_parser("run", help="fly one scenario", parents=[common]))
+
+    listing = commands.add_parser(
+        "list", help="scenarios, searches, measures", parents=[common]
+    )
+    listing.add_argument("--json", action="store_true", help="one JSON object")
+    listing.set_defaults(command=_list)
+
+    check = commands.add_parser(
+        "check", help="is this scenario valid: every error at once", parents=[common]
+    )
+    check.add_argument("scenarios", nargs="+", metavar="SCENARIO")
+    check.set_defaults(command=_check)
+
+    about = "JSON Schema of the scenario format, for editors"
+    schema = commands.add_parser("schema", help=about, parents=[common])
+    schema.add_argument("kind", nargs="?", default="formation_flight")
+    schema.set_defaults(command=_schema)
+    return top
+
+
+def _add_run(run: argparse.ArgumentParser) -> None:
+    run.add_argument("scenario", metavar="SCENARIO", help="a shipped name or a path")
+    run.add_argument("--variant", metavar="NAME", help="literal or corrected (default)")
+    run.add_argument("--search", choices=[*SEARCHES], help="instead of the scenario's")
+    run.add_argument("--polish", choices=[*POLISHES], help="instead of the scenario's")
+    run.add_argument("--seed", type=_seed, default=0, metavar="N", help="default: 0")
+    run.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY.PATH=VALUE",
+        dest="assignments",
+        help="change one value of the scenario; may be given several times",
+    )
+    run.add_argument("--out", metavar="DIR", help="default: results/<scenario>/<key>")
+    run.add_argument("--no-figures", action="store_true", help="do not draw")
+    run.add_argument("--animation", choices=["gif", "mp4"], help="animate the flight")
+    run.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    run.add_argument("-q", "--quiet", action="store_true", help="no progress")
+    run.add_argument(
+        "--fail-on",
+        action="append",
+        default=[],
+        metavar="'MEASURE > NUMBER'",
+        help="exit with 3 where this holds; may be given several times",
+    )
+    run.add_argument(
+        "--print-config", action="store_true", help="print the resolved scenario"
+    )
+    run.set_defaults(command=_run)
+
+
+class _Version(argparse.Action):
+    """Print the versions that matter and leave."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import version
+
+        ours = version("swarmstart")
+        others = ("casadi", "numpy", "numba", "scipy", "control")
+        listed = ", ".join(f"{name} {version(name)}" for name in others)
+        python = ".".join(map(str, sys.version_info[:3]))
+        parser.exit(DONE, f"swarmstart {ours} (Python {python}, {listed})\n")
+
+
+def _run(options: argparse.Namespace) -> int:
+    from swarmstart.cases.run_command import run_command
+
+    return run_command(options)
+
+
+def _list(options: argparse.Namespace) -> int:
+    from swarmstart.cases.listing import print_listing
+
+    print_listing(as_json=options.json)
+    return DONE
+
+
+def _check(options: argparse.Namespace) -> int:
+    from swarmstart.cases.checking import check
+
+    worst = DONE
+    for name in options.scenarios:
+        try:
+            print(check(name))  # noqa: T201 - the command's answer
+        except SwarmstartError as error:
+            worst = max(worst, _reported(error))
+    return worst
+
+
+def _schema(options: argparse.Namespace) -> int:
+    import json
+
+    from swarmstart.cases.registry import KINDS
+
+    if options.kind not in KINDS:
+        _say(f"expected KIND to be one of {', '.join(KINDS)}, found {options.kind!r}")
+        return INVALID
+    from swarmstart.cases.schema import scenario_schema
+
+    print(json.dumps(scenario_schema(options.kind), indent=2))  # noqa: T201
+    return DONE
+
+
+def _seed(text: str) -> int:
+    """Return a seed: a whole number from 0."""
+    if not text.isdecimal() or len(text) > 18:  # noqa: PLR2004 - fits 64 bits
+        raise argparse.ArgumentTypeError(
+            f"expected a whole number from 0 to 10^18, found {text!r}"
+        )
+    return int(text)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    """Treat a request to terminate as Ctrl-C: finished work is kept."""
+    raise KeyboardInterrupt
+
+
+def _say(text: str) -> None:
+    print(f"swarmstart: {text}", file=sys.stderr)  # noqa: T201 - all talk goes there
+
+
+def _reported(error: Exception) -> int:
+    """Tell an error in one message and return its exit code."""
+    from swarmstart.cases.record import RecordError
+    from swarmstart.cases.scenario import InvalidScenarioError
+    from swarmstart.cases.yaml_reader import UnreadableFileError, YamlError
+
+    if isinstance(error, InvalidScenarioError):
+        for flaw in error.flaws:
+            _say_with_frame(str(flaw), flaw.frame)
+        return INVALID
+    if isinstance(error, YamlError):
+        _say_with_frame(str(error), error.frame)
+        return INVALID
+    if isinstance(error, UnreadableFileError | RecordError):
+        _say(str(error))
+        return FILE
+    if isinstance(error, SwarmstartError):
+        _say(str(error))
+        return INVALID
+    _say(f"internal error: {type(error).__name__}: {error} (--debug shows where)")
+    return INTERNAL
+
+
+def _say_with_frame(text: str, frame: str) -> None:
+    print("\n".join(filter(None, (text, frame))), file=sys.stderr)  # noqa: T201

@@ -1,0 +1,281 @@
+"""Figures of a formation flight, after the chapter's Figs. 5.9-5.12.
+
+(a) tracks in the plane, the leader "o" and the UAVs triangles; (b)-(e) relative speed,
+heading, x and y against time. Beside them what the chapter does not show: distances
+and obstacle clearance between the samples, and the terminal set.
+"""
+
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.formation.build import FormationFlight, leader_positions
+from swarmstart.cases.formation.measures import (
+    by_uav,
+    clearances,
+    errors,
+    linear_mask,
+    lyapunov,
+    pair_distances,
+)
+from swarmstart.cases.formation.scenario import FormationScenario
+from swarmstart.cases.record import write_atomically
+from swarmstart.ocp import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+# Colours that people with colour-blindness can tell apart (Okabe and Ito, 2008).
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MARKS = 6
+BEGINNING_S = 20.0
+# A clearance far above the limit says nothing: the panel ends here, in metres.
+FAR_M = 40.0
+
+RELATIVE = (
+    ("speed", "v - v$_L$ [m/s]"),
+    ("heading", r"$\psi$ - $\psi_L$ [rad]"),
+    ("x", "x - slot [m]"),
+    ("y", "y - slot [m]"),
+)
+
+
+def draw(
+    scenario: FormationScenario,
+    flight: FormationFlight,
+    trajectory: Trajectory,
+    folder: Path,
+) -> list[Path]:
+    """Draw all figures of a flight.
+
+    Args:
+        scenario: The scenario.
+        flight: What was flown.
+        trajectory: The flight.
+        folder: Where the PNG files go; made where it is missing.
+
+    Returns:
+        The files, in the order of the chapter's panels.
+    """
+    figures = [
+        ("a_tracks", tracks_figure(scenario, flight, trajectory)),
+        *[
+            (f"{letter}_relative_{name}", relative_figure(flight, trajectory, row))
+            for row, (letter, (name, _)) in enumerate(
+                zip("bcde", RELATIVE, strict=True)
+            )
+        ],
+        ("f_distances", distances_figure(scenario, flight, trajectory)),
+        ("g_terminal_set", terminal_set_figure(flight, trajectory)),
+    ]
+    files = []
+    for name, figure in figures:
+        file = folder / f"{name}.png"
+        write_atomically(file, functools.partial(figure.savefig, format="png"))
+        files.append(file)
+    return files
+
+
+def new_figure(size: tuple[float, float] = (7.0, 4.0)) -> "Figure":
+    """Return an empty figure that no global state knows of."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=size, dpi=110, layout="constrained")
+
+
+def colour(number: int) -> str:
+    """Return the colour of a UAV; seven, then round again."""
+    return COLOURS[number % len(COLOURS)]
+
+
+def tracks_figure(
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> "Figure":
+    """Return (a): tracks in the plane; the whole flight, and its beginning to scale."""
+    figure = new_figure((9.0, 8.0))
+    whole, beginning = figure.subplots(2, 1, height_ratios=(2, 3))
+    until = min(BEGINNING_S, float(trajectory.times[-1]))
+    _tracks(whole, scenario, flight, trajectory, float(trajectory.times[-1]))
+    _tracks(beginning, scenario, flight, trajectory, until)
+    beginning.set_aspect("equal", adjustable="datalim")
+    whole.set_title(scenario.title)
+    beginning.set_title(f"the first {until:g} s, to scale")
+    _uav_legend(beginning, flight.agents)
+    return figure
+
+
+def _tracks(
+    axes: "Axes",
+    scenario: FormationScenario,
+    flight: FormationFlight,
+    trajectory: Trajectory,
+    until: float,
+) -> None:
+    """Draw tracks up to a time, the formation marked at five instants or so."""
+    kept = trajectory.dense_times <= until + 1e-9
+    times = trajectory.dense_times[kept]
+    dense = by_uav(flight, trajectory.dense_states[:, kept])
+    leader = leader_positions(scenario, times)
+    axes.plot(*leader, color="0.6", linestyle=":", linewidth=1)
+    for number, states in enumerate(dense):
+        axes.plot(states[2], states[3], color=colour(number), linewidth=1)
+    for instant in np.linspace(0.0, times[-1], MARKS):
+        _formation(axes, scenario, dense, times, float(instant))
+    _obstacles(axes, scenario)
+    axes.set(xlabel="x [m]", ylabel="y [m]")
+
+
+def _formation(
+    axes: "Axes",
+    scenario: FormationScenario,
+    dense: Array,
+    times: Array,
+    instant: float,
+) -> None:
+    """Mark leader and UAVs at an instant, the triangles pointing where they fly."""
+    k = int(np.argmin(np.abs(times - instant)))
+    leader = leader_positions(scenario, times[k : k + 1])[:, 0]
+    axes.plot(*leader, marker="o", color="black", markersize=7, fillstyle="none")
+    for number, states in enumerate(dense[:, :, k]):
+        axes.plot(
+            states[2],
+            states[3],
+            marker=_arrowhead(float(states[1])),
+            color=colour(number),
+            markersize=11,
+            linestyle="none",
+        )
+
+
+def _arrowhead(heading: float) -> Array:
+    """Return a triangle that points along a heading [rad], shape (4, 2)."""
+    along = np.array([np.cos(heading), np.sin(heading)])
+    across = np.array([-along[1], along[0]])
+    tip, left = along, -0.7 * along + 0.55 * across
+    right = -0.7 * along - 0.55 * across
+    return np.array([tip, left, right, tip])
+
+
+def _obstacles(axes: "Axes", scenario: FormationScenario) -> None:
+    from matplotlib.patches import Circle
+
+    for obstacle in scenario.obstacles:
+        axes.add_patch(
+            Circle(
+                (obstacle.x_m, obstacle.y_m),
+                obstacle.radius_m,
+                facecolor="0.85",
+                edgecolor="0.4",
+            )
+        )
+
+
+def _uav_legend(axes: "Axes", agents: int) -> None:
+    from matplotlib.lines import Line2D
+
+    handles: list[Any] = [
+        Line2D([], [], marker="o", color="black", fillstyle="none", linestyle="none")
+    ]
+    handles += [Line2D([], [], marker="^", color=colour(i)) for i in range(agents)]
+    labels = ["leader", *[f"UAV {i + 1}" for i in range(agents)]]
+    axes.legend(handles, labels, fontsize="small", ncols=2 if agents > 5 else 1)  # noqa: PLR2004
+
+
+def relative_figure(
+    flight: FormationFlight, trajectory: Trajectory, row: int
+) -> "Figure":
+    """Return (b)-(e): one relative state of every UAV against time."""
+    figure = new_figure()
+    axes = figure.add_subplot()
+    deviations = errors(flight, trajectory.dense_times, trajectory.dense_states)
+    for number, deviation in enumerate(deviations):
+        axes.plot(
+            trajectory.dense_times,
+            deviation[row],
+            color=colour(number),
+            linewidth=1.2,
+            label=f"UAV {number + 1}",
+        )
+    axes.axhline(0.0, color="0.6", linewidth=0.8)
+    _shade_linear(axes, trajectory)
+    axes.set(xlabel="time [s]", ylabel=RELATIVE[row][1])
+    axes.legend(fontsize="small")
+    return figure
+
+
+def _shade_linear(axes: "Axes", trajectory: Trajectory) -> None:
+    """Shade the steps flown under the linear law."""
+    linear, times = linear_mask(trajectory), trajectory.times
+    labelled = False
+    for k in np.flatnonzero(linear):
+        label = None if labelled else "linear law"
+        axes.axvspan(times[k], times[k + 1], color="0.93", linewidth=0, label=label)
+        labelled = True
+
+
+def distances_figure(
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> "Figure":
+    """Return (f): smallest distance and clearance between the samples, and at them."""
+    series: list[tuple[str, float, list[tuple[Array, Array]]]] = []
+    grids = [
+        (trajectory.dense_times, trajectory.dense_states),
+        (trajectory.times, trajectory.states),
+    ]
+    if flight.agents > 1:
+        limit = scenario.avoidance.safe_distance_m
+        distances = [(t, pair_distances(flight, x).min(axis=0)) for t, x in grids]
+        series.append(("smallest distance of two UAVs [m]", limit, distances))
+    if scenario.obstacles:
+        rooms = [(t, clearances(scenario, flight, x).min(axis=0)) for t, x in grids]
+        series.append(("smallest clearance of the obstacles [m]", 0.0, rooms))
+    figure = new_figure((7.0, 0.8 + 2.8 * max(len(series), 1)))
+    panels = figure.subplots(max(len(series), 1), 1, squeeze=False)[:, 0]
+    for axes, (label, limit, values) in zip(panels, series, strict=False):
+        (dense_times, dense), (times, sampled) = values
+        axes.plot(dense_times, dense, color=COLOURS[0], linewidth=1.2, label="flown")
+        axes.plot(
+            times, sampled, ".", color=COLOURS[1], label="at the control instants"
+        )
+        axes.axhline(limit, color="0.3", linestyle="--", linewidth=1, label="limit")
+        axes.fill_between(
+            dense_times, limit, dense, where=dense < limit, color=COLOURS[1], alpha=0.4
+        )
+        axes.set(ylabel=label)
+        axes.set_ylim(top=min(axes.get_ylim()[1], limit + FAR_M))
+        axes.legend(fontsize="small")
+    panels[-1].set_xlabel("time [s]")
+    return figure
+
+
+def terminal_set_figure(flight: FormationFlight, trajectory: Trajectory) -> "Figure":
+    """Return (g): e'Pe of every UAV against the level of the terminal set."""
+    figure = new_figure()
+    axes = figure.add_subplot()
+    values = np.maximum(lyapunov(flight, trajectory), 1e-14)
+    for number, value in enumerate(values):
+        axes.semilogy(
+            trajectory.times,
+            value,
+            color=colour(number),
+            linewidth=1.2,
+            label=f"UAV {number + 1}",
+        )
+    level = flight.terminal_set.alpha
+    axes.axhline(
+        level, color="0.3", linestyle="--", linewidth=1, label=f"alpha = {level:.3g}"
+    )
+    _shade_linear(axes, trajectory)
+    axes.set(
+        xlabel="time [s]",
+        ylabel="e'Pe",
+        title=f"Terminal set, {flight.terminal_set.design} design",
+    )
+    axes.legend(fontsize="small")
+    return figure

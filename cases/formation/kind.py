@@ -1,0 +1,19 @@
+"""Formation flight as the commands run it."""
+
+from swarmstart.cases.formation.animation import animate
+from swarmstart.cases.formation.build import build
+from swarmstart.cases.formation.figures import draw
+from swarmstart.cases.formation.measures import measure
+from swarmstart.cases.formation.names import MEASURES
+from swarmstart.cases.formation.scenario import FormationScenario
+from swarmstart.cases.kind import Kind
+
+KIND = Kind(
+    scenario=FormationScenario,
+    build=build,
+    measure=measure,
+    measures=MEASURES,
+    problems=FormationScenario.problems,
+    figures=draw,
+    animate=animate,
+)

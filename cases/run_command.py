@@ -1,0 +1,152 @@
+"""`swarmstart run`: one scenario flown, told, and judged."""
+
+import argparse
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from swarmstart.cases.claims import holds
+from swarmstart.cases.cli import DONE, GATE, INFEASIBLE
+from swarmstart.cases.kind import Measure
+from swarmstart.cases.progress import Progress
+from swarmstart.cases.record import to_json
+from swarmstart.cases.run import Run, default_folder, run
+from swarmstart.cases.scenario import Resolved, read_document, resolve
+from swarmstart.errors import SwarmstartError
+
+RESULTS = Path("results")
+_CONDITION = re.compile(r"\s*([a-z_0-9]+)\s*(<=|>=|==|<|>)\s*(\S+)\s*")
+
+
+class InvalidConditionError(SwarmstartError, ValueError):
+    """What follows --fail-on is no condition on a measure."""
+
+
+def run_command(options: argparse.Namespace) -> int:
+    """Run the scenario that the options name; return the exit code."""
+    resolved = resolve(
+        read_document(options.scenario),
+        variant=options.variant,
+        search=options.search,
+        polish=options.polish,
+        assignments=options.assignments,
+    )
+    conditions = [_condition(text, resolved) for text in options.fail_on]
+    if options.print_config:
+        text = yaml.safe_dump(
+            dict(resolved.settings), sort_keys=False, allow_unicode=True
+        )
+        _tell(text.rstrip())
+        return DONE
+    default = default_folder(resolved, options.seed, RESULTS)
+    folder = Path(options.out) if options.out else default
+    with Progress(resolved.scenario.name, quiet=options.quiet) as progress:
+        finished = run(
+            resolved,
+            seed=options.seed,
+            folder=folder,
+            figures=not options.no_figures,
+            animation=options.animation,
+            progress=progress.update,
+        )
+    _tell(to_json(finished.summary()) if options.json else _report(finished))
+    return _exit_code(finished, conditions)
+
+
+def _tell(text: str) -> None:
+    print(text)  # noqa: T201 - the command's answer
+
+
+def _condition(text: str, resolved: Resolved) -> tuple[str, str, float]:
+    """Return (measure, relation, bound) of a --fail-on."""
+    known = resolved.kind.measures
+    match = _CONDITION.fullmatch(text)
+    expected = "expected --fail-on 'MEASURE RELATION NUMBER'"
+    if match is None:
+        raise InvalidConditionError(f"{expected}, found {text!r}")
+    measure, relation, bound = match.groups()
+    if measure not in known:
+        raise InvalidConditionError(
+            f"{expected} with one of {', '.join(known)}; found {measure!r}"
+        )
+    try:
+        return measure, relation, float(bound)
+    except ValueError as error:
+        raise InvalidConditionError(f"{expected}, found {bound!r}") from error
+
+
+def _exit_code(finished: Run, conditions: list[tuple[str, str, float]]) -> int:
+    if not finished.feasible:
+        return INFEASIBLE
+    failed = [
+        f"{claim['id']}: {claim['text']}"
+        for claim in finished.claims
+        if claim["gate"] and claim["holds"] is False
+    ]
+    failed += [
+        f"{measure} = {finished.measures[measure]} {relation} {bound:g}"
+        for measure, relation, bound in conditions
+        if holds(finished.measures[measure], relation, bound)
+    ]
+    for failure in failed:
+        print(f"swarmstart: gate failed: {failure}", file=sys.stderr)  # noqa: T201
+    return GATE if failed else DONE
+
+
+def _report(finished: Run) -> str:
+    """Return what a person reads of a run."""
+    summary = finished.summary()
+    title = finished.resolved.scenario.title
+    variant = f", {finished.resolved.variant}" if finished.resolved.variant else ""
+    method = f"{summary['search']}, polish {summary['polish']}, seed {finished.seed}"
+    lines = [f"{title} ({summary['scenario']}{variant}; {method})", finished.status, ""]
+    lines += _table(
+        [(name, _shown(value)) for name, value in finished.measures.items()]
+    )
+    lines += ["", "claims"]
+    lines += _table([_claim_row(claim) for claim in finished.claims])
+    if any(claim["holds"] is None for claim in finished.claims):
+        lines.append("  (--json says what a claim that is not judged here needs)")
+    if finished.folder is not None:
+        lines += ["", f"record   {finished.folder}"]
+    if finished.folder is not None and finished.figures:
+        lines += [f"figures  {finished.folder / 'figures'}"]
+    return "\n".join(lines)
+
+
+VERDICTS = {True: "holds", False: "does not hold", None: "not judged"}
+
+
+def _claim_row(claim: dict[str, Any]) -> tuple[str, ...]:
+    bound = "never" if claim["bound"] is None else f"{claim['bound']:.4g}"
+    measured = f"{claim['measure']} = {_shown(claim['measured'])}"
+    if claim["holds"] is None:
+        measured = claim["measure"]
+    question = f"{measured} {claim['relation']} {bound}"
+    return claim["id"], VERDICTS[claim["holds"]], question, claim["text"]
+
+
+def _table(rows: list[tuple[str, ...]]) -> list[str]:
+    """Return rows as aligned lines; the last column is not padded."""
+    if not rows:
+        return []
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
+    return [
+        "  "
+        + "  ".join(
+            [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
+            + [row[-1]]
+        )
+        for row in rows
+    ]
+
+
+def _shown(value: Measure) -> str:
+    if isinstance(value, list):
+        return "[" + ", ".join(_shown(item) for item in value) + "]"
+    if value is None:
+        return "-"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
