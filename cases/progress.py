@@ -36,7 +36,8 @@ class Progress:
         """
         self._title, self._quiet = title, quiet
         self._began = self._said = clock.monotonic()
-        self._done_at_start: int | None = None
+        # The first step compiles, so the pace is taken from its end: (time, steps).
+        self._pace_from: tuple[float, int] | None = None
         self._bar: RichProgress | None = None
 
     def __enter__(self) -> Self:
@@ -62,17 +63,15 @@ class Progress:
             what: What is being done.
         """
         now = clock.monotonic()
-        if self._done_at_start is None and done:
-            self._done_at_start = done - 1  # A run that goes on starts above zero.
+        if self._pace_from is None and done:
+            self._pace_from = now, done
         if self._quiet or now - self._began < QUIET_S:
             return
         if fancy():
             self._draw(done, total, what)
         elif now - self._said >= LINE_EVERY_S or self._said == self._began:
             self._said = now
-            left = _left(
-                now - self._began, done - (self._done_at_start or 0), total - done
-            )
+            left = self._left(now, done, total)
             text = f"{self._title}: {what}, step {done} of {total}{left}"
             print(text, file=sys.stderr, flush=True)  # noqa: T201 - progress is talk
 
@@ -103,9 +102,9 @@ class Progress:
             description=f"{self._title}: {what}",
         )
 
-
-def _left(elapsed: float, done: int, left: int) -> str:
-    """Return the time left in words; empty where it cannot be told."""
-    if done < 1 or left < 1:
-        return ""
-    return f", about {elapsed / done * left:.0f} s left"
+    def _left(self, now: float, done: int, total: int) -> str:
+        """Return the time left in words; empty where it cannot be told."""
+        since, first = self._pace_from or (now, done)
+        if done <= first or done >= total:
+            return ""
+        return f", about {(now - since) / (done - first) * (total - done):.0f} s left"
