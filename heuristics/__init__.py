@@ -11,6 +11,7 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.box import Box, InvalidBoxError, InvalidPointsError
 from swarmstart.heuristics.chaotic_pso import ChaoticPSO
+from swarmstart.heuristics.compiled_loop import CompiledObjective, Pointers
 from swarmstart.heuristics.de import DifferentialEvolution
 from swarmstart.heuristics.genetic import GeneticAlgorithm
 from swarmstart.heuristics.minimize import (
@@ -44,6 +45,7 @@ __all__ = [
     "Box",
     "Budget",
     "ChaoticPSO",
+    "CompiledObjective",
     "DifferentialEvolution",
     "GenerationEvent",
     "GeneticAlgorithm",
@@ -58,6 +60,7 @@ __all__ = [
     "Objective",
     "Order",
     "ParticleSwarm",
+    "Pointers",
     "RandomSearch",
     "Search",
     "SearchResult",

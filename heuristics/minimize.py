@@ -4,6 +4,7 @@ import enum
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.algorithm import Algorithm, State
 from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.compiled_loop import CHUNK, CompiledObjective, can_loop
 from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.order import Order
 from swarmstart.heuristics.search import InvalidEvaluationError, Search
@@ -200,34 +202,85 @@ def run(
     """
     begin = time.perf_counter()
     _require_one_generation(search, budget)
-    bests = []
+    compiled = on_generation is None and budget.evaluations and can_loop(objective)
+    advance = _compiled_generations if compiled else _one_generation
+    history: list[tuple[Array, Array]] = []
     stopped = None
     while stopped is None:
-        progress = _progress(search, budget, time.perf_counter() - begin)
-        population = search.ask(progress=progress)
-        cost, violation = _pair(objective(population))
-        search.tell(cost, violation)
-        bests.append(search.best)
-        if on_generation is not None:
-            try:
-                on_generation(_event(search, progress, population, cost, violation))
-            except StopIteration:
-                stopped = StopReason.CALLBACK
-                break
+        seconds = time.perf_counter() - begin
+        try:
+            history.append(advance(search, objective, budget, seconds, on_generation))
+        except _Stopped as stop:
+            history.append(stop.history)
+            stopped = StopReason.CALLBACK
+            break
         stopped = _used_up(search, budget, time.perf_counter() - begin)
+    costs, violations = (
+        np.concatenate(column) for column in zip(*history, strict=True)
+    )
+    best = search.best
     return SearchResult(
-        x=_locked(bests[-1].x),
-        cost=bests[-1].cost,
-        violation=bests[-1].violation,
+        x=_locked(best.x),
+        cost=best.cost,
+        violation=best.violation,
         evaluations=search.evaluations,
         generations=search.generations,
         stopped=stopped,
-        history_cost=_locked([best.cost for best in bests]),
-        history_violation=_locked([best.violation for best in bests]),
+        history_cost=_locked(costs),
+        history_violation=_locked(violations),
         nonfinite=search.nonfinite,
         seconds=time.perf_counter() - begin,
         state=search.state,
     )
+
+
+class _Stopped(Exception):  # noqa: N818 - no error
+    """on_generation raised StopIteration."""
+
+    def __init__(self, history: tuple[Array, Array]) -> None:
+        """Keep what the generation found."""
+        super().__init__()
+        self.history = history
+
+
+def _one_generation(
+    search: Search,
+    objective: Objective,
+    budget: Budget,
+    seconds: float,
+    on_generation: Callable[[GenerationEvent], None] | None,
+) -> tuple[Array, Array]:
+    """Advance by one generation from Python; return best cost and violation, (1,)."""
+    progress = _progress(search, budget, seconds)
+    population = search.ask(progress=progress)
+    cost, violation = _pair(objective(population))
+    search.tell(cost, violation)
+    history = np.array([search.best.cost]), np.array([search.best.violation])
+    if on_generation is not None:
+        try:
+            on_generation(_event(search, progress, population, cost, violation))
+        except StopIteration:
+            raise _Stopped(history) from None
+    return history
+
+
+def _compiled_generations(
+    search: Search,
+    objective: Objective,
+    budget: Budget,
+    seconds: float,
+    on_generation: Callable[[GenerationEvent], None] | None,
+) -> tuple[Array, Array]:
+    """Advance by a chunk in compiled code; return best costs and violations."""
+    fits = (budget.evaluations or 0) // search.algorithm.size
+    work = search.loop(
+        cast(CompiledObjective, objective),
+        generations=min(CHUNK, fits - search.generations),
+        last=fits - 1,
+    )
+    if work is None:
+        return _one_generation(search, objective, budget, seconds, on_generation)
+    return work.best_cost, work.best_violation
 
 
 def _progress(search: Search, budget: Budget, seconds: float) -> float:

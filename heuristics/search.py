@@ -13,6 +13,12 @@ from numpy.typing import ArrayLike
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.algorithm import Algorithm, InvalidSettingsError, State
 from swarmstart.heuristics.box import Box, InvalidPointsError
+from swarmstart.heuristics.compiled_loop import (
+    CompiledObjective,
+    Work,
+    loop_of,
+    new_work,
+)
 from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.order import Order, feasibility_first
 from swarmstart.heuristics.sampling import sample_uniform
@@ -186,6 +192,36 @@ class Search:
         accept = self.algorithm.kernels.accept
         accept(self._settings, self._state, self._asked, cost, violation)
         self._waiting = False
+
+    def loop(
+        self, objective: CompiledObjective, *, generations: int, last: int
+    ) -> Work | None:
+        """Ask, evaluate and tell several generations in compiled code.
+
+        Args:
+            objective: A compiled objective.
+            generations: How many.
+            last: Number of the last generation that the budget allows; progress is the
+                generation's number divided by it.
+
+        Returns:
+            The best after each generation, and the last generation; None, and nothing
+            is done, where the objective cannot be called from compiled code.
+
+        Raises:
+            AskTellError: If the generation asked before was not told yet.
+        """
+        if self._waiting:
+            raise AskTellError(
+                "loop() before tell(): a generation is not evaluated yet"
+            )
+        work = new_work(self.box.dim, self.algorithm.size, generations)
+        pointers = objective.attach(work.asked, work.cost, work.violation)
+        if pointers is None:
+            return None
+        loop = loop_of(self.algorithm.kernels)
+        loop(self.rng, self._settings, self._state, work, pointers, last)
+        return work
 
 
 def _initial_population(

@@ -1,5 +1,7 @@
 """The optimal-control problem and everything done to one."""
 
+from swarmstart.ocp.compiled.backend import BackendWarning, chosen_backend
+from swarmstart.ocp.compiled.batch import BatchFunction, Prepared, compile_batch
 from swarmstart.ocp.constraints import (
     Bounds,
     Constraint,
@@ -25,6 +27,8 @@ from swarmstart.ocp.team import Agent, Team
 __all__ = [
     "INTEGRATORS",
     "Agent",
+    "BackendWarning",
+    "BatchFunction",
     "Bounds",
     "Constraint",
     "Controller",
@@ -44,6 +48,7 @@ __all__ = [
     "PolishStatus",
     "Polished",
     "Polisher",
+    "Prepared",
     "RecedingHorizon",
     "SearchSettings",
     "Separation",
@@ -56,7 +61,9 @@ __all__ = [
     "TerminalConstraint",
     "Trajectory",
     "WarmStart",
+    "chosen_backend",
     "collected",
+    "compile_batch",
     "disc",
     "fly",
     "held_step",

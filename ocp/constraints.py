@@ -19,7 +19,7 @@ violated check instead of measuring how far; the segment is ours.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import casadi as ca
 import numpy as np
@@ -93,8 +93,8 @@ class PathConstraint:
         )
         object.__setattr__(self, "lower", limits[0])
         object.__setattr__(self, "upper", limits[1])
-        if not self.scale > 0:
-            raise InvalidProblemError(f"scale must be positive, got {self.scale}")
+        require_distance("scale", self.scale)
+        require_choice("measure", self.measure, get_args(Measure))
 
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
         """Return the summed scaled excess at the check's end."""
@@ -134,9 +134,11 @@ class Separation:
     measure: Measure = "excess"
 
     def __post_init__(self) -> None:
-        """Refuse distances that are none."""
+        """Refuse distances and choices that are none."""
         object.__setattr__(self, "relative", as_column("relative", self.relative))
         require_distance("distance", self.distance, self.margin, self.smooth_margin)
+        require_choice("along", self.along, get_args(Along))
+        require_choice("measure", self.measure, get_args(Measure))
 
     @property
     def expression(self) -> ca.SX:
@@ -179,9 +181,14 @@ def disc(  # noqa: PLR0913 - the options of Separation
         measure: See Separation.
     """
     require_distance("radius", radius, margin, smooth_margin)
+    position = as_column("position", position)
+    fixed = np.asarray(centre, dtype=np.float64)
+    if fixed.shape not in ((), (position.numel(),)):
+        raise InvalidProblemError(
+            f"centre must have shape ({position.numel()},), got {fixed.shape}"
+        )
     return Separation(
-        relative=as_column("position", position)
-        - as_column("centre", ca.SX(np.asarray(centre))),
+        relative=position - ca.SX(fixed),
         distance=radius,
         margin=margin,
         smooth_margin=smooth_margin,
@@ -215,8 +222,7 @@ class TerminalConstraint:
         )
         object.__setattr__(self, "lower", limits[0])
         object.__setattr__(self, "upper", limits[1])
-        if not self.scale > 0:
-            raise InvalidProblemError(f"scale must be positive, got {self.scale}")
+        require_distance("scale", self.scale)
 
     def excess(self, value: ca.SX) -> ca.SX:
         """Return the summed scaled distance from the allowed interval."""
@@ -258,22 +264,35 @@ def limits_of(role: str, limits: Sequence[Limit], size: int) -> tuple[Array, Arr
             f"limits of the {role} must be a pair (lower, upper) of numbers or of "
             f"{size} numbers, got {limits!r}"
         ) from error
-    if not np.all(lower <= upper):
+    if not np.all((lower <= upper) & (lower < np.inf) & (upper > -np.inf)):
         raise InvalidProblemError(
-            f"limits of the {role} must have lower <= upper, got {lower} and {upper}"
+            f"limits of the {role} must have lower <= upper, lower below inf and "
+            f"upper above -inf, got {lower} and {upper}"
         )
     lower.flags.writeable = upper.flags.writeable = False
     return lower, upper
 
 
 def require_distance(role: str, distance: float, *margins: float) -> None:
-    """Refuse a distance that is not positive, or a margin below zero.
+    """Refuse a distance that is not positive, or a margin below zero, or infinity.
 
     Raises:
         InvalidProblemError: With the value given.
     """
-    if not distance > 0:
+    if not 0 < distance < np.inf:
         raise InvalidProblemError(f"{role} must be positive, got {distance}")
     for margin in margins:
-        if not margin >= 0:
+        if not 0 <= margin < np.inf:
             raise InvalidProblemError(f"margins must be at least 0, got {margin}")
+
+
+def require_choice(role: str, choice: str, allowed: Sequence[str]) -> None:
+    """Refuse what is none of the allowed words.
+
+    Raises:
+        InvalidProblemError: With the value given and what is allowed.
+    """
+    if choice not in allowed:
+        raise InvalidProblemError(
+            f"{role} must be {' or '.join(allowed)}, got {choice!r}"
+        )

@@ -3,20 +3,58 @@
 A decision vector is ca.vec of the controls (nu, N): interval after interval.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.heuristics import Pointers
+from swarmstart.ocp.compiled.backend import evaluator
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
-from swarmstart.ocp.compiled.interface import BatchEvaluator
+from swarmstart.ocp.compiled.interface import BatchEvaluator, BoundEvaluator
+from swarmstart.ocp.compiled.simd import compile_rollout
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.shooting import rollout, trajectory
+from swarmstart.ocp.shooting import (
+    rollout,
+    stage_without_path,
+    terminal,
+    trajectory,
+)
 
 Array = NDArray[np.float64]
-Objective = Callable[[Array], tuple[Array, Array]]
+
+
+class Objective:
+    """Cost and violation of populations, from one state; compiled where possible."""
+
+    def __init__(self, outputs: BoundEvaluator, dim: int) -> None:
+        """Take a rollout whose state, parameters and signals are fixed.
+
+        Args:
+            outputs: Population -> cost (1, size) and violation (1, size).
+            dim: Number of variables, nu * N.
+        """
+        self._outputs = outputs
+        self._dim = dim
+
+    def __call__(self, population: Array) -> tuple[Array, Array]:
+        """Return cost and violation, each (size,), of a population (dim, size).
+
+        Raises:
+            InvalidProblemError: If the population has another shape.
+        """
+        if population.ndim != 2 or len(population) != self._dim:  # noqa: PLR2004
+            raise InvalidProblemError(
+                f"a population must have shape ({self._dim}, size), "
+                f"got {population.shape}"
+            )
+        cost, violation = self._outputs(population)
+        return cost[0], violation[0]
+
+    def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
+        """Bind to buffers; see `heuristics.CompiledObjective`."""
+        return self._outputs.attach(asked, (cost, violation))
 
 
 class Known(NamedTuple):
@@ -42,14 +80,29 @@ class Fitness:
         backend: What evaluates populations.
     """
 
-    def __init__(self, problem: OptimalControlProblem) -> None:
+    def __init__(
+        self, problem: OptimalControlProblem, *, backend: str | None = None
+    ) -> None:
         """Compile the rollout of a problem.
 
         Args:
             problem: The problem.
+            backend: What evaluates populations, as in compiled/backend.py.
+
+        Raises:
+            InvalidProblemError: If the backend is unknown.
         """
         self.problem = problem
-        self._evaluate: BatchEvaluator = CasadiMap(rollout(problem))
+        self._evaluate: BatchEvaluator = evaluator(
+            lambda: compile_rollout(
+                stage_without_path(problem),
+                terminal(problem),
+                intervals=problem.intervals,
+                signals_per_interval=problem.ns * problem.checks,
+            ),
+            lambda: CasadiMap(rollout(problem)),
+            backend,
+        )
         self._trajectory = trajectory(problem)
 
     @property
@@ -61,32 +114,36 @@ class Fitness:
         """Return population (nu * N, size) -> cost (size,) and violation (size,).
 
         Args:
-            x0: Initial state, shape (nx,).
-            known: Parameters and signals.
+            x0: Initial state, shape (nx,); copied.
+            known: Parameters and signals; copied.
 
         Raises:
             InvalidProblemError: If a shape is not the problem's, or x0 not finite.
         """
-        shared = self._shared(x0, known)
-
-        def evaluate(population: Array) -> tuple[Array, Array]:
-            cost, violation = self._evaluate(population, shared)
-            return cost[0], violation[0]
-
-        return evaluate
+        dim = self.problem.model.nu * self.problem.intervals
+        return Objective(self._evaluate.bind(self._shared(x0, known)), dim)
 
     def value(
         self, controls: Array, x0: ArrayLike, known: Known = NOTHING
     ) -> tuple[float, float]:
         """Return cost and violation of one control sequence, shape (nu, N)."""
         objective = self.objective(x0, known)
-        cost, violation = objective(flatten(controls)[:, None])
+        cost, violation = objective(self._decision(controls)[:, None])
         return float(cost[0]), float(violation[0])
 
     def states(self, controls: Array, x0: ArrayLike, known: Known = NOTHING) -> Array:
         """Return the states at the nodes, shape (nx, nodes), of controls (nu, N)."""
         shared = self._shared(x0, known)
-        return np.array(self._trajectory(flatten(controls), *shared))
+        return np.array(self._trajectory(self._decision(controls), *shared))
+
+    def _decision(self, controls: Array) -> Array:
+        """Return ca.vec of controls, which need not be finite."""
+        shape = (self.problem.model.nu, self.problem.intervals)
+        if np.shape(controls) != shape:
+            raise InvalidProblemError(
+                f"controls must have shape {shape}, got {np.shape(controls)}"
+            )
+        return flatten(controls)
 
     def _shared(self, x0: ArrayLike, known: Known) -> tuple[Array, Array, Array]:
         problem = self.problem
@@ -111,7 +168,8 @@ def unflatten(vector: Array, rows: int) -> Array:
 
 
 def _shaped(role: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
-    array = np.asarray(values, dtype=np.float64)
+    """Return a checked copy: an objective outlives what its caller does to x0."""
+    array = np.array(values, dtype=np.float64)
     if array.shape != shape:
         raise InvalidProblemError(f"{role} must have shape {shape}, got {array.shape}")
     if not np.isfinite(array).all():

@@ -1,8 +1,9 @@
 """First guesses of a control sequence, shape (nu, N)."""
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
@@ -13,6 +14,28 @@ def zero_controls(problem: OptimalControlProblem) -> Array:
     lower, upper = problem.control_limits
     nearest = np.clip(np.zeros(problem.model.nu), lower, upper)
     return np.repeat(nearest[:, None], problem.intervals, axis=1)
+
+
+def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
+    """Return a guess as controls within the bounds; a copy.
+
+    Args:
+        problem: The problem the guess is for.
+        guess: Controls, shape (nu, N), finite; clipped to the bounds.
+
+    Raises:
+        InvalidProblemError: If the shape is another, or a value not finite.
+    """
+    controls = np.array(guess, dtype=np.float64)
+    shape = (problem.model.nu, problem.intervals)
+    if controls.shape != shape:
+        raise InvalidProblemError(
+            f"a guess must have shape {shape}, got {controls.shape}"
+        )
+    if not np.isfinite(controls).all():
+        raise InvalidProblemError(f"a guess must be finite, got {controls}")
+    lower, upper = problem.control_limits
+    return np.clip(controls, lower[:, None], upper[:, None])
 
 
 def shifted_controls(problem: OptimalControlProblem, controls: Array) -> Array:

@@ -11,6 +11,7 @@ arrays: whatever r returns.
 from collections.abc import Callable
 
 import casadi as ca
+import numpy as np
 
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.model import Model, right_hand_side
@@ -86,5 +87,16 @@ def require_integrator(method: str, substeps: int) -> None:
         raise InvalidProblemError(
             f"integrator must be one of {', '.join(INTEGRATORS)}, got {method!r}"
         )
-    if substeps < 1:
-        raise InvalidProblemError(f"substeps must be at least 1, got {substeps}")
+    require_count("substeps", substeps)
+
+
+def require_count(role: str, count: int) -> None:
+    """Refuse what is no integer of at least one.
+
+    Raises:
+        InvalidProblemError: With the value given.
+    """
+    if not isinstance(count, int | np.integer) or count < 1:
+        raise InvalidProblemError(
+            f"{role} must be an integer of at least 1, got {count}"
+        )

@@ -161,7 +161,8 @@ def require_known(role: str, expression: ca.SX, known: dict[str, ca.SX]) -> None
         known: Columns of symbols by what they are called in the message.
 
     Raises:
-        InvalidProblemError: Naming the foreign symbols.
+        InvalidProblemError: Naming the foreign symbols, or where two of the known
+            symbols are the same.
     """
     try:
         ca.Function("known", list(known.values()), [expression])
@@ -173,6 +174,10 @@ def require_known(role: str, expression: ca.SX, known: dict[str, ca.SX]) -> None
             if not any(ca.depends_on(column, symbol) for column in columns)
         ]
         allowed = ", ".join(known)
+        if not foreign:
+            raise InvalidProblemError(
+                f"{allowed} must be different symbols, found one twice"
+            ) from error
         raise InvalidProblemError(
             f"{role} may depend on {allowed} only, found {', '.join(foreign)}"
         ) from error

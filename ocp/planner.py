@@ -20,7 +20,7 @@ from swarmstart.heuristics import (
 )
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, flatten, unflatten
-from swarmstart.ocp.guess import zero_controls
+from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.polish import IpoptOptions, Polisher, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
 
@@ -136,10 +136,16 @@ class Planner:
         Args:
             x0: Initial state, shape (nx,).
             known: Parameters and signals.
-            guess: Controls to start from, shape (nu, N); None means none is known:
-                the search starts at random, the polish alone at zero controls.
+            guess: Controls to start from, shape (nu, N), clipped to the bounds; None
+                means none is known: the search starts at random, the polish alone at
+                zero controls.
             rng: Source of all randomness.
+
+        Raises:
+            InvalidProblemError: If a shape is not the problem's, or a value not finite.
         """
+        if guess is not None:
+            guess = bounded_controls(self.problem, guess)
         plan = self._searched(x0, guess, known, rng)
         if self._polisher is None:
             return plan

@@ -15,9 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, flatten, unflatten
+from swarmstart.ocp.guess import bounded_controls
+from swarmstart.ocp.integrators import require_count
 from swarmstart.ocp.transcription import multiple_shooting
 
 Array = NDArray[np.float64]
+SAME_COST = 1e-6
+"""Relative difference below which two costs are those of one local optimum."""
 
 
 class PolishStatus(Enum):
@@ -27,6 +31,7 @@ class PolishStatus(Enum):
     ITERATION_LIMIT = "stopped at the limit of iterations"
     INFEASIBLE = "found no feasible point near the guess"
     NUMERICAL_FAILURE = "broke off for a numerical reason"
+    WORSE = "converged to a point that is worse than the guess"
 
 
 _IPOPT_STATUS = {
@@ -52,10 +57,7 @@ class IpoptOptions:
 
     def __post_init__(self) -> None:
         """Refuse values IPOPT would refuse later."""
-        if self.max_iterations < 1:
-            raise InvalidProblemError(
-                f"max_iterations must be at least 1, got {self.max_iterations}"
-            )
+        require_count("max_iterations", self.max_iterations)
         if not self.tolerance > 0:
             raise InvalidProblemError(
                 f"tolerance must be positive, got {self.tolerance}"
@@ -109,6 +111,9 @@ class Polisher:
                 "ipopt.sb": "yes",
                 "ipopt.max_iter": options.max_iterations,
                 "ipopt.tol": options.tolerance,
+                # By default IPOPT leaves bounds by 1e-8; brought back into them, its
+                # controls would break path constraints that are active.
+                "ipopt.bound_relax_factor": 0.0,
             },
         )
 
@@ -118,14 +123,16 @@ class Polisher:
         """Return the better of a guess and the local optimum found from it.
 
         Args:
-            controls: The guess, shape (nu, N).
+            controls: The guess, shape (nu, N), clipped to the bounds; not changed.
             x0: Initial state, shape (nx,).
             known: Parameters and signals.
 
         Raises:
+            InvalidProblemError: If a shape is not the problem's, or a value not finite.
             SolveError: If IPOPT cannot be run at all.
         """
         problem, fitness = self._fitness.problem, self._fitness
+        controls = bounded_controls(problem, controls)
         before = fitness.value(controls, x0, known)
         states = fitness.states(controls, x0, known)
         found, stats = self._solve(controls, states, x0, known)
@@ -138,14 +145,18 @@ class Polisher:
         )
         improved = is_better(after, before, tolerance=problem.tolerance)
         cost, violation = after if improved else before
+        status = _IPOPT_STATUS.get(
+            str(stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
+        )
+        if status is PolishStatus.CONVERGED and not improved:
+            if not _agree(before, after, tolerance=problem.tolerance):
+                status = PolishStatus.WORSE
         return Polished(
-            controls=better if improved else np.array(controls, dtype=np.float64),
+            controls=better if improved else controls,
             cost=cost,
             violation=violation,
             improved=improved,
-            status=_IPOPT_STATUS.get(
-                str(stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
-            ),
+            status=status,
             iterations=int(stats["iter_count"]),
             evaluations=int(stats["n_call_nlp_f"]),
         )
@@ -187,3 +198,11 @@ def is_better(
         return True
     broken, broken_other = (v if v > tolerance else 0.0 for v in (one[1], other[1]))
     return (broken, one[0]) < (broken_other, other[0])
+
+
+def _agree(
+    one: tuple[float, float], other: tuple[float, float], *, tolerance: float
+) -> bool:
+    """Return whether two (cost, violation) are feasible and of the same cost."""
+    feasible = max(one[1], other[1]) <= tolerance
+    return feasible and bool(np.isclose(one[0], other[0], rtol=SAME_COST, atol=0.0))

@@ -35,7 +35,7 @@ from swarmstart.ocp.constraints import (
     limits_of,
 )
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.integrators import require_integrator
+from swarmstart.ocp.integrators import require_count, require_integrator
 from swarmstart.ocp.model import Model, as_column, require_known, require_symbols
 
 Array = NDArray[np.float64]
@@ -84,6 +84,11 @@ class OptimalControlProblem:
     def __post_init__(self) -> None:
         """Check everything; bring sequences to tuples and bounds to arrays."""
         self._check_grid()
+        for role in ("constraints", "terminal"):
+            if not isinstance(getattr(self, role), Sequence):
+                raise InvalidProblemError(
+                    f"{role} must be a list, got {type(getattr(self, role)).__name__}"
+                )
         require_symbols("signals", self.signals)
         for role in ("stage_cost", "terminal_cost"):
             self._set(role, self._scalar(role))
@@ -104,10 +109,7 @@ class OptimalControlProblem:
         if not (np.isfinite(self.horizon) and self.horizon > 0):
             raise InvalidProblemError(f"horizon must be positive, got {self.horizon}")
         for role in ("intervals", "checks"):
-            if getattr(self, role) < 1:
-                raise InvalidProblemError(
-                    f"{role} must be at least 1, got {getattr(self, role)}"
-                )
+            require_count(role, getattr(self, role))
         require_integrator(self.integrator, self.substeps)
         if self.quadrature not in ("integral", "left"):
             raise InvalidProblemError(
@@ -131,10 +133,13 @@ class OptimalControlProblem:
         return expression
 
     def _array_bounds(self) -> Bounds:
-        free = (-np.inf, np.inf)
+        controls, states = (
+            (-np.inf, np.inf) if limits is None else limits
+            for limits in (self.bounds.controls, self.bounds.states)
+        )
         return Bounds(
-            controls=limits_of("controls", self.bounds.controls or free, self.model.nu),
-            states=limits_of("states", self.bounds.states or free, self.model.nx),
+            controls=limits_of("controls", controls, self.model.nu),
+            states=limits_of("states", states, self.model.nx),
         )
 
     def symbols(self) -> dict[str, ca.SX]:

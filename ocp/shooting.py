@@ -64,6 +64,25 @@ def stage(problem: OptimalControlProblem) -> ca.Function:
     )
 
 
+def stage_without_path(problem: OptimalControlProblem) -> ca.Function:
+    """Return the stage as a rollout needs it: only the last of its states.
+
+    Args:
+        problem: The problem.
+
+    Returns:
+        (x, u, p, S) -> (x after the interval, cost, violation); see `stage`.
+    """
+    whole = stage(problem)
+    arguments = [
+        ca.SX.sym(whole.name_in(i), *whole.size_in(i)) for i in range(whole.n_in())
+    ]
+    states, cost, violation = whole(*arguments)
+    return ca.Function(
+        "stage_without_path", arguments, ca.cse([states[:, -1], cost, violation])
+    )
+
+
 def _check(
     problem: OptimalControlProblem,
     x: ca.SX,

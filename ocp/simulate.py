@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.controller import Controller, Decision
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.integrators import held_step
+from swarmstart.ocp.integrators import held_step, require_count
 from swarmstart.ocp.model import Model
 
 Array = NDArray[np.float64]
@@ -87,8 +87,9 @@ class Plant:
             raise InvalidProblemError(
                 f"a plant's model must have no parameters, got {model.np}"
             )
-        if substeps < 1:
-            raise InvalidProblemError(f"substeps must be at least 1, got {substeps}")
+        require_count("substeps", substeps)
+        if not dt > 0:
+            raise InvalidProblemError(f"dt must be positive, got {dt}")
         self.model, self.dt, self.substeps = model, dt, substeps
         one = held_step(model, dt / substeps)
         x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
@@ -166,10 +167,15 @@ def collected(plant: Plant, steps: Sequence[Step]) -> Trajectory:
     """Return finished steps, from number 0 on without a gap, as a trajectory.
 
     Raises:
-        InvalidProblemError: If there is none.
+        InvalidProblemError: If there is none, or one is missing.
     """
     if not steps:
         raise InvalidProblemError("a trajectory needs at least one finished step")
+    numbers = [step.number for step in steps]
+    if numbers != list(range(len(steps))):
+        raise InvalidProblemError(
+            f"steps must be numbered from 0 on without a gap, got {numbers}"
+        )
     dense = np.hstack([steps[0].state[:, None], *[s.dense_states for s in steps]])
     count = len(steps)
     return Trajectory(

@@ -71,14 +71,18 @@ def verified(
         plan: The plan.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
-        tolerance: Largest relative difference of the costs, and absolute difference of
-            the violations, that counts as agreement.
+        tolerance: What counts as agreement: the largest difference of the costs and of
+            the final states, relative to the cost and to each state's largest value
+            (at least 1), and the largest absolute difference of the violations.
     """
     fine = Fitness(replace(problem, substeps=problem.substeps * FINER))
     cost, violation = fine.value(plan.controls, x0, known)
+    states = fine.states(plan.controls, x0, known)
     agrees = abs(cost - plan.cost) <= tolerance * max(abs(cost), 1.0) and (
         abs(violation - plan.violation) <= max(tolerance, problem.tolerance)
     )
+    size = np.maximum(np.abs(states).max(axis=1), 1.0)
+    agrees &= bool((np.abs(states - plan.states)[:, -1] <= tolerance * size).all())
     if not plan.feasible:
         status = SolutionStatus.INFEASIBLE
     elif not agrees:
@@ -90,7 +94,7 @@ def verified(
     return Solution(
         status=status,
         times=problem.times,
-        states=fine.states(plan.controls, x0, known),
+        states=states,
         controls=plan.controls,
         cost=plan.cost,
         violation=plan.violation,

@@ -52,7 +52,8 @@ class Team:
 
         Raises:
             InvalidProblemError: If the order is no permutation, an agent watches one
-                that plans later, or control intervals differ.
+                that plans later or whose plans have other nodes, or control intervals
+                differ.
         """
         self.agents, self.order = tuple(agents), tuple(order)
         if sorted(self.order) != list(range(len(self.agents))) or not self.agents:
@@ -66,12 +67,21 @@ class Team:
                 raise InvalidProblemError(
                     f"agent {number} watches {sorted(late)}, who plan after it"
                 )
-        lengths = {agent.controller.dt for agent in self.agents}
-        if len(lengths) > 1:
+        problems = [a.controller.planner.problem for a in self.agents]
+        lengths = [problem.dt for problem in problems]
+        if not np.allclose(lengths, lengths[0], rtol=1e-9, atol=0.0):
             raise InvalidProblemError(
                 f"agents must share one control interval, got {sorted(lengths)} s"
             )
-        models = [a.controller.planner.problem.model for a in self.agents]
+        for number, agent in enumerate(self.agents):
+            for other in agent.watches:
+                if problems[other].nodes != problems[number].nodes:
+                    raise InvalidProblemError(
+                        f"agent {number} watches {other}, whose plans have "
+                        f"{problems[other].nodes} nodes; its own have "
+                        f"{problems[number].nodes}"
+                    )
+        models = [problem.model for problem in problems]
         self._splits = np.cumsum([m.nx for m in models])[:-1]
 
     @property

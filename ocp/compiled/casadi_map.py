@@ -4,7 +4,7 @@ Calling a CasADi function costs some 25 microseconds in conversions; with buffer
 fixed size, a call writes and reads plain memory.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -43,9 +43,16 @@ class CasadiMap:
         self._function = function
         self._buffers: dict[int, _Buffers] = {}
 
-    def __call__(self, population: Array, shared: tuple[Array, ...]) -> list[Array]:
-        """Return the outputs, each (rows, size); see BatchEvaluator."""
+    def bind(self, shared: tuple[Array, ...]) -> "BoundMap":
+        """Return population -> outputs; see BatchEvaluator."""
+        return BoundMap(self, shared)
+
+    def evaluate(self, population: Array, shared: list[Array]) -> list[Array]:
+        """Return the outputs, each (rows, size)."""
         size = population.shape[1]
+        if size == 0:
+            rows = range(self._function.n_out())
+            return [np.empty((self._function.numel_out(i), 0)) for i in rows]
         buffers = self._buffers.get(size)
         if buffers is None:
             buffers = self._buffers[size] = _allocate(self._function, size)
@@ -54,6 +61,22 @@ class CasadiMap:
             buffer[...] = values
         buffers.run()
         return [result.T.copy() for result in buffers.results]
+
+
+class BoundMap:
+    """A map whose shared arguments are fixed; see BoundEvaluator."""
+
+    def __init__(self, mapped: CasadiMap, shared: tuple[Array, ...]) -> None:
+        """Copy the shared arguments."""
+        self._map = mapped
+        self._shared = [np.array(values, dtype=np.float64) for values in shared]
+
+    def __call__(self, population: Array) -> list[Array]:
+        """Return the outputs, each (rows, size)."""
+        return self._map.evaluate(population, self._shared)
+
+    def attach(self, population: Array, outputs: Sequence[Array]) -> None:
+        """Return None: CasADi's map is called from Python only."""
 
 
 def _allocate(function: ca.Function, size: int) -> _Buffers:

@@ -1,11 +1,37 @@
 """The one interface behind which populations are evaluated."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.heuristics import Pointers
+
 Array = NDArray[np.float64]
+
+
+class BoundEvaluator(Protocol):
+    """An evaluator whose shared arguments are fixed."""
+
+    def __call__(self, population: Array) -> list[Array]:
+        """Return for each output a new array, shape (rows, size).
+
+        Args:
+            population: Shape (dim, size), one column an individual; not kept.
+        """
+
+    def attach(self, population: Array, outputs: Sequence[Array]) -> Pointers | None:
+        """Bind to buffers, for a caller that is compiled itself.
+
+        Args:
+            population: Shape (dim, size), contiguous doubles.
+            outputs: One for each output, rows * size doubles, contiguous.
+
+        Returns:
+            The addresses, valid as long as this object and the buffers live; None
+            where only the call from Python works.
+        """
 
 
 class BatchEvaluator(Protocol):
@@ -18,13 +44,9 @@ class BatchEvaluator(Protocol):
     def backend(self) -> str:
         """What evaluates, as recorded with a run."""
 
-    def __call__(self, population: Array, shared: tuple[Array, ...]) -> list[Array]:
-        """Return the outputs of the whole population.
+    def bind(self, shared: tuple[Array, ...]) -> BoundEvaluator:
+        """Return population -> outputs, for fixed other arguments.
 
         Args:
-            population: Shape (dim, size), one column an individual; not kept.
-            shared: The other arguments, flattened column by column; not kept.
-
-        Returns:
-            For each output an array of its own, shape (rows, size).
+            shared: The other arguments, flattened column by column; copied.
         """

@@ -1,0 +1,182 @@
+"""Generations without Python in between, where the objective is compiled itself.
+
+propose, evaluate, accept are called from one compiled loop, which comes back after a
+chunk of generations for the clock and for Ctrl-C. The kernels are those of ask and
+tell, called with the same numbers in the same order, so both loops give the same bits.
+
+Numba keeps the machine code of a loop on disk, and looks for changes in this file only.
+So a fingerprint of all files here is part of what it keeps the code under.
+"""
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any, NamedTuple, Protocol, cast
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.extending import intrinsic
+
+from swarmstart.heuristics.algorithm import Kernels, State
+from swarmstart.heuristics.kernel import Array, kernel
+
+CHUNK = 64
+"""Generations between two looks at the clock."""
+
+
+class Pointers(NamedTuple):
+    """A compiled objective bound to buffers.
+
+    Attributes:
+        function: Address of void f(double **in, double **out, int64 size).
+        inputs: Address of its first argument.
+        outputs: Address of its second argument.
+    """
+
+    function: int
+    inputs: int
+    outputs: int
+
+
+class CompiledObjective(Protocol):
+    """An objective that can be called without Python."""
+
+    def __call__(self, population: Array) -> tuple[Array, Array]:
+        """Return cost and violation, each (size,), of a population (dim, size)."""
+        ...
+
+    def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
+        """Bind to buffers that live as long as this object is used.
+
+        Args:
+            asked: Population to read, shape (dim, size), contiguous.
+            cost: Where to write costs, shape (size,).
+            violation: Where to write violations, shape (size,).
+
+        Returns:
+            None where only the call from Python works.
+        """
+        ...
+
+
+class Work(NamedTuple):
+    """What the loop writes.
+
+    Attributes:
+        asked: Population, shape (dim, size).
+        cost: Its costs, shape (size,).
+        violation: Its violations, shape (size,).
+        best_cost: Best cost after each generation, shape (generations,).
+        best_violation: Its violation, shape (generations,).
+    """
+
+    asked: Array
+    cost: Array
+    violation: Array
+    best_cost: Array
+    best_violation: Array
+
+
+def new_work(dim: int, size: int, generations: int) -> Work:
+    """Return new arrays for a number of generations."""
+    return Work(
+        np.empty((dim, size)),
+        np.empty(size),
+        np.empty(size),
+        np.empty(generations),
+        np.empty(generations),
+    )
+
+
+def can_loop(objective: object) -> bool:
+    """Return whether an objective may be called from the compiled loop."""
+    return hasattr(objective, "attach") and not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
+
+
+@cache
+def loop_of(kernels: Kernels) -> Callable[..., None]:
+    """Return the compiled loop of an algorithm.
+
+    The kernels stand in for globals of `_loop`, not for variables of a closure, and the
+    fingerprint in its name: so Numba finds in a later process what it kept.
+
+    Args:
+        kernels: Its two kernels.
+
+    Returns:
+        (rng, settings, state, work, pointers, last) -> None, as `_loop`.
+    """
+    names = {**globals(), "propose": kernels.propose, "accept": kernels.accept}
+    loop = FunctionType(_loop.__code__, names, f"loop_{_fingerprint()}")
+    loop.__qualname__ = loop.__name__
+    return kernel(loop)
+
+
+def propose(
+    rng: np.random.Generator, settings: object, state: State, asked: Array
+) -> None:
+    """Stand for an algorithm's kernel in `_loop`."""
+
+
+def accept(
+    settings: object, state: State, asked: Array, cost: Array, violation: Array
+) -> None:
+    """Stand for an algorithm's kernel in `_loop`."""
+
+
+def _loop(
+    rng: np.random.Generator,
+    settings: object,
+    state: State,
+    work: Work,
+    pointers: Pointers,
+    last: int,
+) -> None:
+    """Run as many generations as `work` has room for.
+
+    `last` is the number of the last generation that the budget allows, iter_max of
+    (5.19).
+    """
+    for k in range(work.best_cost.size):
+        state.progress[0] = state.generation[0] / last if last > 0 else 0.0
+        propose(rng, settings, state, work.asked)
+        call_kernel(
+            pointers.function, pointers.inputs, pointers.outputs, work.cost.size
+        )
+        accept(settings, state, work.asked, work.cost, work.violation)
+        work.best_cost[k] = state.best_cost[0]
+        work.best_violation[k] = state.best_violation[0]
+
+
+@cache
+def _fingerprint() -> str:
+    """Return a name's worth of hash that changes with any module of this folder."""
+    digest = hashlib.sha256()
+    for file in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _call_kernel(
+    typing_context: Any, function: Any, inputs: Any, outputs: Any, size: Any
+) -> tuple[Any, Callable[..., Any]]:
+    """Call void f(double **in, double **out, int64 size) at an address."""
+    integer = numba.types.int64
+    signature = numba.types.void(integer, integer, integer, integer)
+
+    def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+        address, first, second, count = arguments
+        pointer = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [pointer, pointer, ir.IntType(64)])
+        called = builder.inttoptr(address, kind.as_pointer())
+        given = [builder.inttoptr(a, pointer) for a in (first, second)]
+        builder.call(called, [*given, count])
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+call_kernel = cast(Callable[[int, int, int, int], None], intrinsic(_call_kernel))

@@ -1,0 +1,80 @@
+"""Which evaluator serves a problem: machine code, or CasADi where that cannot.
+
+The choice is `backend`: "auto" (machine code where possible), "llvm" or "casadi"; the
+environment's SWARMSTART_BACKEND where the caller does not say. Where "auto" or "llvm"
+cannot be served, CasADi's map evaluates, and a warning says once which and why.
+"""
+
+import os
+import warnings
+from collections.abc import Callable
+from typing import Literal
+
+from swarmstart.ocp.compiled.casadi_map import CasadiMap
+from swarmstart.ocp.compiled.engine import NoCompilerError, machine
+from swarmstart.ocp.compiled.interface import BatchEvaluator
+from swarmstart.ocp.compiled.tape import UnknownOperationError
+from swarmstart.ocp.errors import InvalidProblemError
+
+Backend = Literal["auto", "llvm", "casadi"]
+BACKENDS = ("auto", "llvm", "casadi")
+VARIABLE = "SWARMSTART_BACKEND"
+
+
+class BackendWarning(UserWarning):
+    """CasADi evaluates, slower, what was to be compiled."""
+
+
+def chosen_backend(backend: str | None = None) -> str:
+    """Return "llvm" or "casadi": what will be tried first here.
+
+    Args:
+        backend: "auto", "llvm", "casadi"; None asks the environment, then means auto.
+
+    Raises:
+        InvalidProblemError: If it is none of these.
+    """
+    asked = backend or os.environ.get(VARIABLE) or "auto"
+    if asked not in BACKENDS:
+        raise InvalidProblemError(
+            f"backend (or {VARIABLE}) must be one of {', '.join(BACKENDS)}, "
+            f"got {asked!r}"
+        )
+    if asked == "casadi":
+        return asked
+    try:
+        machine()
+    except NoCompilerError as error:
+        warn_of_casadi(str(error))
+        return "casadi"
+    return "llvm"
+
+
+def evaluator(
+    compiled: Callable[[], BatchEvaluator],
+    mapped: Callable[[], CasadiMap],
+    backend: str | None = None,
+) -> BatchEvaluator:
+    """Return machine code where it is asked for and possible, else CasADi's map.
+
+    Args:
+        compiled: Makes the machine code.
+        mapped: Makes the map.
+        backend: As in `chosen_backend`.
+    """
+    if chosen_backend(backend) == "casadi":
+        return mapped()
+    try:
+        return compiled()
+    except (NoCompilerError, UnknownOperationError) as error:
+        warn_of_casadi(str(error))
+        return mapped()
+
+
+def warn_of_casadi(reason: str) -> None:
+    """Say which evaluator serves, and why it is not machine code."""
+    warnings.warn(
+        f"populations are evaluated by CasADi, not by machine code: {reason}",
+        BackendWarning,
+        stacklevel=3,
+    )

@@ -1,0 +1,138 @@
+"""LLVM IR -> machine code in this process."""
+
+import ctypes
+import ctypes.util
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from swarmstart.ocp.compiled.emitter import C_FUNCTIONS
+
+try:
+    import llvmlite
+    import llvmlite.binding as llvm
+except ImportError:  # pragma: no cover - numba brings it, but a platform may lack it
+    llvm = None
+
+
+_INITIALISES_ITSELF = (0, 45)
+"""The first llvmlite that initialises LLVM's core by itself."""
+
+
+class NoCompilerError(Exception):
+    """Machine code cannot be made here; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """What code is made for.
+
+    Attributes:
+        triple: The target triple.
+        cpu: The processor's name.
+        features: Its features, as LLVM writes them.
+        lanes: Doubles in a vector.
+        llvm: LLVM's version.
+    """
+
+    triple: str
+    cpu: str
+    features: str
+    lanes: int
+    llvm: str
+
+
+@cache
+def machine() -> Machine:
+    """Return what this process runs on.
+
+    Raises:
+        NoCompilerError: Without llvmlite, or without fused multiply-add.
+    """
+    if llvm is None:
+        raise NoCompilerError("llvmlite is not installed")
+    _initialise()
+    triple = str(llvm.get_process_triple())
+    features = llvm.get_host_cpu_features()
+    if triple.startswith(("aarch64", "arm64")):
+        lanes = 4  # Two registers of two doubles, to hide the latency of one.
+    elif not features.get("fma"):
+        raise NoCompilerError("the processor has no fused multiply-add")
+    else:
+        lanes = 8
+    return Machine(
+        triple=triple,
+        cpu=str(llvm.get_host_cpu_name()),
+        features=str(features.flatten()),
+        lanes=lanes,
+        llvm=".".join(map(str, llvm.llvm_version_info)),
+    )
+
+
+def _initialise() -> None:
+    if tuple(map(int, llvmlite.__version__.split(".")[:2])) < _INITIALISES_ITSELF:
+        llvm.initialize()
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    library = ctypes.CDLL(ctypes.util.find_library("m"))
+    for name in C_FUNCTIONS:
+        address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
+        llvm.add_symbol(name, address)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compiled:
+    """A compiled kernel; keep the object as long as the code may be called.
+
+    Attributes:
+        address: Of void kernel(double **in, double **out, int64 n).
+        call: The same as a ctypes function.
+        keeps_alive: What owns the code.
+    """
+
+    address: int
+    call: Callable[..., None]
+    keeps_alive: Any
+
+
+SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
+
+
+def translate(ir: str) -> bytes:
+    """Return the object code of an IR module.
+
+    Args:
+        ir: A module with the function `kernel`.
+
+    Raises:
+        NoCompilerError: If machine code cannot be made here.
+    """
+    target = machine()
+    module = llvm.parse_assembly(ir)
+    module.triple = target.triple
+    module.verify()
+    code: bytes = _target_machine(target).emit_object(module)
+    return code
+
+
+def link(code: bytes) -> Compiled:
+    """Return the kernel of object code, ready to be called.
+
+    Args:
+        code: What `translate` made, on this machine, for this machine.
+    """
+    target = machine()
+    empty = llvm.parse_assembly("")
+    empty.triple = target.triple
+    engine = llvm.create_mcjit_compiler(empty, _target_machine(target))
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    address = engine.get_function_address("kernel")
+    return Compiled(address, SIGNATURE(address), engine)
+
+
+def _target_machine(target: Machine) -> Any:
+    return llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.cpu, features=target.features, opt=2, reloc="pic", jit=True
+    )

@@ -1,0 +1,190 @@
+"""The instructions of an SX function as single static assignments.
+
+CasADi evaluates an SX function by a list of instructions on a work vector whose entries
+are overwritten. Here every value gets a name of its own, equal values one name (value
+numbering), constants are folded, and what no output needs is left out.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+
+OPERATIONS: dict[int, str] = {
+    getattr(ca, f"OP_{name.upper()}"): name
+    for name in (
+        "add sub mul div neg exp log pow constpow sqrt sq twice sin cos tan asin acos "
+        "atan lt le eq ne not and or floor ceil fmod fabs sign copysign if_else_zero "
+        "erf fmin fmax inv sinh cosh tanh asinh acosh atanh atan2 log1p expm1 hypot "
+        "remainder assign lift"
+    ).split()
+}
+"""CasADi's operation code -> name, for what the emitter knows."""
+
+COMMUTATIVE = frozenset(("add", "mul", "eq", "ne", "and", "or"))
+
+# Folded in Python's floats, which round as the machine code would.
+FOLDED: dict[str, Callable[..., float]] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "neg": lambda a: -a,
+    "sq": lambda a: a * a,
+    "twice": lambda a: a + a,
+}
+
+
+class UnknownOperationError(Exception):
+    """An operation the emitter does not know; CasADi must evaluate the function."""
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One value.
+
+    Attributes:
+        operation: A name of OPERATIONS, "input" or "constant".
+        arguments: Numbers of the values it is computed from; (argument, nonzero) of an
+            input; nothing of a constant.
+        value: The constant.
+    """
+
+    operation: str
+    arguments: tuple[int, ...] = ()
+    value: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Tape:
+    """An SX function, value by value, each after those it is computed from.
+
+    Attributes:
+        nodes: All values; a value's number is its index.
+        outputs: For each output the number of the value at each dense entry, column by
+            column.
+        inputs: Number of dense entries of each argument.
+    """
+
+    nodes: tuple[Node, ...]
+    outputs: tuple[tuple[int, ...], ...]
+    inputs: tuple[int, ...]
+
+    def users(self) -> list[int]:
+        """Return how many values and outputs use each value."""
+        counts = [0] * len(self.nodes)
+        for node in self.nodes:
+            if node.operation != "input":
+                for argument in node.arguments:
+                    counts[argument] += 1
+        for output in self.outputs:
+            for number in output:
+                counts[number] += 1
+        return counts
+
+
+class _Builder:
+    """Gives each different value one number."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self._numbers: dict[tuple[object, ...], int] = {}
+
+    def number(self, node: Node) -> int:
+        """Return the number of a value, a new one where it is new."""
+        # repr tells 0.0 from -0.0, which compare equal, and one NaN equals another.
+        key = (node.operation, node.arguments, repr(node.value))
+        if key not in self._numbers:
+            self._numbers[key] = len(self.nodes)
+            self.nodes.append(node)
+        return self._numbers[key]
+
+    def apply(self, operation: str, arguments: tuple[int, ...]) -> int:
+        """Return the number of an operation's result."""
+        if operation in ("assign", "lift"):
+            return arguments[0]
+        nodes = [self.nodes[a] for a in arguments]
+        if operation in FOLDED and all(n.operation == "constant" for n in nodes):
+            value = FOLDED[operation](*(n.value for n in nodes))
+            return self.number(Node("constant", (), value))
+        if operation in COMMUTATIVE:
+            arguments = tuple(sorted(arguments))
+        return self.number(Node(operation, arguments))
+
+
+def read_tape(function: ca.Function) -> Tape:
+    """Return the tape of an SX function.
+
+    Args:
+        function: A function with SX instructions (`Function.is_a("SXFunction")`), whose
+            inputs and outputs may be sparse.
+
+    Raises:
+        UnknownOperationError: If it has an operation that is not in OPERATIONS.
+    """
+    if not function.is_a("SXFunction"):
+        raise UnknownOperationError(f"{function.name()} is no SX function")
+    builder = _Builder()
+    work: dict[int, int] = {}
+    zero = builder.number(Node("constant", (), 0.0))
+    outputs = [[zero] * function.numel_out(i) for i in range(function.n_out())]
+    dense_in = [_dense_entries(function.sparsity_in(i)) for i in range(function.n_in())]
+    dense_out = [
+        _dense_entries(function.sparsity_out(i)) for i in range(function.n_out())
+    ]
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        source = function.instruction_input(k)
+        target = function.instruction_output(k)
+        if code == ca.OP_INPUT:
+            place = (source[0], dense_in[source[0]][source[1]])
+            work[target[0]] = builder.number(Node("input", place))
+        elif code == ca.OP_OUTPUT:
+            outputs[target[0]][dense_out[target[0]][target[1]]] = work[source[0]]
+        elif code == ca.OP_CONST:
+            value = float(function.instruction_constant(k))
+            work[target[0]] = builder.number(Node("constant", (), value))
+        elif code in OPERATIONS:
+            arguments = tuple(work[s] for s in source)
+            work[target[0]] = builder.apply(OPERATIONS[code], arguments)
+        else:
+            raise UnknownOperationError(
+                f"{function.name()} has the operation {code}, which is not compiled"
+            )
+    return _pruned(
+        builder.nodes,
+        outputs,
+        tuple(function.numel_in(i) for i in range(function.n_in())),
+    )
+
+
+def _dense_entries(sparsity: ca.Sparsity) -> list[int]:
+    """Return the dense index, column by column, of each nonzero."""
+    return [int(i) for i in sparsity.find()]
+
+
+def _pruned(
+    nodes: list[Node], outputs: list[list[int]], inputs: tuple[int, ...]
+) -> Tape:
+    """Return a tape without the values that no output needs."""
+    needed = {number for output in outputs for number in output}
+    for number in range(len(nodes) - 1, -1, -1):
+        if number in needed and nodes[number].operation != "input":
+            needed.update(nodes[number].arguments)
+    renumbered = {old: new for new, old in enumerate(sorted(needed))}
+    return Tape(
+        nodes=tuple(_renumbered(nodes, sorted(needed), renumbered)),
+        outputs=tuple(tuple(renumbered[n] for n in output) for output in outputs),
+        inputs=inputs,
+    )
+
+
+def _renumbered(
+    nodes: list[Node], kept: list[int], numbers: dict[int, int]
+) -> Iterator[Node]:
+    for old in kept:
+        node = nodes[old]
+        if node.operation == "input":
+            yield node
+        else:
+            arguments = tuple(numbers[a] for a in node.arguments)
+            yield Node(node.operation, arguments, node.value)
