@@ -1,5 +1,6 @@
 """The optimal-control problem and everything done to one."""
 
+from swarmstart.ocp.closed_loop import Plant, Step, Trajectory, collected, fly, simulate
 from swarmstart.ocp.compiled.backend import BackendWarning, chosen_backend
 from swarmstart.ocp.compiled.batch import BatchFunction, Prepared, compile_batch
 from swarmstart.ocp.constraints import (
@@ -19,9 +20,8 @@ from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.planner import Plan, Planner, SearchSettings, Source, WarmStart
 from swarmstart.ocp.polish import IpoptOptions, Polished, Polisher, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.simulate import Plant, Step, Trajectory, collected, fly, simulate
 from swarmstart.ocp.solution import Solution, SolutionStatus, verified
-from swarmstart.ocp.solve import solve
+from swarmstart.ocp.solving import solve
 from swarmstart.ocp.team import Agent, Team
 
 __all__ = [

@@ -6,7 +6,9 @@ so that a flight can be stopped, stored and gone on with.
 Receding horizon: at each control instant the planner starts at the last plan, shifted
 by one interval with zero controls appended, and the first control of the new plan is
 flown. (The chapter starts at U(t - delta) unshifted, which does not settle: erratum.)
-Where no feasible plan is found, the shifted last plan is flown, and the plan says so.
+Where no feasible plan is found, the better of what was found and the shifted last
+plan, by (violation, cost), is flown, and the plan says so. (Always flying the shifted
+plan can stall: one that never was feasible is then repeated for ever.)
 """
 
 from collections.abc import Callable
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.guess import shifted_controls
 from swarmstart.ocp.planner import Plan, Planner, Source
+from swarmstart.ocp.polish import is_better
 
 Array = NDArray[np.float64]
 Reference = Callable[[Array], Array]
@@ -144,10 +147,10 @@ class RecedingHorizon:
         plan = self.planner.plan(state, known=known, guess=guess, rng=rng)
         if plan.feasible or guess is None:
             return plan
-        return self.fallback(plan, guess, state, known)
+        return self._fallback(plan, guess, state, known)
 
-    def fallback(self, plan: Plan, guess: Array, state: Array, known: Known) -> Plan:
-        """Return the shifted last plan in place of an infeasible one.
+    def _fallback(self, plan: Plan, guess: Array, state: Array, known: Known) -> Plan:
+        """Return the shifted last plan in place of an infeasible one, unless worse.
 
         Args:
             plan: What planning found; its search values and effort are kept.
@@ -158,6 +161,9 @@ class RecedingHorizon:
         shifted = self.planner.evaluated(
             guess, state, known=known, source=Source.SHIFTED
         )
+        found, last = (plan.cost, plan.violation), (shifted.cost, shifted.violation)
+        if is_better(found, last, tolerance=self.planner.problem.tolerance):
+            return plan
         return Plan(
             controls=shifted.controls,
             states=shifted.states,

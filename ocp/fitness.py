@@ -17,6 +17,7 @@ from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.shooting import (
     rollout,
+    stage,
     stage_without_path,
     terminal,
     trajectory,
@@ -121,7 +122,9 @@ class Fitness:
             InvalidProblemError: If a shape is not the problem's, or x0 not finite.
         """
         dim = self.problem.model.nu * self.problem.intervals
-        return Objective(self._evaluate.bind(self._shared(x0, known)), dim)
+        return Objective(
+            self._evaluate.bind(shared_arguments(self.problem, x0, known)), dim
+        )
 
     def value(
         self, controls: Array, x0: ArrayLike, known: Known = NOTHING
@@ -133,7 +136,7 @@ class Fitness:
 
     def states(self, controls: Array, x0: ArrayLike, known: Known = NOTHING) -> Array:
         """Return the states at the nodes, shape (nx, nodes), of controls (nu, N)."""
-        shared = self._shared(x0, known)
+        shared = shared_arguments(self.problem, x0, known)
         return np.array(self._trajectory(self._decision(controls), *shared))
 
     def _decision(self, controls: Array) -> Array:
@@ -145,16 +148,54 @@ class Fitness:
             )
         return flatten(controls)
 
-    def _shared(self, x0: ArrayLike, known: Known) -> tuple[Array, Array, Array]:
-        problem = self.problem
-        signals = np.asarray(known.signals, dtype=np.float64)
-        if problem.ns == 0 and signals.size == 0:
-            signals = np.empty((0, problem.nodes))
-        return (
-            _shaped("x0", x0, (problem.model.nx,)),
-            _shaped("parameters", known.parameters, (problem.model.np,)),
-            flatten(_shaped("signals", signals, (problem.ns, problem.nodes))),
-        )
+
+def shared_arguments(
+    problem: OptimalControlProblem, x0: ArrayLike, known: Known
+) -> tuple[Array, Array, Array]:
+    """Return x0, parameters and ca.vec of the signals, checked and copied.
+
+    Raises:
+        InvalidProblemError: If a shape is not the problem's, or a value not finite.
+    """
+    signals = np.asarray(known.signals, dtype=np.float64)
+    if problem.ns == 0 and signals.size == 0:
+        signals = np.empty((0, problem.nodes))
+    return (
+        _shaped("x0", x0, (problem.model.nx,)),
+        _shaped("parameters", known.parameters, (problem.model.np,)),
+        flatten(_shaped("signals", signals, (problem.ns, problem.nodes))),
+    )
+
+
+def replay(
+    problem: OptimalControlProblem,
+    controls: Array,
+    x0: ArrayLike,
+    known: Known = NOTHING,
+) -> tuple[Array, float, float]:
+    """Return states (nx, nodes), cost and violation of one control sequence.
+
+    Interval by interval, each by one call of the stage: for a single evaluation of a
+    problem, where compiling its rollout would cost more than it saves.
+
+    Args:
+        problem: The problem.
+        controls: Shape (nu, N).
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+    """
+    x, p, flat = shared_arguments(problem, x0, known)
+    signals = flat.reshape((problem.ns, problem.nodes), order="F")
+    checks = problem.checks
+    interval, states = stage(problem), [x[:, None]]
+    cost = violation = 0.0
+    for k in range(problem.intervals):
+        nodes = signals[:, k * checks : (k + 1) * checks + 1]
+        after, spent, broken = interval(states[-1][:, -1], controls[:, k], p, nodes)
+        states.append(np.array(after))
+        cost, violation = cost + float(spent), violation + float(broken)
+    end = terminal(problem)(states[-1][:, -1], p, signals[:, -1])
+    return np.hstack(states), cost + float(end[0]), violation + float(end[1])
 
 
 def flatten(sequence: Array) -> Array:

@@ -11,7 +11,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.fitness import NOTHING, Fitness, Known
+from swarmstart.ocp.fitness import NOTHING, Known, replay
 from swarmstart.ocp.planner import Plan
 from swarmstart.ocp.polish import PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -75,10 +75,10 @@ def verified(
             the final states, relative to the cost and to each state's largest value
             (at least 1), and the largest absolute difference of the violations.
     """
-    fine = Fitness(replace(problem, substeps=problem.substeps * FINER))
-    cost, violation = fine.value(plan.controls, x0, known)
-    states = fine.states(plan.controls, x0, known)
-    agrees = abs(cost - plan.cost) <= tolerance * max(abs(cost), 1.0) and (
+    fine = replace(problem, substeps=problem.substeps * FINER)
+    states, cost, violation = replay(fine, plan.controls, x0, known)
+    scale = max(abs(cost), abs(plan.cost))
+    agrees = abs(cost - plan.cost) <= tolerance * scale and (
         abs(violation - plan.violation) <= max(tolerance, problem.tolerance)
     )
     size = np.maximum(np.abs(states).max(axis=1), 1.0)

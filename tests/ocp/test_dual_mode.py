@@ -1,0 +1,185 @@
+"""Dual mode: the linear law inside, plans outside, the whole team at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from swarmstart.ocp import (
+    Agent,
+    Bounds,
+    DualMode,
+    InvalidProblemError,
+    Mode,
+    Model,
+    OptimalControlProblem,
+    Planner,
+    Plant,
+    RecedingHorizon,
+    Source,
+    Team,
+    right_hand_side,
+    simulate,
+    stack_models,
+)
+from swarmstart.terminal_set import Reference, TerminalSet, sampled_terminal_set
+
+Array = NDArray[np.float64]
+DT = 0.5
+
+
+@pytest.fixture(scope="module")
+def terminal_set(double_integrator: Model) -> TerminalSet:
+    f = right_hand_side(double_integrator).factory("f", ["x", "u"], ["xdot"])
+    reference = Reference(
+        x_ref=np.zeros(2),
+        u_ref=np.zeros(1),
+        u_lower=np.array([-1.0]),
+        u_upper=np.array([1.0]),
+    )
+    return sampled_terminal_set(f, reference, dt=DT, Q=np.eye(2), R=np.eye(1))
+
+
+@pytest.fixture(scope="module")
+def team(double_integrator: Model) -> Team:
+    problem = OptimalControlProblem(
+        double_integrator,
+        horizon=4 * DT,
+        intervals=4,
+        bounds=Bounds(controls=(-1, 1)),
+        substeps=1,
+    )
+    agents = [
+        Agent(controller=RecedingHorizon(planner=Planner(problem, search=None)))
+        for _ in range(2)
+    ]
+    return Team(agents, order=(1, 0))
+
+
+def moving(time: float) -> Array:
+    """A target that moves by 3 m/s; the double integrator keeps up without input."""
+    return np.array([3 * time, 3.0])
+
+
+@pytest.fixture(scope="module")
+def dual(team: Team, terminal_set: TerminalSet) -> DualMode:
+    return DualMode(team, sets=[terminal_set] * 2, targets=[moving, moving])
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_inside_the_sets_the_linear_law_flies(
+    dual: DualMode, terminal_set: TerminalSet, seed: int
+) -> None:
+    directions = np.random.default_rng(seed).normal(size=(2, 2))
+    errors = 0.9 * terminal_set.ellipsoid.boundary(directions)
+    state = np.concatenate([moving(2.0) + e for e in errors.T])
+    decision = dual.decide(2.0, state, None, rng=rng())
+    assert decision.mode is Mode.LINEAR
+    assert all(plan.source is Source.LINEAR for plan in decision.plans)
+    np.testing.assert_allclose(
+        decision.control, (-terminal_set.K @ errors)[0], rtol=1e-12
+    )
+    # The plan is the closed loop: e+ = (A - B K) e, once an interval.
+    A = expm(np.array([[0, DT], [0, 0]]))
+    loop = A - np.array([[DT**2 / 2], [DT]]) @ terminal_set.K
+    expected = moving(4.0) + np.linalg.matrix_power(loop, 4) @ errors[:, 0]
+    np.testing.assert_allclose(decision.plans[0].states[:, -1], expected, atol=1e-12)
+
+
+def test_one_agent_outside_makes_the_whole_team_plan(
+    dual: DualMode, terminal_set: TerminalSet
+) -> None:
+    outside = 1.01 * terminal_set.ellipsoid.boundary([1.0, 0.0])
+    for errors in ((outside, np.zeros(2)), (np.zeros(2), outside)):
+        state = np.concatenate([moving(0.0) + e for e in errors])
+        decision = dual.decide(0.0, state, None, rng=rng())
+        assert decision.mode is Mode.PLANNED
+        assert {plan.source for plan in decision.plans} == {Source.GUESS}
+    inside = np.concatenate([moving(0.0) + 0.98 * outside, moving(0.0)])
+    assert dual.inside(0.0, inside)
+    assert not dual.inside(1.0, inside)  # the targets have moved on
+
+
+def test_linear_plan_is_clipped_to_the_bounds(
+    team: Team, terminal_set: TerminalSet
+) -> None:
+    greedy = replace(terminal_set, K=50 * terminal_set.K, alpha=1e6)
+    dual = DualMode(team, sets=[greedy] * 2, targets=[moving, moving])
+    state = np.array([5.0, 3, -5, 3])
+    decision = dual.decide(0.0, state, None, rng=rng())
+    assert decision.mode is Mode.LINEAR
+    assert decision.control.tolist() == [-1, 1]
+    for plan in decision.plans:
+        assert (np.abs(plan.controls) <= 1).all()
+
+
+def test_lyapunov_function_falls_along_the_flight(
+    dual: DualMode, double_integrator: Model, terminal_set: TerminalSet
+) -> None:
+    """Held exactly dt, the loop is linear: V falls by e'(Q + K'RK)e each step."""
+    plant = Plant(stack_models([double_integrator] * 2), dt=DT, substeps=5)
+    errors = 0.99 * terminal_set.ellipsoid.boundary(np.array([[1.0, 0], [1, -2]]))
+    x0 = np.concatenate([moving(0.0) + e for e in errors.T])
+    flown = simulate(plant, dual, x0, steps=8, rng=rng())
+    assert {decision.mode for decision in flown.decisions} == {Mode.LINEAR}
+    K = terminal_set.K
+    for own in (flown.states[:2], flown.states[2:]):
+        e = own - np.stack([moving(t) for t in flown.times], axis=1)
+        V = terminal_set.value(e)
+        stage = np.einsum("in,ij,jn->n", e, np.eye(2) + K.T @ K, e)
+        assert (np.diff(V) < 0).all()
+        np.testing.assert_allclose(-np.diff(V), stage[:-1], rtol=1e-9, atol=1e-12)
+
+
+def test_linear_plan_is_the_law_along_its_own_states(pendulum: Model) -> None:
+    """A pendulum held at 0.5 rad: u_ref is not zero, and the grid matters."""
+    problem = OptimalControlProblem(
+        pendulum,
+        horizon=2.0,
+        intervals=4,
+        bounds=Bounds(controls=(-20, 20)),
+        substeps=1,
+        checks=3,
+    )
+    x_ref, u_ref = np.array([0.5, 0]), np.array([9.81 * np.sin(0.5)])
+    wide = TerminalSet(
+        K=np.array([[1.0, 2]]),
+        P=np.eye(2),
+        alpha=9.0,
+        x_ref=x_ref,
+        u_ref=u_ref,
+        dt=DT,
+        design="own",
+    )
+    controller = RecedingHorizon(planner=Planner(problem, search=None))
+    alone = Team([Agent(controller=controller)], order=(0,))
+    dual = DualMode(alone, sets=[wide], targets=[lambda _: x_ref])
+    (plan,) = dual.decide(0.0, np.array([1.5, -1]), None, rng=rng()).plans
+    errors = plan.states[:, :-1:3] - x_ref[:, None]
+    np.testing.assert_allclose(plan.controls, u_ref - wide.K @ errors, rtol=1e-12)
+
+
+def test_plan_goes_on_from_the_linear_one(
+    dual: DualMode, terminal_set: TerminalSet
+) -> None:
+    error = 0.9 * terminal_set.ellipsoid.boundary([1.0, 1.0])
+    linear = dual.decide(0.0, np.tile(moving(0.0) + error, 2), None, rng=rng())
+    away = dual.decide(DT, np.tile([100.0, 3.0], 2), linear, rng=rng())
+    assert (linear.mode, away.mode) == (Mode.LINEAR, Mode.PLANNED)
+    shifted = np.append(linear.plans[0].controls[0, 1:], 0)
+    np.testing.assert_array_equal(away.plans[0].controls[0], shifted)
+
+
+def test_refuses_sets_and_targets_that_are_not_one_an_agent(
+    team: Team, terminal_set: TerminalSet
+) -> None:
+    with pytest.raises(InvalidProblemError, match="2 agents, got 1 and 2"):
+        DualMode(team, sets=[terminal_set], targets=[moving, moving])
+    with pytest.raises(InvalidProblemError, match="2 agents, got 2 and 1"):
+        DualMode(team, sets=[terminal_set] * 2, targets=[moving])

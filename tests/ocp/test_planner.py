@@ -1,0 +1,149 @@
+"""One planning problem: guess, search, polish, and what a plan says of itself."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmstart.heuristics import Budget, ChaoticPSO, RandomSearch
+from swarmstart.ocp import (
+    Fitness,
+    InvalidProblemError,
+    IpoptOptions,
+    Known,
+    OptimalControlProblem,
+    Planner,
+    PolishStatus,
+    SearchSettings,
+    Source,
+)
+from swarmstart.ocp.planner import WarmStart
+from swarmstart.ocp.polish import is_better
+
+Array = NDArray[np.float64]
+Posed = tuple[OptimalControlProblem, Array, Known]
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def one_generation(warm_start: WarmStart, size: int = 5) -> SearchSettings:
+    return SearchSettings(
+        algorithm=RandomSearch(size=size),
+        budget=Budget(evaluations=size),
+        warm_start=warm_start,
+    )
+
+
+def test_without_search_and_polish_the_guess_is_the_plan(crossing: Posed) -> None:
+    problem, x0, known = crossing
+    planner = Planner(problem, search=None)
+    plan = planner.plan(x0, known=known, rng=rng())
+    np.testing.assert_array_equal(plan.controls, np.zeros((2, 3)))
+    assert plan.source is Source.GUESS
+    assert (plan.evaluations, plan.polish_status) == (0, None)
+    assert np.isnan(plan.search_cost)
+    guess = rng(1).uniform(-1, 1, (2, 3))
+    plan = planner.plan(x0, known=known, guess=guess, rng=rng())
+    np.testing.assert_array_equal(plan.controls, guess)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_plan_is_worth_what_the_evaluator_says(crossing: Posed, seed: int) -> None:
+    problem, x0, known = crossing
+    planner = Planner(problem, search=one_generation("one", size=8))
+    plan = planner.plan(x0, known=known, rng=rng(seed))
+    fitness = Fitness(problem)
+    assert (plan.cost, plan.violation) == fitness.value(plan.controls, x0, known)
+    np.testing.assert_array_equal(plan.states, fitness.states(plan.controls, x0, known))
+    assert plan.feasible == (plan.violation <= problem.tolerance)
+    assert (plan.source, plan.evaluations) == (Source.SEARCH, 8)
+    assert (plan.search_cost, plan.search_violation) == (plan.cost, plan.violation)
+
+
+def test_warm_start_says_how_much_of_the_first_population_is_the_guess(
+    crossing: Posed,
+) -> None:
+    problem, x0, known = crossing
+    guess = np.array([[5.0, -5, 5], [1, -1, 1]])
+    best = Planner(problem, search=one_generation("one", size=200)).plan(
+        x0, known=known, rng=rng(7)
+    )
+
+    def planned(warm_start: WarmStart, guess: Array | None) -> Array:
+        planner = Planner(problem, search=one_generation(warm_start))
+        return planner.plan(x0, known=known, guess=guess, rng=rng()).controls
+
+    np.testing.assert_array_equal(planned("all", guess), guess)
+    cold = planned("none", None)
+    np.testing.assert_array_equal(planned("none", best.controls), cold)
+    np.testing.assert_array_equal(planned("one", best.controls), best.controls)
+    assert not np.array_equal(cold, best.controls)
+
+
+def test_guess_outside_the_bounds_is_searched_from_the_nearest_inside(
+    crossing: Posed,
+) -> None:
+    problem, x0, known = crossing
+    planner = Planner(problem, search=one_generation("all"))
+    guess = np.array([[9.0, -9, 0], [0, 0, 0]])
+    plan = planner.plan(x0, known=known, guess=guess, rng=rng())
+    np.testing.assert_array_equal(plan.controls, [[5, -5, 0], [0, 0, 0]])
+
+
+def test_polish_is_never_worse_than_the_search(passing_side: Posed) -> None:
+    problem, x0, known = passing_side
+    search = SearchSettings(
+        algorithm=ChaoticPSO(size=6), budget=Budget(evaluations=120)
+    )
+    alone = Planner(problem, search=search)
+    both = Planner(problem, search=search, polish=IpoptOptions())
+    for seed in range(6):
+        searched = alone.plan(x0, known=known, rng=rng(seed))
+        plan = both.plan(x0, known=known, rng=rng(seed))
+        value = (plan.cost, plan.violation)
+        before = (searched.cost, searched.violation)
+        assert (plan.search_cost, plan.search_violation) == before
+        assert not is_better(before, value, tolerance=problem.tolerance)
+        assert plan.evaluations > searched.evaluations == 120
+        improved = plan.polish_status is PolishStatus.CONVERGED
+        assert plan.source is (Source.POLISH if improved else Source.SEARCH)
+
+
+def test_same_seed_gives_the_same_bits(crossing: Posed) -> None:
+    problem, x0, known = crossing
+    search = SearchSettings(algorithm=ChaoticPSO(size=6), budget=Budget(evaluations=60))
+    planner = Planner(problem, search=search, polish=IpoptOptions())
+    first, _, again = (
+        planner.plan(x0, known=known, rng=rng(seed)) for seed in (3, 4, 3)
+    )
+    np.testing.assert_array_equal(first.controls, again.controls)
+    assert first.cost == again.cost
+
+
+def test_refuses_a_search_without_finite_bounds(lq: OptimalControlProblem) -> None:
+    with pytest.raises(InvalidProblemError, match="finite bounds on every control"):
+        Planner(lq, search=one_generation("one"))
+
+
+def test_refuses_an_unknown_warm_start() -> None:
+    with pytest.raises(InvalidProblemError, match="all, one or none, got 'some'"):
+        one_generation("some")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda guess: guess.T, r"a guess must have shape \(2, 3\), got \(3, 2\)"),
+        (lambda guess: guess * np.inf, "a guess must be finite"),
+    ],
+)
+def test_refuses_a_guess_that_is_none(
+    crossing: Posed, spoil: Callable[[Array], Array], message: str
+) -> None:
+    problem, x0, known = crossing
+    planner = Planner(problem, search=one_generation("one"))
+    with pytest.raises(InvalidProblemError, match=message):
+        planner.plan(x0, known=known, guess=spoil(np.ones((2, 3))), rng=rng())

@@ -1,0 +1,79 @@
+"""What the finer grid says of a plan."""
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from swarmstart.ocp import (
+    Model,
+    OptimalControlProblem,
+    Planner,
+    SolutionStatus,
+    Source,
+    verified,
+)
+
+
+def test_coarse_euler_is_unmasked_by_its_final_state_alone(pendulum: Model) -> None:
+    """The cost u^2 is the same on every grid, and nothing is demanded of the end."""
+
+    def status(integrator: str) -> SolutionStatus:
+        problem = OptimalControlProblem(
+            pendulum,
+            horizon=2.0,
+            intervals=4,
+            stage_cost=pendulum.controls**2,
+            integrator=integrator,
+        )
+        planner = Planner(problem, search=None)
+        plan = planner.evaluated(np.ones((1, 4)), [1, 0], source=Source.GUESS)
+        solution = verified(problem, plan, [1, 0])
+        assert solution.verified_cost == pytest.approx(solution.cost)
+        return solution.status
+
+    assert status("euler") is SolutionStatus.MISMATCH
+    assert status("rk4") is SolutionStatus.FEASIBLE
+
+
+def test_fine_states_are_kept_beside_the_coarse_cost(pendulum: Model) -> None:
+    problem = OptimalControlProblem(
+        pendulum,
+        horizon=1.0,
+        intervals=2,
+        stage_cost=pendulum.states[0] ** 2,
+        integrator="euler",
+        substeps=4,
+    )
+    planner = Planner(problem, search=None)
+    plan = planner.evaluated(np.zeros((1, 2)), [1, 0], source=Source.GUESS)
+    solution = verified(problem, plan, [1, 0])
+    assert solution.plan is plan
+    assert solution.cost == plan.cost != solution.verified_cost
+    assert not np.array_equal(solution.states, plan.states)
+    np.testing.assert_array_equal(solution.times, [0, 0.5, 1])
+
+
+def test_violation_is_infeasible_even_if_confirmed(
+    swing_up: Callable[..., OptimalControlProblem],
+) -> None:
+    problem = swing_up(5, 2)
+    planner = Planner(problem, search=None)
+    plan = planner.evaluated(np.zeros((1, 5)), [0, 0], source=Source.GUESS)
+    solution = verified(problem, plan, [0, 0])
+    assert solution.status is SolutionStatus.INFEASIBLE
+    # Hanging at rest, without torque: pi is missing on every grid.
+    assert solution.violation == solution.verified_violation == pytest.approx(np.pi)
+
+
+def test_cost_that_is_not_finite_is_infeasible(double_integrator: Model) -> None:
+    problem = OptimalControlProblem(
+        double_integrator,
+        horizon=1.0,
+        intervals=2,
+        stage_cost=ca.log(double_integrator.states[0]),
+    )
+    planner = Planner(problem, search=None)
+    plan = planner.evaluated(np.zeros((1, 2)), [-1, 0], source=Source.GUESS)
+    assert verified(problem, plan, [-1, 0]).status is SolutionStatus.INFEASIBLE
