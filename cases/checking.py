@@ -1,6 +1,11 @@
 """`swarmstart check`: is this scenario valid, in all its variants."""
 
-from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.scenario import (
+    Flaw,
+    InvalidScenarioError,
+    read_document,
+    resolve,
+)
 
 
 def check(name_or_path: str) -> str:
@@ -15,10 +20,16 @@ def check(name_or_path: str) -> str:
         SwarmstartError: With what is wrong.
     """
     document = read_document(name_or_path)
+    flaws: dict[Flaw, None] = {}  # What both variants share is said once.
     variants = document.data.get("variants")
     names: list[str | None] = [*variants] if isinstance(variants, dict) else [None]
     for variant in names or [None]:
-        resolved = resolve(document, variant=variant)
-        resolved.kind.build(resolved.scenario)
+        try:
+            resolved = resolve(document, variant=variant)
+            resolved.kind.build(resolved.scenario)
+        except InvalidScenarioError as error:
+            flaws |= dict.fromkeys(error.flaws)
+    if flaws:
+        raise InvalidScenarioError([*flaws])
     listed = ", ".join(filter(None, names))
     return f"{document.name}: valid" + (f" ({listed})" if listed else "")

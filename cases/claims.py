@@ -40,7 +40,7 @@ def judged(
     """Return every claim with what one run says of it.
 
     A claim that needs other settings, or a second run to compare with, is not judged:
-    `measured` and `holds` are null and `note` says why.
+    `measured` and `holds` are null and `needs` says why.
 
     Args:
         claims: The scenario's claims.
@@ -58,9 +58,10 @@ def why_not(claim: Claim, settings: Mapping[str, Any]) -> str:
         if value_at(settings, key) != wanted
     ]
     if missing:
-        return f"judged by a run with {', '.join(missing)}"
+        return f"a run with {', '.join(missing)}"
     if claim.against is not None:
-        return "judged by pairs of runs: see docs/claims.md"
+        other = ", ".join(f"{key} = {value}" for key, value in claim.against.items())
+        return f"a second run to compare with: {other}"
     return ""
 
 
@@ -87,5 +88,6 @@ def _judged(
         "bound": claim.bound,
         "holds": None if reason else holds(measured, claim.relation, claim.bound),
         "gate": claim.gate,
-        "note": "; ".join(note for note in (claim.note, reason) if note),
+        "note": claim.note,
+        "needs": reason,
     }

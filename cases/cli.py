@@ -8,6 +8,7 @@ Everything heavy is imported by the command that needs it.
 """
 
 import argparse
+import logging
 import os
 import signal
 import sys
@@ -21,7 +22,12 @@ from swarmstart.errors import SwarmstartError
 
 DONE, INTERNAL, INVALID, GATE, INFEASIBLE, FILE, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 
-_EPILOG = """exit codes: 0 done, 1 internal error, 2 invalid input, 3 a gate failed,
+_EPILOG = """for example:
+  swarmstart run formation_v
+  swarmstart run formation_obstacle --variant literal --search ga --seed 3
+  swarmstart run my_scenario.yaml --set steps=20 --out my_run
+
+exit codes: 0 done, 1 internal error, 2 invalid input, 3 a gate failed,
 4 no feasible solution, 5 a file could not be read or written, 130 interrupted"""
 
 
@@ -36,6 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     signal.signal(signal.SIGTERM, _interrupt)
     options = parser().parse_args(arguments)
+    if options.debug:
+        logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
+        logging.getLogger("swarmstart").setLevel(logging.DEBUG)
     command: Callable[[argparse.Namespace], int] = options.command
     try:
         code = command(options)
@@ -63,7 +72,9 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action=_Version, nargs=0, help="versions that matter")
     common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("--debug", action="store_true", help="show tracebacks")
+    common.add_argument(
+        "--debug", action="store_true", help="show tracebacks and timings"
+    )
     commands = top.add_subparsers(required=True, metavar="COMMAND")
     _add_run(commands.add_parser("run", help="fly one scenario", parents=[common]))
 
@@ -87,8 +98,10 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:
-    run.add_argument("scenario", metavar="SCENARIO", help="a shipped name or a path")
-    run.add_argument("--variant", metavar="NAME", help="literal or corrected (default)")
+    run.add_argument(
+        "scenario", metavar="SCENARIO", help="a name of `swarmstart list`, or a path"
+    )
+    run.add_argument("--variant", metavar="NAME", help="default: corrected")
     run.add_argument("--search", choices=[*SEARCHES], help="instead of the scenario's")
     run.add_argument("--polish", choices=[*POLISHES], help="instead of the scenario's")
     run.add_argument("--seed", type=_seed, default=0, metavar="N", help="default: 0")
@@ -104,13 +117,13 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--no-figures", action="store_true", help="do not draw")
     run.add_argument("--animation", choices=["gif", "mp4"], help="animate the flight")
     run.add_argument("--json", action="store_true", help="one JSON object on stdout")
-    run.add_argument("-q", "--quiet", action="store_true", help="no progress")
+    run.add_argument("-q", "--quiet", action="store_true", help="no progress on stderr")
     run.add_argument(
         "--fail-on",
         action="append",
         default=[],
         metavar="'MEASURE > NUMBER'",
-        help="exit with 3 where this holds; may be given several times",
+        help="exit with 3 where this holds (== null: undefined); may be given again",
     )
     run.add_argument(
         "--print-config", action="store_true", help="print the resolved scenario"
@@ -128,7 +141,8 @@ class _Version(argparse.Action):
         others = ("casadi", "numpy", "numba", "scipy", "control")
         listed = ", ".join(f"{name} {version(name)}" for name in others)
         python = ".".join(map(str, sys.version_info[:3]))
-        parser.exit(DONE, f"swarmstart {ours} (Python {python}, {listed})\n")
+        print(f"swarmstart {ours} (Python {python}, {listed})")  # noqa: T201
+        parser.exit(DONE)
 
 
 def _run(options: argparse.Namespace) -> int:

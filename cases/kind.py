@@ -53,6 +53,7 @@ class Kind:
         problems: Scenario -> what is wrong across its parts, with the place.
         figures: (scenario, flight, trajectory, folder) -> files written.
         animate: (scenario, flight, trajectory, file) -> None.
+        check_animation: Refuses what cannot be written here, "gif" or "mp4".
     """
 
     scenario: type[Scenario]
@@ -62,3 +63,4 @@ class Kind:
     problems: Callable[..., Iterator[tuple[tuple[str | int, ...], str]]]
     figures: Callable[..., list[Path]]
     animate: Callable[..., None]
+    check_animation: Callable[[str], None]

@@ -19,6 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, BinaryIO
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +95,17 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         raise RecordError(f"{path}: expected a file to write to: {reason}") from error
 
 
+def prepare_folder(folder: Path) -> None:
+    """Make a folder, and make sure that files can be written there.
+
+    Raises:
+        RecordError: If they cannot.
+    """
+    probe = folder / "probe"
+    write_atomically(probe, lambda file: None)
+    probe.unlink(missing_ok=True)
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file atomically; what is not finite becomes null."""
     text = to_json(content, indent=2) + "\n"
@@ -160,8 +172,10 @@ def save_partial(
         trajectory: The finished steps.
         rng_state: State of the generator after them, `rng.bit_generator.state`.
     """
-    write_arrays(folder / "partial.npz", trajectory_arrays(trajectory))
-    write_json(folder / "partial.json", {"schema": 1, "key": key, "rng": rng_state})
+    arrays: dict[str, NDArray[Any]] = {**trajectory_arrays(trajectory)}
+    write_arrays(folder / "partial.npz", {**arrays, "key": np.array(key)})
+    mark = {"schema": 1, "key": key, "steps": len(trajectory.decisions)}
+    write_json(folder / "partial.json", {**mark, "rng": rng_state})
 
 
 def remove_partial(folder: Path) -> None:
@@ -193,9 +207,15 @@ def load_partial(
         kept = json.loads(mark.read_text())
         if kept["key"] != key:
             return None
-        with np.load(folder / "partial.npz", allow_pickle=False) as arrays:
-            steps = _steps(dict(arrays), substeps)
-    except (OSError, KeyError, ValueError, EOFError) as error:
+        with (
+            (folder / "partial.npz").open("rb") as file,
+            np.load(file, allow_pickle=False) as arrays,
+        ):
+            if str(arrays["key"]) != key:
+                return None
+            # The arrays may be ahead of the mark, which is written after them.
+            steps = _steps(dict(arrays), substeps)[: kept["steps"]]
+    except (OSError, LookupError, TypeError, ValueError, EOFError, BadZipFile) as error:
         raise RecordError(
             f"{mark}: expected what an interrupted run had finished, found: {error}; "
             f"remove {folder} to start again"

@@ -7,6 +7,7 @@ on from there, with the same bits as if it had not been interrupted.
 from __future__ import annotations
 
 import json
+import logging
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -17,9 +18,12 @@ import numpy as np
 import yaml
 
 from swarmstart.cases.claims import judged
+from swarmstart.cases.feasibility import found_plans, planned
+from swarmstart.cases.interrupts import noticed
 from swarmstart.cases.kind import Flight, Measure
 from swarmstart.cases.record import (
     load_partial,
+    prepare_folder,
     remove_partial,
     run_key,
     save_partial,
@@ -30,9 +34,10 @@ from swarmstart.cases.record import (
     write_json,
 )
 from swarmstart.cases.scenario import Resolved
-from swarmstart.ocp import Step, Trajectory, collected, fly
+from swarmstart.ocp import Step, Trajectory, chosen_backend, collected, fly
 
-BACKEND = "casadi"
+logger = logging.getLogger(__name__)
+
 # Work worth keeping even where nobody gets the chance to interrupt, in seconds.
 CHECKPOINT_S = 15.0
 
@@ -50,7 +55,10 @@ class Interrupted(KeyboardInterrupt):
 
     def __init__(self, folder: Path, finished: int) -> None:
         """Keep where the finished steps are."""
-        super().__init__(f"{finished} finished steps are kept in {folder}")
+        super().__init__(
+            f"{finished} finished steps are kept in {folder}; the same command again "
+            "goes on from there"
+        )
         self.folder = folder
         self.finished = finished
 
@@ -68,9 +76,11 @@ class Run:
         claims: Every claim of the scenario, judged where this run can.
         status: One sentence on how it ended.
         feasible: Whether at least one planned step found a feasible plan.
-        wall_s: Wall time of building, flying and measuring, all sessions [s].
+        wall_s: Wall time of building, flying and measuring, without what an
+            interrupted run before had spent [s].
         folder: Where the record is; None where none was asked for.
         figures: The figures drawn.
+        resumed: Steps that an interrupted run before had finished.
     """
 
     resolved: Resolved
@@ -81,9 +91,10 @@ class Run:
     claims: list[dict[str, Any]]
     status: str
     feasible: bool
-    wall_s: float
-    folder: Path | None
+    wall_s: float = 0.0
+    folder: Path | None = None
     figures: tuple[Path, ...] = ()
+    resumed: int = 0
 
     def summary(self) -> dict[str, Any]:
         """Return what `--json` prints and run.json holds."""
@@ -101,7 +112,8 @@ class Run:
             "claims": self.claims,
             "evaluations": self.measures.get("evaluations"),
             "wall_s": self.wall_s,
-            "backend": BACKEND,
+            "backend": backend_of(self.resolved),
+            "resumed_steps": self.resumed,
             "versions": versions(),
             "figures": [file.name for file in self.figures],
             "out": str(self.folder) if self.folder else None,
@@ -116,9 +128,14 @@ def default_folder(resolved: Resolved, seed: int, root: Path) -> Path:
 def key_of(resolved: Resolved, seed: int) -> str:
     """Return the hash of what determines a run's result."""
     settings = dict(resolved.settings)
-    for told_only in ("claims", "title", "source"):
+    for told_only in ("claims", "title", "source", "backend"):
         settings.pop(told_only)
-    return run_key(settings, seed, BACKEND)
+    return run_key(settings, seed, backend_of(resolved))
+
+
+def backend_of(resolved: Resolved) -> str:
+    """Return what evaluates populations in a run."""
+    return chosen_backend(resolved.scenario.backend)
 
 
 def run(
@@ -143,16 +160,45 @@ def run(
     Raises:
         Interrupted: On Ctrl-C; the finished steps are in the folder.
         RecordError: If a file cannot be written.
+        SwarmstartError: If the animation cannot be made here.
     """
     began = clock.perf_counter()
     kind, scenario = resolved.kind, resolved.scenario
+    if folder is not None:
+        prepare_folder(folder)  # Before the flight, not after it.
+    if animation:
+        kind.check_animation(animation)
     progress(0, scenario.steps, "building")
     flight = kind.build(scenario)
-    steps = _flown(resolved, flight, seed, folder, progress)
-    trajectory = collected(flight.plant, steps)
-    measures = kind.measure(scenario, flight, trajectory)
+    logger.debug("built after %.2f s", clock.perf_counter() - began)
+    steps, resumed = _flown(resolved, flight, seed, folder, progress)
+    logger.debug("flown after %.2f s", clock.perf_counter() - began)
+    try:
+        finished = _measured(resolved, flight, collected(flight.plant, steps), seed)
+        wall_s = clock.perf_counter() - began
+        finished = replace(finished, wall_s=wall_s, resumed=resumed)
+        if folder is None:
+            return finished
+        drawn = _recorded(finished, folder, figures, animation, progress)
+        logger.debug("drawn after %.2f s", clock.perf_counter() - began)
+        finished = replace(finished, folder=folder, figures=tuple(drawn))
+        write_json(folder / "run.json", finished.summary())  # The commit mark: last.
+        remove_partial(folder)
+    except KeyboardInterrupt:
+        if folder is None:
+            raise
+        raise Interrupted(folder, len(steps)) from None
+    return finished
+
+
+def _measured(
+    resolved: Resolved, flight: Flight, trajectory: Trajectory, seed: int
+) -> Run:
+    """Return a flight with what is measured of it and said of its claims."""
+    scenario = resolved.scenario
+    measures = resolved.kind.measure(scenario, flight, trajectory)
     status, feasible = _status(trajectory)
-    finished = Run(
+    return Run(
         resolved=resolved,
         seed=seed,
         flight=flight,
@@ -161,25 +207,7 @@ def run(
         claims=judged(scenario.claims, resolved.settings, measures),
         status=status,
         feasible=feasible,
-        wall_s=clock.perf_counter() - began,
-        folder=folder,
     )
-    if folder is None:
-        return finished
-    _record(finished, folder)
-    drawn: list[Path] = []
-    if figures:
-        progress(scenario.steps, scenario.steps, "drawing")
-        drawn = kind.figures(scenario, flight, trajectory, folder / "figures")
-    if animation:
-        progress(scenario.steps, scenario.steps, "animating")
-        file = folder / "figures" / f"flight.{animation}"
-        kind.animate(scenario, flight, trajectory, file)
-        drawn.append(file)
-    finished = replace(finished, figures=tuple(drawn))
-    write_json(folder / "run.json", finished.summary())  # The commit mark: last.
-    remove_partial(folder)
-    return finished
 
 
 def _flown(
@@ -188,58 +216,98 @@ def _flown(
     seed: int,
     folder: Path | None,
     progress: Progress,
-) -> list[Step]:
-    """Fly all steps, those of an interrupted run included."""
-    rng = np.random.default_rng(seed)
+) -> tuple[list[Step], int]:
+    """Return all steps, and how many an interrupted run before had finished."""
     key = key_of(resolved, seed)
-    kept = load_partial(folder, key, flight.plant.substeps) if folder else None
-    steps: list[Step] = []
-    if kept is not None:
-        steps, rng.bit_generator.state = kept
-    state = rng.bit_generator.state
+    steps, rng = _kept(flight, seed, folder, key)
+    resumed = len(steps)
+    states = [rng.bit_generator.state] * resumed
     last = steps[-1] if steps else None
     saved = clock.perf_counter()
+
+    def save() -> None:
+        if folder is not None and states:
+            # An interrupt may come between the two lists: what both have is finished.
+            trajectory = collected(flight.plant, steps[: len(states)])
+            save_partial(folder, key, trajectory, states[-1])
+
     try:
-        for step in fly(
-            flight.plant,
-            flight.controller,
-            flight.x0 if last is None else last.dense_states[:, -1],
-            steps=resolved.scenario.steps,
-            rng=rng,
-            done=len(steps),
-            previous=None if last is None else last.decision,
-        ):
-            steps.append(step)
-            state = rng.bit_generator.state
-            progress(len(steps), resolved.scenario.steps, "flying")
-            if folder and clock.perf_counter() - saved > CHECKPOINT_S:
-                save_partial(folder, key, collected(flight.plant, steps), state)
-                saved = clock.perf_counter()
+        with noticed() as asked_to_stop:
+            for step in fly(
+                flight.plant,
+                flight.controller,
+                flight.x0 if last is None else last.dense_states[:, -1],
+                steps=resolved.scenario.steps,
+                rng=rng,
+                done=len(steps),
+                previous=None if last is None else last.decision,
+            ):
+                if asked_to_stop():
+                    raise KeyboardInterrupt
+                steps.append(step)
+                states.append(rng.bit_generator.state)
+                progress(len(steps), resolved.scenario.steps, "flying")
+                if clock.perf_counter() - saved > CHECKPOINT_S:
+                    save()
+                    saved = clock.perf_counter()
+        save()  # What follows may fail, or be interrupted.
     except KeyboardInterrupt:
-        if folder is None or not steps:
+        if folder is None or not states:
             raise
-        save_partial(folder, key, collected(flight.plant, steps), state)
-        raise Interrupted(folder, len(steps)) from None
-    return steps
+        save()
+        raise Interrupted(folder, len(states)) from None
+    return steps, resumed
+
+
+def _kept(
+    flight: Flight, seed: int, folder: Path | None, key: str
+) -> tuple[list[Step], np.random.Generator]:
+    """Return the steps of an interrupted run, and the generator as it left it."""
+    rng = np.random.default_rng(seed)
+    kept = load_partial(folder, key, flight.plant.substeps) if folder else None
+    if kept is None:
+        return [], rng
+    steps, rng.bit_generator.state = kept
+    return steps, rng
 
 
 def _status(trajectory: Trajectory) -> tuple[str, bool]:
     """Return one sentence on the plans of a flight, and whether any was feasible."""
-    planned = [
-        all(plan.feasible for plan in decision.plans)
-        for decision in trajectory.decisions
-    ]
-    infeasible = planned.count(False)
+    found = [found_plans(d) for d in trajectory.decisions if planned(d)]
+    infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
     if not infeasible:
-        return "flown to the end; every step found a feasible plan", True
-    steps = "step" if infeasible == 1 else "steps"
-    if infeasible == len(planned):
+        law = f", {linear} steps under the linear law" if linear else ""
+        return f"flown to the end; every planned step found a feasible plan{law}", True
+    if infeasible == len(found):
         return "flown to the end; no step found a feasible plan", False
     return (
-        f"flown to the end; {infeasible} of {len(planned)} {steps} found no feasible "
-        "plan and flew the shifted last one",
+        f"flown to the end; {infeasible} of {len(found)} planned steps found no "
+        "feasible plan",
         True,
     )
+
+
+def _recorded(
+    finished: Run,
+    folder: Path,
+    figures: bool,
+    animation: str | None,
+    progress: Progress,
+) -> list[Path]:
+    """Write all but run.json, which follows when the rest is there; return figures."""
+    resolved, flight = finished.resolved, finished.flight
+    kind, scenario, steps = resolved.kind, resolved.scenario, resolved.scenario.steps
+    _record(finished, folder)
+    drawn: list[Path] = []
+    if figures:
+        progress(steps, steps, "drawing")
+        drawn = kind.figures(scenario, flight, finished.trajectory, folder / "figures")
+    if animation:
+        progress(steps, steps, "animating")
+        file = folder / "figures" / f"flight.{animation}"
+        kind.animate(scenario, flight, finished.trajectory, file)
+        drawn.append(file)
+    return drawn
 
 
 def _withdraw(folder: Path) -> None:
@@ -258,7 +326,7 @@ def _withdraw(folder: Path) -> None:
 
 
 def _record(finished: Run, folder: Path) -> None:
-    """Write all but run.json, which follows when the rest is there."""
+    """Write the scenario and the trajectory."""
     _withdraw(folder)
     text = yaml.safe_dump(
         dict(finished.resolved.settings), sort_keys=False, allow_unicode=True

@@ -1,6 +1,8 @@
 """`swarmstart run`: one scenario flown, told, and judged."""
 
 import argparse
+import difflib
+import math
 import re
 import sys
 from pathlib import Path
@@ -18,6 +20,7 @@ from swarmstart.cases.scenario import Resolved, read_document, resolve
 from swarmstart.errors import SwarmstartError
 
 RESULTS = Path("results")
+Condition = tuple[str, str, float | None]
 _CONDITION = re.compile(r"\s*([a-z_0-9]+)\s*(<=|>=|==|<|>)\s*(\S+)\s*")
 
 
@@ -60,8 +63,8 @@ def _tell(text: str) -> None:
     print(text)  # noqa: T201 - the command's answer
 
 
-def _condition(text: str, resolved: Resolved) -> tuple[str, str, float]:
-    """Return (measure, relation, bound) of a --fail-on."""
+def _condition(text: str, resolved: Resolved) -> Condition:
+    """Return (measure, relation, bound) of a --fail-on; null is a bound too."""
     known = resolved.kind.measures
     match = _CONDITION.fullmatch(text)
     expected = "expected --fail-on 'MEASURE RELATION NUMBER'"
@@ -69,16 +72,29 @@ def _condition(text: str, resolved: Resolved) -> tuple[str, str, float]:
         raise InvalidConditionError(f"{expected}, found {text!r}")
     measure, relation, bound = match.groups()
     if measure not in known:
+        near = difflib.get_close_matches(measure, known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else "see swarmstart list"
         raise InvalidConditionError(
-            f"{expected} with one of {', '.join(known)}; found {measure!r}"
+            f"expected a measure in --fail-on, found {measure!r}; {hint}"
         )
+    if bound == "null":
+        return measure, relation, None
     try:
-        return measure, relation, float(bound)
-    except ValueError as error:
-        raise InvalidConditionError(f"{expected}, found {bound!r}") from error
+        number = float(bound)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise InvalidConditionError(f"{expected}, found {bound!r} as the number")
+    return measure, relation, number
 
 
-def _exit_code(finished: Run, conditions: list[tuple[str, str, float]]) -> int:
+def _met(measured: Measure, relation: str, bound: float | None) -> bool:
+    """Return whether a condition holds; of a list, whether it does for any entry."""
+    values = measured if isinstance(measured, list) else [measured]
+    return any(holds(value, relation, bound) for value in values)
+
+
+def _exit_code(finished: Run, conditions: list[Condition]) -> int:
     if not finished.feasible:
         return INFEASIBLE
     failed = [
@@ -87,9 +103,9 @@ def _exit_code(finished: Run, conditions: list[tuple[str, str, float]]) -> int:
         if claim["gate"] and claim["holds"] is False
     ]
     failed += [
-        f"{measure} = {finished.measures[measure]} {relation} {bound:g}"
+        f"{measure} = {to_json(finished.measures[measure])} {relation} {to_json(bound)}"
         for measure, relation, bound in conditions
-        if holds(finished.measures[measure], relation, bound)
+        if _met(finished.measures[measure], relation, bound)
     ]
     for failure in failed:
         print(f"swarmstart: gate failed: {failure}", file=sys.stderr)  # noqa: T201
@@ -102,14 +118,20 @@ def _report(finished: Run) -> str:
     title = finished.resolved.scenario.title
     variant = f", {finished.resolved.variant}" if finished.resolved.variant else ""
     method = f"{summary['search']}, polish {summary['polish']}, seed {finished.seed}"
-    lines = [f"{title} ({summary['scenario']}{variant}; {method})", finished.status, ""]
+    lines = [f"{title} ({summary['scenario']}{variant}; {method})", finished.status]
+    if finished.resumed:
+        lines.append(f"went on after step {finished.resumed}, where it had stopped")
+    lines.append("")
     lines += _table(
         [(name, _shown(value)) for name, value in finished.measures.items()]
     )
-    lines += ["", "claims"]
-    lines += _table([_claim_row(claim) for claim in finished.claims])
-    if any(claim["holds"] is None for claim in finished.claims):
-        lines.append("  (--json says what a claim that is not judged here needs)")
+    judged = [claim for claim in finished.claims if claim["holds"] is not None]
+    if judged:
+        lines += ["", "claims", *_table([_claim_row(claim) for claim in judged])]
+    others = [claim for claim in finished.claims if claim["holds"] is None]
+    if others:
+        lines += ["", "claims that need other runs"]
+        lines += _table([(c["id"], c["text"], c["needs"]) for c in others])
     if finished.folder is not None:
         lines += ["", f"record   {finished.folder}"]
     if finished.folder is not None and finished.figures:

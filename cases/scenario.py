@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import difflib
 import importlib.resources
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmstart.cases.registry import KINDS, load
+from swarmstart.cases.expressions import ExpressionError
+from swarmstart.cases.registry import KINDS, SEARCHES, load
 from swarmstart.cases.yaml_reader import (
     Document,
     Place,
@@ -29,6 +31,7 @@ from swarmstart.cases.yaml_reader import (
 from swarmstart.errors import SwarmstartError
 
 if TYPE_CHECKING:
+    import pydantic
     import pydantic_core
 
     from swarmstart.cases.kind import Kind
@@ -36,6 +39,28 @@ if TYPE_CHECKING:
 
 DEFAULT_VARIANT = "corrected"
 _SHOWN = 40  # characters of a value in a message
+
+_EXPECTED = {  # pydantic's type of an error -> what was expected, with its context
+    "int_type": "an integer",
+    "int_from_float": "an integer",
+    "float_type": "a number, or an expression such as pi/18",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "string_type": "text: put it in quotes",
+    "string_pattern_mismatch": "text that matches {pattern}",
+    "list_type": "a list",
+    "mapping_type": "a mapping",
+    "dict_type": "a mapping",
+    "model_type": "a mapping",
+    "model_attributes_type": "a mapping",
+    "literal_error": "{expected}",
+    "greater_than": "greater than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "at most {le:g}",
+    "too_short": "a list of at least {min_length} entries",
+    "too_long": "a list of at most {max_length} entries",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,16 +182,17 @@ def resolve(
         InvalidScenarioError: With everything that is wrong.
     """
     document, name = _with_variant(document, variant)
+    document = _without(document, "variants")
     if search is not None and _value(document, ("search", "name")) != search:
         document = assign(document, "search", f"{{name: {search}}}", name="--search")
     if polish is not None:
         document = assign(document, "polish", polish, name="--polish")
     for text in assignments:
         document = assign(document, *split_assignment(text))
-    document = _without(document, "variants")
     kind = _kind(document)
     scenario = _validated(document, kind)
-    flaws = [_flaw(document, path, what) for path, what in kind.problems(scenario)]
+    problems = [*_claim_problems(scenario, kind), *kind.problems(scenario)]
+    flaws = [_flaw(document, path, what) for path, what in problems]
     if flaws:
         raise InvalidScenarioError(flaws)
     return Resolved(
@@ -186,14 +212,14 @@ def _with_variant(document: Document, variant: str | None) -> tuple[Document, st
         place = document.places[()]
         what = f"expected a scenario with variants, to choose {variant!r} from"
         raise YamlError(what, place)
-    if not isinstance(variants, dict):
-        raise InvalidScenarioError(
-            [_flaw(document, ("variants",), "expected a mapping of names to overrides")]
-        )
+    if not isinstance(variants, dict) or not variants:
+        what = f"expected a mapping of names to overrides, found {_shown(variants)}"
+        raise InvalidScenarioError([_flaw(document, ("variants",), what)])
     name = variant or (DEFAULT_VARIANT if DEFAULT_VARIANT in variants else "")
     if name not in variants:
         listed = ", ".join(variants)
-        what = f"expected --variant to be one of {listed}, found {variant!r}"
+        found = "none" if variant is None else repr(variant)
+        what = f"expected --variant to be one of {listed}; found {found}"
         raise YamlError(what, document.places[("variants",)])
     return overlay(document, ("variants", name)), name
 
@@ -218,13 +244,40 @@ def _without(document: Document, key: str) -> Document:
 def _kind(document: Document) -> Kind:
     """Return the kind the document says it is of."""
     kind = document.data.get("kind")
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         found = "nothing" if kind is None else _shown(kind)
-        what = f"expected kind: one of {', '.join(KINDS)}; found {found}"
-        path = ("kind",) if kind is not None else ()
-        raise InvalidScenarioError([_flaw(document, path, what)])
-    found_kind: Kind = load(KINDS[str(kind)].kind)
+        what = f"expected kind to be one of {', '.join(KINDS)}; found {found}"
+        raise InvalidScenarioError([_flaw(document, ("kind",), what)])
+    found_kind: Kind = load(KINDS[kind].kind)
     return found_kind
+
+
+def _claim_problems(
+    scenario: Scenario, kind: Kind
+) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Yield the claims about measures that there are not."""
+    for number, claim in enumerate(scenario.claims):
+        if claim.measure not in kind.measures:
+            what = f"expected a measure, found {_shown(claim.measure)}"
+            near = difflib.get_close_matches(claim.measure, kind.measures, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else "see swarmstart list"
+            yield ("claims", number, "measure"), f"{what}; {hint}"
+        for key in claim.when:
+            if _is_missing(scenario, key):
+                path = ("claims", number, "when", key)
+                yield path, f"expected a key of the scenario, found {_shown(key)}"
+
+
+def _is_missing(scenario: Scenario, dotted_key: str) -> bool:
+    """Return whether no such scenario has a key; other searches have other keys."""
+    settings = scenario.model_dump(mode="json", by_alias=True)
+    if dotted_key.startswith("search."):
+        return False
+    for part in dotted_key.split("."):
+        if not isinstance(settings, dict) or part not in settings:
+            return True
+        settings = settings[part]
+    return False
 
 
 def _validated(document: Document, kind: Kind) -> Scenario:
@@ -234,19 +287,37 @@ def _validated(document: Document, kind: Kind) -> Scenario:
     try:
         return kind.scenario.model_validate(document.data)
     except pydantic.ValidationError as error:
-        flaws = {
-            _described(document, details, kind.scenario)
-            for details in error.errors(include_url=False)
-        }
-        raise InvalidScenarioError(list(flaws)) from error
+        flaws = [
+            _described(document, path, together, kind.scenario)
+            for path, together in _by_path(document, error).items()
+        ]
+        raise InvalidScenarioError(flaws) from error
+
+
+def _by_path(
+    document: Document, error: pydantic.ValidationError
+) -> dict[tuple[str | int, ...], list[pydantic_core.ErrorDetails]]:
+    """Return pydantic's errors by their place in the data.
+
+    Where a value may be one of several things, pydantic says for each why it is not.
+    Those belong together; and where one of them got further in, it is the one meant.
+    """
+    grouped: dict[tuple[str | int, ...], list[pydantic_core.ErrorDetails]] = {}
+    for details in error.errors(include_url=False):
+        grouped.setdefault(_path_in(document.data, details), []).append(details)
+    inner = {path[:depth] for path in grouped for depth in range(len(path))}
+    return {path: group for path, group in grouped.items() if path not in inner}
 
 
 def _described(
-    document: Document, details: pydantic_core.ErrorDetails, model: type[Any]
+    document: Document,
+    path: tuple[str | int, ...],
+    group: Sequence[pydantic_core.ErrorDetails],
+    model: type[Any],
 ) -> Flaw:
-    """Return one of pydantic's errors in this project's words, at its place."""
-    path = _path_in(document.data, details["loc"])
-    kind, value = details["type"], details["input"]
+    """Return what pydantic says of one place in this project's words."""
+    details = next((d for d in group if d["type"] == "value_error"), group[0])
+    kind, context = details["type"], details.get("ctx", {})
     if kind == "extra_forbidden":
         known = _known_keys(model, document.data, path[:-1])
         near = difflib.get_close_matches(str(path[-1]), known, n=1)
@@ -255,33 +326,78 @@ def _described(
         return _flaw(document, path, what, of_key=True)
     if kind == "missing":
         return _flaw(document, path[:-1], f"expected the key {path[-1]!r}")
-    message = details["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    if kind in ("value_error",):
-        return _flaw(document, path, message)
+    if kind == "value_error":
+        return _refused(document, path, context["error"])
     if kind.startswith("union_tag"):
-        expected = details.get("ctx", {}).get("expected_tags", "")
-        tag = details.get("ctx", {}).get("tag")
-        found = "none" if tag is None else _shown(tag)
-        at = (*path, "name") if (*path, "name") in document.places else path
-        return _flaw(document, at, f"expected name: one of {expected}; found {found}")
+        expected = ", ".join(SEARCHES)  # The only choice by name that there is.
+        found = _shown(context["tag"]) if "tag" in context else "none"
+        what = f"expected name to be one of {expected}; found {found}"
+        return _flaw(document, (*path, "name"), what)
     dotted = ".".join(map(str, path)) or "the scenario"
-    return _flaw(document, path, f"{dotted} {message}, found {_shown(value)}")
+    expected = " or ".join(dict.fromkeys(map(_expected, group)))
+    found = _shown(details["input"])
+    return _flaw(document, path, f"expected {dotted} to be {expected}; found {found}")
 
 
-def _path_in(data: Any, loc: Sequence[str | int]) -> tuple[str | int, ...]:
+def _expected(details: pydantic_core.ErrorDetails) -> str:
+    """Return what one of pydantic's errors expected."""
+    words = _EXPECTED.get(details["type"])
+    if words is None:  # Nothing that the models here ask for.
+        return details["msg"].removeprefix("Input should be ")
+    return words.format(**details.get("ctx", {}))
+
+
+def _refused(document: Document, path: tuple[str | int, ...], error: Exception) -> Flaw:
+    """Return what a check of this project says of a value, at its place."""
+    from swarmstart.heuristics import InvalidSettingsError
+
+    cause = error.__cause__
+    if isinstance(cause, InvalidSettingsError):
+        path = (*path, cause.name)
+        dotted = ".".join(map(str, path))
+        found = _shown(cause.value)
+        what = f"expected {dotted} to be {cause.allowed}; found {found}"
+        return _flaw(document, path, what)
+    flaw = _flaw(document, path, str(error))
+    if not isinstance(error, ExpressionError):
+        return flaw
+    source = document.sources.get(flaw.place.name, "")
+    place = _within(flaw.place, source, error)
+    return replace(flaw, place=place, frame=frame(source, place))
+
+
+def _within(place: Place, source: str, error: ExpressionError) -> Place:
+    """Return where in a text the wrong part of an expression stands.
+
+    The value's own place where the expression is written with escapes or over lines.
+    """
+    lines = source.splitlines()
+    written = lines[place.line - 1][place.column - 1 :] if lines else ""
+    quotes = len(written) - len(written.lstrip("\"'"))
+    if not written[quotes:].startswith(error.expression):
+        return place
+    return replace(place, column=place.column + quotes + error.column - 1)
+
+
+def _path_in(data: Any, details: pydantic_core.ErrorDetails) -> tuple[str | int, ...]:
     """Return pydantic's location without what is not in the data: tags of unions.
 
-    The last part of a missing key is not in the data either, and is kept.
+    The last part of a missing key is not in the data either, and is kept; the ends of
+    a range are entries of a list.
     """
     path: list[str | int] = []
-    for number, part in enumerate(loc):
+    for name in details["loc"]:
+        end = isinstance(data, list) and name in ("lower", "upper")
+        part = ("lower", "upper").index(str(name)) if end else name
         if isinstance(data, dict) and part in data:
             data = data[part]
         elif isinstance(data, list) and isinstance(part, int) and part < len(data):
             data = data[part]
-        elif number < len(loc) - 1 or not isinstance(data, dict):
+        else:
             continue
         path.append(part)
+    if details["type"] == "missing":
+        path.append(details["loc"][-1])
     return tuple(path)
 
 
@@ -330,5 +446,9 @@ def _flaw(
 
 
 def _shown(value: object) -> str:
-    text = repr(value)
+    """Return a value as YAML has it, shortened."""
+    if isinstance(value, str):
+        text = repr(value)
+    else:
+        text = json.dumps(value, ensure_ascii=False, default=repr)
     return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."

@@ -28,8 +28,8 @@ def scenario_schema(kind: str) -> dict[str, Any]:
     del schema["required"]
     return {
         "$schema": DIALECT,
-        "title": f"swarmstart scenario, kind {kind}",
         **schema,
+        "title": f"swarmstart scenario, kind {kind}",
         "properties": {**schema["properties"], "variants": variants},
     }
 

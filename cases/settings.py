@@ -6,7 +6,7 @@ expression, `pi/18`.
 
 import dataclasses
 import types
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -23,10 +23,14 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     WithJsonSchema,
     create_model,
+    model_serializer,
     model_validator,
 )
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from swarmstart.cases.expressions import evaluate
 from swarmstart.cases.registry import SEARCHES, load
@@ -39,6 +43,9 @@ from swarmstart.heuristics import (
     static_penalty,
 )
 from swarmstart.ocp import IpoptOptions, SearchSettings, WarmStart
+
+Problem = tuple[tuple[str | int, ...], str]
+"""Where in the scenario something is wrong, and what."""
 
 
 def _number(value: object) -> object:
@@ -73,17 +80,39 @@ class Range(Part):
     @model_validator(mode="before")
     @classmethod
     def _from_list(cls, value: object) -> object:
-        if not isinstance(value, list):
-            raise ValueError("expected a list of two numbers, [lower, upper]")
-        if len(value) != len(cls.model_fields):
-            raise ValueError(f"expected [lower, upper], found {len(value)} entries")
+        if not isinstance(value, list) or len(value) != len(cls.model_fields):
+            raise ValueError(
+                f"expected a list of two numbers, [lower, upper]; found {value}"
+            )
         return {"lower": value[0], "upper": value[1]}
+
+    @model_serializer
+    def _as_list(self) -> list[float]:
+        return [self.lower, self.upper]
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Describe it as it is written: a list of two."""
+        schema = handler.resolve_ref_schema(handler(core_schema))
+        entry = schema.get("properties", {}).get("lower", {"type": "number"})
+        entry.pop("title", None)
+        schema.clear()
+        schema.update(
+            type="array",
+            items=entry,
+            minItems=2,
+            maxItems=2,
+            description="An interval: [lower, upper].",
+        )
+        return schema
 
     @model_validator(mode="after")
     def _ordered(self) -> "Range":
         if not self.lower < self.upper:
             raise ValueError(
-                f"expected lower < upper, found [{self.lower}, {self.upper}]"
+                f"expected lower < upper, found [{self.lower:g}, {self.upper:g}]"
             )
         return self
 
@@ -97,7 +126,7 @@ class BudgetPart(Part):
     @model_validator(mode="after")
     def _some(self) -> "BudgetPart":
         if self.evaluations is None and self.seconds is None:
-            raise ValueError("expected evaluations, seconds or both")
+            raise ValueError("expected evaluations, seconds or both; found neither")
         return self
 
     def budget(self) -> Budget:
@@ -238,13 +267,20 @@ class Scenario(Part):
     order: OrderPart
     polish: Literal["none", "ipopt"] = "none"
     ipopt: IpoptPart = IpoptPart()
+    backend: Literal["auto", "llvm", "casadi"] = "auto"
     claims: list[Claim] = Field(default_factory=list)
 
-    @model_validator(mode="after")
-    def _plans_somehow(self) -> "Scenario":
+    def problems(self) -> Iterator[Problem]:
+        """Yield what one part of the scenario makes wrong in another."""
         if self.search.name == "none" and self.polish == "none":
-            raise ValueError("expected a search, a polish or both, found neither")
-        return self
+            yield ("search",), "expected a search, a polish or both; found neither"
+        size, evaluations = getattr(self.search, "size", 1), self.budget.evaluations
+        if evaluations is not None and evaluations < size:
+            yield (
+                ("budget", "evaluations"),
+                f"expected at least search.size = {size}, one generation; "
+                f"found {evaluations}",
+            )
 
     def search_settings(self) -> SearchSettings | None:
         """Return the search as a planner takes it; None where it is `none`."""

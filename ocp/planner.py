@@ -106,6 +106,7 @@ class Planner:
         *,
         search: SearchSettings | None,
         polish: IpoptOptions | None = None,
+        backend: str | None = None,
     ) -> None:
         """Compile what planning needs.
 
@@ -113,12 +114,13 @@ class Planner:
             problem: The problem.
             search: The population search; None means none.
             polish: Options of the polish; None means none.
+            backend: What evaluates populations, as in compiled/backend.py.
 
         Raises:
             InvalidProblemError: If a search is asked for and a control is unbounded.
         """
         self.problem = problem
-        self.fitness = Fitness(problem)
+        self.fitness = Fitness(problem, backend=backend)
         self._search = search
         self._box = _control_box(problem) if search else None
         self._polisher = Polisher(self.fitness, polish) if polish else None

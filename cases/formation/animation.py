@@ -20,6 +20,25 @@ class MissingWriterError(SwarmstartError):
     """What writes this kind of animation is not installed."""
 
 
+def check_writer(ending: str) -> None:
+    """Refuse a kind of animation that cannot be written here.
+
+    Args:
+        ending: "gif" or "mp4".
+
+    Raises:
+        MissingWriterError: If what writes it is not installed.
+    """
+    from matplotlib import animation
+
+    name, needed = WRITERS[f".{ending}"]
+    if not animation.writers.is_available(name):
+        raise MissingWriterError(
+            f"an animation as {ending} needs {needed}, which is not installed; "
+            "try --animation gif"
+        )
+
+
 def animate(
     scenario: FormationScenario,
     flight: FormationFlight,
@@ -40,12 +59,8 @@ def animate(
     """
     from matplotlib import animation
 
-    name, needed = WRITERS[file.suffix]
-    if not animation.writers.is_available(name):
-        raise MissingWriterError(
-            f"an animation as {file.suffix} needs {needed}, which is not installed; "
-            "try --animation gif"
-        )
+    check_writer(file.suffix.removeprefix("."))
+    name, _ = WRITERS[file.suffix]
     figure = new_figure((9.0, 5.0))
     axes = figure.add_subplot()
     dense, times = by_uav(flight, trajectory.dense_states), trajectory.dense_times
@@ -69,9 +84,9 @@ def animate(
 
     frames = np.arange(0, times.size, max(1, round(1.0 / (times[1] - times[0]))))
     writer = animation.writers[name](fps=FRAMES_PER_S)
+    temporary = file.with_name(f".{file.name}.tmp{file.suffix}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        temporary = file.with_name(f".{file.name}.tmp{file.suffix}")
         with writer.saving(figure, str(temporary), dpi=90):
             for k in frames:
                 for number, states in enumerate(dense):
@@ -81,4 +96,7 @@ def animate(
                 writer.grab_frame()
         temporary.replace(file)
     except OSError as error:
-        raise RecordError(f"{file}: expected a file to write to: {error}") from error
+        reason = error.strerror or error
+        raise RecordError(f"{file}: expected a file to write to: {reason}") from error
+    finally:
+        temporary.unlink(missing_ok=True)

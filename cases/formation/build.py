@@ -8,7 +8,7 @@ plus the distances to obstacles and to the UAVs that planned before it (5.15), (
 The sum over the steps is what the sampled-data P belongs to.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.kind import Flight
 from swarmstart.cases.models.unicycle import POSITION, unicycle
+from swarmstart.cases.settings import Problem
+from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import (
     Agent,
     Bounds,
@@ -101,6 +103,23 @@ def build(scenario: FormationScenario) -> FormationFlight:
         reference=reference,
         dynamics=dynamics,
     )
+
+
+def problems(scenario: FormationScenario) -> Iterator[Problem]:
+    """Yield what is wrong across the scenario's parts, impossible designs included."""
+    found = list(scenario.problems())
+    yield from found
+    if found:
+        return
+    try:
+        part = "leader"
+        dynamics, reference = _dynamics(unicycle()), _reference(scenario)
+        part = "weights"
+        _terminal_cost(scenario, dynamics, reference)
+        part = "dual_mode"
+        _terminal_set(scenario, dynamics, reference)
+    except SwarmstartError as error:
+        yield (part,), f"expected a linear law that can be designed: {error}"
 
 
 def slot_states(scenario: FormationScenario, number: int, times: Array) -> Array:
@@ -211,7 +230,12 @@ def _agent(
     polish = scenario.ipopt.options() if scenario.polish == "ipopt" else None
     return Agent(
         controller=RecedingHorizon(
-            planner=Planner(problem, search=scenario.search_settings(), polish=polish),
+            planner=Planner(
+                problem,
+                search=scenario.search_settings(),
+                polish=polish,
+                backend=scenario.backend,
+            ),
             reference=lambda times: slot_states(scenario, number, times),
         ),
         watches=watches,

@@ -1,7 +1,7 @@
 """Formation flight as the commands run it."""
 
-from swarmstart.cases.formation.animation import animate
-from swarmstart.cases.formation.build import build
+from swarmstart.cases.formation.animation import animate, check_writer
+from swarmstart.cases.formation.build import build, problems
 from swarmstart.cases.formation.figures import draw
 from swarmstart.cases.formation.measures import measure
 from swarmstart.cases.formation.names import MEASURES
@@ -13,7 +13,8 @@ KIND = Kind(
     build=build,
     measure=measure,
     measures=MEASURES,
-    problems=FormationScenario.problems,
+    problems=problems,
     figures=draw,
     animate=animate,
+    check_animation=check_writer,
 )

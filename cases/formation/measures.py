@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.feasibility import found_plans, planned
 from swarmstart.cases.formation.build import FormationFlight
 from swarmstart.cases.formation.names import MEASURES
 from swarmstart.cases.formation.scenario import FormationScenario
@@ -38,7 +39,7 @@ def measure(
     seconds = trajectory.step_seconds
     measures |= {
         "infeasible_steps": sum(
-            not all(plan.feasible for plan in decision.plans) for decision in decisions
+            planned(decision) and not found_plans(decision) for decision in decisions
         ),
         "evaluations": sum(plan.evaluations for plan in plans),
         "step_seconds_median": float(np.median(seconds)),

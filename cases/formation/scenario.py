@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator
 from typing import Literal
 
+import numpy as np
 from pydantic import Field
 
 from swarmstart.cases.settings import (
@@ -15,12 +16,10 @@ from swarmstart.cases.settings import (
     Number,
     Part,
     Positive,
+    Problem,
     Range,
     Scenario,
 )
-
-Problem = tuple[tuple[str | int, ...], str]
-"""Where in the scenario something is wrong, and what."""
 
 
 class PlanarState(Part):
@@ -157,11 +156,13 @@ class FormationScenario(Scenario):
 
     def problems(self) -> Iterator[Problem]:
         """Yield what one part of the scenario makes wrong in another."""
+        yield from super().problems()
         for key in ("terminal_cost", "dual_mode"):
             for path, message in getattr(self, key).problems():
                 yield (key, *path), message
         yield from self._order_problems()
         yield from self._place_problems()
+        yield from self._control_problems()
         if self.vehicle.speed_m_s is not None:
             yield from self._speed_problems(self.vehicle.speed_m_s)
 
@@ -194,17 +195,37 @@ class FormationScenario(Scenario):
                     f"{disc.radius_m:g} m, found {distance:g} m from its centre",
                 )
 
-    def _speed_problems(self, limits: Range) -> Iterator[Problem]:
-        states = [(("leader", "speed_m_s"), self.leader)] + [
-            (("uavs", i, "start", "speed_m_s"), uav.start)
-            for i, uav in enumerate(self.uavs)
-        ]
-        for path, state in states:
-            if not limits.lower <= state.speed_m_s <= limits.upper:
+    def _control_problems(self) -> Iterator[Problem]:
+        for key in ("acceleration_m_s2", "turn_rate_rad_s"):
+            limits: Range = getattr(self.vehicle, key)
+            if not limits.lower < 0 < limits.upper:
                 yield (
-                    path,
-                    f"expected a speed within vehicle.speed_m_s "
-                    f"[{limits.lower:g}, {limits.upper:g}], found {state.speed_m_s:g}",
+                    ("vehicle", key),
+                    "expected 0, the leader's own, strictly within the range; found "
+                    f"[{limits.lower:g}, {limits.upper:g}]",
+                )
+        each = getattr(self.search, "velocity_max", None)
+        variables = 2 * self.prediction.intervals
+        if isinstance(each, list) and len(each) != variables:
+            yield (
+                ("search", "velocity_max"),
+                f"expected a number, or one for each of the {variables} controls of "
+                f"a horizon; found {len(each)}",
+            )
+
+    def _speed_problems(self, limits: Range) -> Iterator[Problem]:
+        allowed = f"vehicle.speed_m_s [{limits.lower:g}, {limits.upper:g}]"
+        if not limits.lower < self.leader.speed_m_s < limits.upper:
+            yield (
+                ("leader", "speed_m_s"),
+                f"expected a speed strictly within {allowed}, "
+                f"found {self.leader.speed_m_s:g}",
+            )
+        for i, uav in enumerate(self.uavs):
+            if not limits.lower <= uav.start.speed_m_s <= limits.upper:
+                yield (
+                    ("uavs", i, "start", "speed_m_s"),
+                    f"expected a speed within {allowed}, found {uav.start.speed_m_s:g}",
                 )
 
 
@@ -216,3 +237,10 @@ def _matrix_problems(needed: bool, P: Matrix | None) -> Iterator[Problem]:
         yield (), "expected the key P, a 4 x 4 matrix, with this design"
     elif [len(row) for row in P] != [4, 4, 4, 4]:
         yield ("P",), f"expected a 4 x 4 matrix, found rows of {[len(r) for r in P]}"
+    elif not np.allclose(P, np.transpose(P)):
+        yield ("P",), "expected a symmetric matrix"
+    elif (smallest := np.linalg.eigvalsh(P).min()) <= 0:
+        yield (
+            ("P",),
+            f"expected a positive definite matrix, found the eigenvalue {smallest:.4g}",
+        )

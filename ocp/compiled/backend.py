@@ -1,8 +1,8 @@
 """Which evaluator serves a problem: machine code, or CasADi where that cannot.
 
-The choice is `backend`: "auto" (machine code where possible), "llvm" or "casadi"; the
-environment's SWARMSTART_BACKEND where the caller does not say. Where "auto" or "llvm"
-cannot be served, CasADi's map evaluates, and a warning says once which and why.
+The choice is `backend`: "llvm", "casadi", or "auto" (None means the same): what the
+environment's SWARMSTART_BACKEND says, else machine code where possible. Where machine
+code cannot serve, CasADi's map evaluates, and a warning says once which and why.
 """
 
 import os
@@ -29,12 +29,14 @@ def chosen_backend(backend: str | None = None) -> str:
     """Return "llvm" or "casadi": what will be tried first here.
 
     Args:
-        backend: "auto", "llvm", "casadi"; None asks the environment, then means auto.
+        backend: "llvm", "casadi", or "auto" or None, which ask the environment.
 
     Raises:
         InvalidProblemError: If it is none of these.
     """
-    asked = backend or os.environ.get(VARIABLE) or "auto"
+    asked = backend or "auto"
+    if asked == "auto":
+        asked = os.environ.get(VARIABLE) or "auto"
     if asked not in BACKENDS:
         raise InvalidProblemError(
             f"backend (or {VARIABLE}) must be one of {', '.join(BACKENDS)}, "

@@ -1,0 +1,103 @@
+"""What needs nothing heavy imports nothing heavy."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from swarmstart.cases.formation.names import MEASURES
+from swarmstart.cases.registry import POLISHES, SEARCHES
+from swarmstart.cases.scenario import shipped
+
+if TYPE_CHECKING:
+    from swarmstart.tests.system.conftest import Command
+
+HEAVY = {
+    *("numpy", "casadi", "scipy", "pydantic", "matplotlib", "control", "numba"),
+    "rich",
+}
+
+PROBE = """
+import sys
+from swarmstart.cases.cli import main
+try:
+    main(sys.argv[1:])
+except SystemExit:
+    pass
+print(*sorted({name.partition(".")[0] for name in sys.modules}), file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--help"], ["run", "--help"], ["--version"], ["list"], ["list", "--json"]],
+    ids=" ".join,
+)
+def test_what_only_talks_imports_nothing_heavy(arguments: list[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    modules = set(done.stderr.split())
+    assert done.stdout and "swarmstart" in modules
+    assert not modules & HEAVY
+
+
+def test_the_package_itself_imports_nothing_heavy() -> None:
+    code = "import sys, swarmstart; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert not {name.partition(".")[0] for name in done.stdout.split()} & HEAVY
+
+
+def test_python_m_swarmstart_is_the_command_line() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "swarmstart", "--version"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert re.match(r"swarmstart \d+\.\d+.* \(Python 3.*casadi .*numba ", done.stdout)
+
+
+def test_list_names_what_a_scenario_and_the_options_can_name(command: Command) -> None:
+    said = command("list", "--json")
+    assert (said.code, said.err) == (0, "")
+    listed = json.loads(said.out)
+    assert listed["schema"] == 1
+    assert listed["scenarios"].keys() == shipped().keys()
+    assert {"formation_v", "formation_obstacle"} <= listed["scenarios"].keys()
+    assert all(listed["scenarios"].values())
+    assert listed["searches"].keys() == SEARCHES.keys()
+    assert listed["polishes"].keys() == POLISHES.keys()
+    assert listed["measures"]["formation_flight"] == MEASURES
+
+
+def test_list_shows_a_person_the_same(command: Command) -> None:
+    said = command("list")
+    assert (said.code, said.err) == (0, "")
+    for name in (*shipped(), *SEARCHES, *POLISHES, *MEASURES):
+        assert re.search(rf"^  {name} ", said.out, re.MULTILINE)
+
+
+def test_a_command_is_required_and_help_shows_the_exit_codes(command: Command) -> None:
+    nothing = command()
+    assert (nothing.code, nothing.out) == (2, "") and "COMMAND" in nothing.err
+    assert "4 no feasible solution" in command("--help").out
+
+
+def test_the_schema_of_an_unknown_kind_is_refused(command: Command) -> None:
+    said = command("schema", "formation")
+    assert (said.code, said.out) == (2, "")
+    assert said.err == (
+        "swarmstart: expected KIND to be one of formation_flight, found 'formation'\n"
+    )
