@@ -4,7 +4,7 @@ No vector library of the system can be relied on. Largest error against the exac
 in units in the last place (ulp), as tests/ocp/compiled measures it:
 
     sin, cos   2 ulp for every argument; above 2^30 by the C library, lane by lane
-    exp        2 ulp     log   1 ulp     tanh  3 ulp     atan, atan2  3 ulp
+    exp, log, atan   1 ulp     tanh, atan2   2 ulp
 
 Everything else is called in the C library, lane by lane.
 
@@ -18,8 +18,9 @@ from collections.abc import Callable
 
 from swarmstart.ocp.compiled.vector_ir import VectorIR
 
-# pi / 2 as a sum of three doubles, each the next 53 bits.
-PI_2 = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591833e-33)
+# pi / 2 as a sum of three doubles, each the next 53 bits, rounded down: with a negative
+# one, reducing -0 would give +0.
+PI_2 = (1.5707963267948966, 6.123233995736765e-17, 1.082856673921914e-32)
 # Added and subtracted, it rounds to an integer; its low bits are then that integer's.
 ROUNDING = 1.5 * 2.0**52
 HUGE_ANGLE = 2.0**30
@@ -107,12 +108,13 @@ def _reduced_sin_and_cos(ir: VectorIR, x: str) -> tuple[str, str]:
     """Return sin x and cos x for |x| <= HUGE_ANGLE."""
     rounding = ir.constant(ROUNDING)
     shifted = ir.fma(x, ir.constant(2.0 / math.pi), rounding)
-    quarter = ir.exact("fsub", shifted, rounding)
+    quarter = ir.sub(shifted, rounding)
     r = x
     for part in PI_2:
         r = ir.fma(quarter, ir.constant(-part), r)
     z = ir.mul(r, r)
     sine = ir.fma(ir.mul(ir.polynomial(z, SIN), z), r, r)
+    sine = ir.intrinsic("copysign", sine, r)  # The sum loses the sign of -0.
     cosine = ir.fma(z, ir.constant(-0.5), ir.constant(1.0))
     cosine = ir.fma(ir.mul(z, z), ir.polynomial(z, COS), cosine)
 
@@ -140,7 +142,7 @@ def exp(ir: VectorIR, x: str) -> str:
         x = ir.select(ir.compare(condition, x, bound), bound, x)
     rounding = ir.constant(ROUNDING)
     shifted = ir.fma(x, ir.constant(1.0 / math.log(2.0)), rounding)
-    k = ir.exact("fsub", shifted, rounding)
+    k = ir.sub(shifted, rounding)
     r = x
     for part in LN2:
         r = ir.fma(k, ir.constant(-part), r)
@@ -171,15 +173,15 @@ def log(ir: VectorIR, x: str) -> str:
     # An integer below 2^51 as a double, without the conversion AVX2 lacks.
     magic = ir.bits(ir.constant(ROUNDING))
     k = ir.from_bits(ir.integer_op("add", exponent, magic))
-    k = ir.exact("fadd", ir.exact("fsub", k, ir.constant(ROUNDING)), offset)
+    k = ir.add(ir.sub(k, ir.constant(ROUNDING)), offset)
 
-    f = ir.exact("fsub", m, ir.constant(1.0))
-    s = ir.div(f, ir.exact("fadd", f, ir.constant(2.0)))
+    f = ir.sub(m, ir.constant(1.0))
+    s = ir.div(f, ir.add(f, ir.constant(2.0)))
     z = ir.mul(s, s)
     half_square = ir.mul(ir.mul(f, f), ir.constant(0.5))
-    rest = ir.add(half_square, ir.mul(z, ir.polynomial(z, LOG)))
+    rest = ir.fma(z, ir.polynomial(z, LOG), half_square)
     low = ir.fma(s, rest, ir.mul(k, ir.constant(LN2[1])))
-    inner = ir.exact("fsub", ir.exact("fsub", half_square, low), f)
+    inner = ir.sub(ir.sub(half_square, low), f)
     value = ir.fma(k, ir.constant(LN2[0]), ir.neg(inner))
 
     infinite = ir.compare("oeq", x, ir.constant(math.inf))
@@ -198,30 +200,40 @@ def tanh(ir: VectorIR, x: str) -> str:
     near = ir.fma(ir.mul(x, z), ratio, x)
     power = exp(ir, ir.add(magnitude, magnitude))
     decayed = ir.div(ir.constant(2.0), ir.add(power, ir.constant(1.0)))
-    far = ir.intrinsic("copysign", ir.sub(ir.constant(1.0), decayed), x)
-    return ir.select(ir.compare("olt", magnitude, ir.constant(0.625)), near, far)
+    far = ir.sub(ir.constant(1.0), decayed)
+    small = ir.compare("olt", magnitude, ir.constant(0.625))
+    return ir.intrinsic("copysign", ir.select(small, near, far), x)
 
 
 def atan(ir: VectorIR, x: str) -> str:
     """Return atan x; odd, reduced to |t| <= 0.66 at 0, pi/4 or pi/2."""
-    value = _atan_of_magnitude(ir, ir.intrinsic("fabs", x))
+    base, low, small = _atan_parts(ir, ir.intrinsic("fabs", x))
+    value = ir.add(base, ir.add(small, low))
     return ir.intrinsic("copysign", value, x)
 
 
-def _atan_of_magnitude(ir: VectorIR, x: str) -> str:
+def _atan_parts(ir: VectorIR, x: str) -> tuple[str, str, str]:
+    """Return base, low and small, with atan x = (base + low) + small for x >= 0.
+
+    The base is 0, pi/4 or pi/2 as a double, low what that double lacks of it.
+    """
     one = ir.constant(1.0)
     large = ir.compare("ogt", x, ir.constant(2.41421356237309504880))
     middle = ir.compare("ogt", x, ir.constant(0.66))
     top = ir.select(middle, ir.sub(x, one), x)
     bottom = ir.select(middle, ir.add(x, one), one)
     t = ir.div(ir.select(large, ir.constant(-1.0), top), ir.select(large, x, bottom))
-    pi_4, zero = ir.constant(math.pi / 4), ir.constant(0.0)
-    base = ir.select(large, ir.constant(PI_2[0]), ir.select(middle, pi_4, zero))
-    low = ir.select(middle, ir.constant(PI_2[1] / 2), zero)
-    low = ir.select(large, ir.constant(PI_2[1]), low)
+    base, low = (
+        ir.select(
+            large,
+            ir.constant(part),
+            ir.select(middle, ir.constant(part / 2), ir.constant(0.0)),
+        )
+        for part in PI_2[:2]
+    )
     z = ir.mul(t, t)
     ratio = ir.div(ir.polynomial(z, ATAN_P), ir.polynomial(z, ATAN_Q))
-    return ir.add(base, ir.add(ir.fma(ir.mul(t, z), ratio, t), low))
+    return base, low, ir.fma(ir.mul(t, z), ratio, t)
 
 
 def atan2(ir: VectorIR, y: str, x: str) -> str:
@@ -231,11 +243,13 @@ def atan2(ir: VectorIR, y: str, x: str) -> str:
     ratio = ir.select(ir.compare("oeq", a, ir.constant(0.0)), a, ratio)
     not_a_number = ir.compare("uno", x, y)
     ratio = ir.select(not_a_number, ir.constant(math.nan), ratio)
-    angle = _atan_of_magnitude(ir, ratio)
+    base, low, small = _atan_parts(ir, ratio)
+    # On the left pi less the angle, part by part: pi - base is exact.
     left = ir.emit(f"icmp slt {ir.integers} {ir.bits(x)}, {ir.integer(0)}")
-    low = ir.sub(angle, ir.constant(2 * PI_2[1]))
-    supplement = ir.sub(ir.constant(math.pi), low)
-    return ir.intrinsic("copysign", ir.select(left, supplement, angle), y)
+    base = ir.select(left, ir.sub(ir.constant(math.pi), base), base)
+    low = ir.select(left, ir.sub(ir.constant(2 * PI_2[1]), low), low)
+    small = ir.select(left, ir.neg(small), small)
+    return ir.intrinsic("copysign", ir.add(base, ir.add(small, low)), y)
 
 
 UNARY: dict[str, Callable[[VectorIR, str], str]] = {

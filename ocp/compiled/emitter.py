@@ -241,7 +241,7 @@ LARGEST_CHAIN = 8
 
 def constant_power(ir: VectorIR, base: str, exponent: str, known: float) -> str:
     """Return base to a constant power."""
-    if known != int(known) or not 1 <= abs(known) <= LARGEST_CHAIN:
+    if not 1 <= abs(known) <= LARGEST_CHAIN or known != int(known):
         return ir.lane_by_lane("pow", base, exponent)
     power, square, left = "", base, int(abs(known))
     while left:

@@ -16,8 +16,8 @@ except ImportError:  # pragma: no cover - numba brings it, but a platform may la
     llvm = None
 
 
-_INITIALISES_ITSELF = (0, 45)
-"""The first llvmlite that initialises LLVM's core by itself."""
+_OLDEST = (0, 45)
+"""The first llvmlite whose LLVM reads untyped pointers."""
 
 
 class NoCompilerError(Exception):
@@ -48,10 +48,16 @@ def machine() -> Machine:
     """Return what this process runs on.
 
     Raises:
-        NoCompilerError: Without llvmlite, or without fused multiply-add.
+        NoCompilerError: Without a recent llvmlite, a C library of mathematics, or fused
+            multiply-add.
     """
     if llvm is None:
         raise NoCompilerError("llvmlite is not installed")
+    if tuple(map(int, llvmlite.__version__.split(".")[:2])) < _OLDEST:
+        raise NoCompilerError(
+            f"llvmlite must be at least {'.'.join(map(str, _OLDEST))}, "
+            f"got {llvmlite.__version__}"
+        )
     _initialise()
     triple = str(llvm.get_process_triple())
     features = llvm.get_host_cpu_features()
@@ -71,14 +77,16 @@ def machine() -> Machine:
 
 
 def _initialise() -> None:
-    if tuple(map(int, llvmlite.__version__.split(".")[:2])) < _INITIALISES_ITSELF:
-        llvm.initialize()
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    library = ctypes.CDLL(ctypes.util.find_library("m"))
-    for name in C_FUNCTIONS:
-        address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
-        llvm.add_symbol(name, address)
+    # LLVM ends the process where code calls what it cannot find, so look first.
+    try:
+        library = ctypes.CDLL(ctypes.util.find_library("m"))
+        functions = {name: getattr(library, name) for name in C_FUNCTIONS}
+    except (OSError, TypeError, AttributeError) as error:
+        raise NoCompilerError(f"the C library is incomplete: {error}") from error
+    for name, function in functions.items():
+        llvm.add_symbol(name, ctypes.cast(function, ctypes.c_void_p).value)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,10 +117,13 @@ def translate(ir: str) -> bytes:
         NoCompilerError: If machine code cannot be made here.
     """
     target = machine()
-    module = llvm.parse_assembly(ir)
-    module.triple = target.triple
-    module.verify()
-    code: bytes = _target_machine(target).emit_object(module)
+    try:
+        module = llvm.parse_assembly(ir)
+        module.triple = target.triple
+        module.verify()
+        code: bytes = _target_machine(target).emit_object(module)
+    except RuntimeError as error:
+        raise NoCompilerError(f"LLVM refuses the code: {error}") from error
     return code
 
 

@@ -11,12 +11,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-import swarmstart.ocp.compiled as package
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp.compiled import cache as code_cache
 from swarmstart.ocp.compiled.emitter import Roll, emit_flat, emit_rollout
 from swarmstart.ocp.compiled.engine import Compiled, link, machine, translate
 from swarmstart.ocp.compiled.tape import read_tape
+from swarmstart.ocp.errors import InvalidProblemError
 
 Array = NDArray[np.float64]
 
@@ -71,6 +71,7 @@ class SimdBatch:
             arguments: In the function's order, (rows, size), or (rows,) where shared;
                 copied only where they are no contiguous doubles.
         """
+        _require(self.shape.inputs, tuple(len(a) for a in arguments))
         differs = self.shape.per_individual
         size = arguments[differs.index(True)].shape[1]
         padded = max(size, self.lanes) if size else 0
@@ -87,7 +88,8 @@ class SimdBatch:
 class Bound:
     """A kernel whose first argument differs per individual, the others fixed.
 
-    Nothing is allocated in a call but its outputs.
+    Nothing is allocated in a call but its outputs; the array of pointers is used again,
+    so one object must not be called from two threads at once.
     """
 
     def __init__(self, kernel: SimdBatch, shared: tuple[Array, ...]) -> None:
@@ -96,14 +98,30 @@ class Bound:
         Args:
             kernel: The kernel.
             shared: Its other arguments, flattened column by column.
+
+        Raises:
+            InvalidProblemError: If they are not what the kernel reads.
         """
+        first, *others = kernel.shape.per_individual
+        if not first or any(others):
+            raise InvalidProblemError(
+                "only the first argument may differ per individual, "
+                f"got {kernel.shape.per_individual}"
+            )
         self._kernel = kernel
         self._shared = [np.array(values, dtype=np.float64) for values in shared]
+        _require(kernel.shape.inputs[1:], tuple(a.size for a in self._shared))
         self._inputs = addresses([np.empty(0), *self._shared])
         self._results = addresses([np.empty(0)] * len(kernel.shape.outputs))
+        self._attached: list[object] = []
 
     def __call__(self, population: Array) -> list[Array]:
-        """Return the outputs of a population (dim, size), each (rows, size)."""
+        """Return the outputs of a population (dim, size), each (rows, size).
+
+        Raises:
+            InvalidProblemError: If the kernel reads another number of rows.
+        """
+        _require(self._kernel.shape.inputs[:1], population.shape[:1])
         size = population.shape[1]
         padded = max(size, self._kernel.lanes) if size else 0
         given = _filled(population, padded)
@@ -125,16 +143,25 @@ class Bound:
         Returns:
             The addresses, valid as long as this object and the buffers live; None for
             fewer individuals than a vector has lanes.
+
+        Raises:
+            InvalidProblemError: If the buffers are not as above.
         """
-        if population.shape[1] < self._kernel.lanes:
+        shape, size = self._kernel.shape, population.shape[1]
+        _require(shape.inputs[:1], population.shape[:1])
+        _require(
+            tuple(rows * size for rows in shape.outputs), tuple(a.size for a in outputs)
+        )
+        for buffer in (population, *outputs):
+            if not buffer.flags.c_contiguous or buffer.dtype != np.float64:
+                raise InvalidProblemError("buffers must be contiguous doubles")
+        if size < self._kernel.lanes:
             return None
-        self._inputs[0] = population.ctypes.data
-        for number, output in enumerate(outputs):
-            self._results[number] = output.ctypes.data
+        # Of its own, which no later call overwrites.
+        inputs, results = addresses([population, *self._shared]), addresses(outputs)
+        self._attached.append((inputs, results))
         return Pointers(
-            self._kernel.address,
-            ctypes.addressof(self._inputs),
-            ctypes.addressof(self._results),
+            self._kernel.address, ctypes.addressof(inputs), ctypes.addressof(results)
         )
 
 
@@ -144,6 +171,14 @@ def _filled(population: Array, size: int) -> Array:
     if missing > 0:
         population = np.pad(population, ((0, 0), (0, missing)), mode="edge")
     return np.ascontiguousarray(population, dtype=np.float64)
+
+
+def _require(expected: tuple[int, ...], given: tuple[int, ...]) -> None:
+    """Refuse what would be read beyond its end."""
+    if given != expected:
+        raise InvalidProblemError(
+            f"arguments must have {expected} entries, got {given}"
+        )
 
 
 def addresses(arrays: Sequence[Array]) -> ctypes.Array[ctypes.c_void_p]:
@@ -237,5 +272,5 @@ def _sources() -> bytes:
     """Return the hash of the modules that make the code: they are its version."""
     digest = hashlib.sha256()
     for name in ("tape", "vector_ir", "elementary", "emitter", "engine"):
-        digest.update(Path(package.__path__[0], f"{name}.py").read_bytes())
+        digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
     return digest.digest()

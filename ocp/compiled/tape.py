@@ -2,10 +2,10 @@
 
 CasADi evaluates an SX function by a list of instructions on a work vector whose entries
 are overwritten. Here every value gets a name of its own, equal values one name (value
-numbering), constants are folded, and what no output needs is left out.
+numbering), and what no output needs is left out. CasADi has folded the constants.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -22,16 +22,6 @@ OPERATIONS: dict[int, str] = {
 """CasADi's operation code -> name, for what the emitter knows."""
 
 COMMUTATIVE = frozenset(("add", "mul", "eq", "ne", "and", "or"))
-
-# Folded in Python's floats, which round as the machine code would.
-FOLDED: dict[str, Callable[..., float]] = {
-    "add": lambda a, b: a + b,
-    "sub": lambda a, b: a - b,
-    "mul": lambda a, b: a * b,
-    "neg": lambda a: -a,
-    "sq": lambda a: a * a,
-    "twice": lambda a: a + a,
-}
 
 
 class UnknownOperationError(Exception):
@@ -102,10 +92,6 @@ class _Builder:
         """Return the number of an operation's result."""
         if operation in ("assign", "lift"):
             return arguments[0]
-        nodes = [self.nodes[a] for a in arguments]
-        if operation in FOLDED and all(n.operation == "constant" for n in nodes):
-            value = FOLDED[operation](*(n.value for n in nodes))
-            return self.number(Node("constant", (), value))
         if operation in COMMUTATIVE:
             arguments = tuple(sorted(arguments))
         return self.number(Node(operation, arguments))

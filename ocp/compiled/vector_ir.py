@@ -1,8 +1,8 @@
 """Lines of LLVM IR on vectors of doubles, one lane an individual.
 
 A value is the name of a register or the text of a constant; a mask is a vector of bits.
-Multiplications and additions may be contracted to fused ones by the compiler; nothing
-else is reordered.
+Nothing is reordered or contracted: every operation rounds as CasADi's does, so that
+x^2 - y^2 is 0, not a rounding error below it, where x = y; `fma` is asked for.
 """
 
 import struct
@@ -65,7 +65,7 @@ class VectorIR:
 
     def binary(self, instruction: str, a: str, b: str) -> str:
         """Return fadd, fsub, fmul or fdiv of two vectors."""
-        return self.emit(f"{instruction} contract {self.vector} {a}, {b}")
+        return self.emit(f"{instruction} {self.vector} {a}, {b}")
 
     def add(self, a: str, b: str) -> str:
         """Return a + b."""
@@ -86,10 +86,6 @@ class VectorIR:
     def neg(self, a: str) -> str:
         """Return -a."""
         return self.emit(f"fneg {self.vector} {a}")
-
-    def exact(self, instruction: str, a: str, b: str) -> str:
-        """Return a binary operation that must not be contracted."""
-        return self.emit(f"{instruction} {self.vector} {a}, {b}")
 
     def intrinsic(self, name: str, *arguments: str) -> str:
         """Return an LLVM intrinsic on vectors, such as fma, sqrt, minnum."""

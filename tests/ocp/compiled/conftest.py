@@ -1,0 +1,82 @@
+"""Machine code of small functions, in a cache of its own."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmstart.ocp.compiled.engine import NoCompilerError, machine
+from swarmstart.ocp.compiled.simd import compile_flat
+
+Array = NDArray[np.float64]
+Evaluate = Callable[..., list[Array]]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep the user's own cache out of the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture
+def fresh_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache; the folder that code will be kept in."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path / "swarmstart" / "machine-code"
+
+
+@pytest.fixture(scope="session")
+def compiler() -> None:
+    """Skip what needs machine code where none can be made."""
+    try:
+        machine()
+    except NoCompilerError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def compiled(compiler: None) -> Callable[..., Evaluate]:
+    """(inputs, outputs) -> machine code of arrays (rows, n), all per individual."""
+
+    def compile_(inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> Evaluate:
+        function = ca.Function("f", list(inputs), list(outputs))
+        kernel = compile_flat(function, (True,) * len(inputs))
+        return lambda *arguments: kernel.evaluate(arguments)
+
+    return compile_
+
+
+@pytest.fixture(scope="session")
+def by_casadi() -> Callable[..., Array]:
+    """(function, arguments (rows, n)) -> its first output by CasADi, (rows, n)."""
+
+    def evaluate(function: ca.Function, *arguments: Array) -> Array:
+        mapped = function.map(arguments[0].shape[1])
+        answer = mapped.call([ca.DM(np.atleast_2d(a)) for a in arguments])[0]
+        return np.array(ca.densify(answer))
+
+    return evaluate
+
+
+@pytest.fixture(scope="session")
+def ulps_apart() -> Callable[[Array, Array], Array]:
+    """(a, b) -> doubles between them; NaN is 0 from NaN and far from all else."""
+
+    def place(values: Array) -> NDArray[np.object_]:
+        bits = np.ascontiguousarray(values, dtype=np.float64).view(np.int64)
+        ordered = np.where(bits < 0, np.iinfo(np.int64).min - bits, bits)
+        return ordered.astype(object)
+
+    def count(a: Array, b: Array) -> Array:
+        apart: Array = np.abs(place(a) - place(b)).astype(np.float64)
+        either, both = np.isnan(a) | np.isnan(b), np.isnan(a) & np.isnan(b)
+        apart[either] = np.inf
+        apart[both] = 0.0
+        return apart
+
+    return count
