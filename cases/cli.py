@@ -204,9 +204,9 @@ def _say(text: str) -> None:
 
 def _reported(error: Exception) -> int:
     """Tell an error in one message and return its exit code."""
+    from swarmstart.cases.document import UnreadableFileError, YamlError
     from swarmstart.cases.record import RecordError
     from swarmstart.cases.scenario import InvalidScenarioError
-    from swarmstart.cases.yaml_reader import UnreadableFileError, YamlError
 
     if isinstance(error, InvalidScenarioError):
         for flaw in error.flaws:

@@ -15,19 +15,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from swarmstart.cases.document import Document, Place, YamlError, frame
 from swarmstart.cases.expressions import ExpressionError
+from swarmstart.cases.overrides import assign, overlay, split_assignment
 from swarmstart.cases.registry import KINDS, SEARCHES, load
-from swarmstart.cases.yaml_reader import (
-    Document,
-    Place,
-    YamlError,
-    assign,
-    frame,
-    overlay,
-    parse_yaml,
-    read_yaml,
-    split_assignment,
-)
+from swarmstart.cases.yaml_reader import parse_yaml, read_yaml
 from swarmstart.errors import SwarmstartError
 
 if TYPE_CHECKING:

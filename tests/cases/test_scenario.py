@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
+from swarmstart.cases.document import UnreadableFileError, YamlError
 from swarmstart.cases.record import run_key
 from swarmstart.cases.scenario import (
     InvalidScenarioError,
@@ -16,11 +17,7 @@ from swarmstart.cases.scenario import (
     resolve,
     shipped,
 )
-from swarmstart.cases.yaml_reader import (
-    UnreadableFileError,
-    YamlError,
-    parse_yaml,
-)
+from swarmstart.cases.yaml_reader import parse_yaml
 
 VARIANTS = ("literal", "corrected")
 

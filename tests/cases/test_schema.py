@@ -7,10 +7,10 @@ import pytest
 import yaml
 from jsonschema import Draft7Validator
 
+from swarmstart.cases.overrides import overlay
 from swarmstart.cases.registry import KINDS
 from swarmstart.cases.scenario import read_document, shipped
 from swarmstart.cases.schema import DIALECT, scenario_schema
-from swarmstart.cases.yaml_reader import overlay
 
 SCHEMA = scenario_schema("formation_flight")
 VALIDATOR = Draft7Validator(SCHEMA)

@@ -14,21 +14,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from swarmstart.cases import yaml_reader
-from swarmstart.cases.yaml_reader import (
-    MAX_BYTES,
-    MAX_DEPTH,
+from swarmstart.cases.document import (
     Document,
+    Path,
     Place,
     UnreadableFileError,
     Value,
     YamlError,
-    assign,
     frame,
-    overlay,
-    parse_yaml,
-    read_yaml,
-    split_assignment,
 )
+from swarmstart.cases.overrides import assign, overlay, split_assignment
+from swarmstart.cases.yaml_reader import MAX_BYTES, MAX_DEPTH, parse_yaml, read_yaml
 
 LOADERS = [getattr(yaml, "CSafeLoader", yaml.SafeLoader), yaml.SafeLoader]
 unhurried = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -364,7 +360,7 @@ _values: st.SearchStrategy[Value] = st.recursive(
 _mappings = st.dictionaries(_strings, _values, max_size=5)
 
 
-def _leaves(value: Value, path: yaml_reader.Path) -> Iterator[yaml_reader.Path]:
+def _leaves(value: Value, path: Path) -> Iterator[Path]:
     children: list[tuple[str | int, Value]] = []
     if isinstance(value, dict):
         children = list(value.items())
@@ -376,7 +372,7 @@ def _leaves(value: Value, path: yaml_reader.Path) -> Iterator[yaml_reader.Path]:
         yield from _leaves(child, (*path, key))
 
 
-def _at(value: Value, path: yaml_reader.Path) -> Value:
+def _at(value: Value, path: Path) -> Value:
     for part in path:
         if isinstance(value, dict) and isinstance(part, str):
             value = value[part]
@@ -618,9 +614,7 @@ def test_overlay_of_an_empty_mapping_is_the_identity() -> None:
         (("a", "x"), "s.yaml:1:4: expected a mapping at 'a.x', found nothing there"),
     ],
 )
-def test_overlay_without_a_mapping_is_refused(
-    path: yaml_reader.Path, message: str
-) -> None:
+def test_overlay_without_a_mapping_is_refused(path: Path, message: str) -> None:
     with pytest.raises(YamlError, match=message) as caught:
         overlay(parsed(BASE), path)
     assert "^" in caught.value.frame
@@ -695,9 +689,7 @@ def test_overlay_is_idempotent_and_places_hold_the_values(
         ("variants.v.b=2", ("variants", "v", "b"), 2),
     ],
 )
-def test_assignment_sets_one_value(
-    assignment: str, path: yaml_reader.Path, value: Value
-) -> None:
+def test_assignment_sets_one_value(assignment: str, path: Path, value: Value) -> None:
     base = parsed("a: 1\nb:\n  c: 2\n  d: [1, 2, 3]\nn:\n")
     key, text = split_assignment(assignment)
     document = assign(base, key, text)

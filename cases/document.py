@@ -1,0 +1,181 @@
+"""What a YAML text becomes: plain data, and the place of every value in it."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from swarmstart.errors import SwarmstartError
+
+Value: TypeAlias = "str | int | float | bool | list[Value] | dict[str, Value] | None"
+Path: TypeAlias = tuple[str | int, ...]
+MAX_SHOWN = 40  # characters of a value in a message
+LINE_BREAK = re.compile(r"\r\n|\r|\n")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Place:
+    """Where something stands in a text: "file:line:column", both from 1."""
+
+    name: str
+    line: int
+    column: int
+
+    def __str__(self) -> str:
+        """Join with colons; characters that cannot be printed are escaped."""
+        return f"{printable(self.name)}:{self.line}:{self.column}"
+
+
+class YamlError(SwarmstartError):
+    """The text can be read, but is not what this format allows.
+
+    Attributes:
+        what: What was expected and what was found, without the place.
+        places: Where, the most important first; a key given twice has two.
+        frame: The offending line with a caret below, "" when there is none.
+    """
+
+    def __init__(self, what: str, *places: Place, frame: str = "") -> None:
+        """Keep the parts; the message is "file:line:column: what"."""
+        super().__init__(what, *places)
+        self.what = what
+        self.places = places
+        self.frame = frame
+
+    def __str__(self) -> str:
+        """Put the first place before the message."""
+        return ": ".join([*map(str, self.places[:1]), self.what])
+
+
+class UnreadableFileError(SwarmstartError):
+    """A file is missing, forbidden, or no file to read from.
+
+    Attributes:
+        path: The path as given.
+        reason: What was found instead.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        """Keep the parts."""
+        super().__init__(path, reason)
+        self.path = path
+        self.reason = reason
+
+    def __str__(self) -> str:
+        """Say which file and why."""
+        return f"{printable(self.path)}: expected a readable file, {self.reason}"
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One value and where it stands; collections hold Nodes and are never changed.
+
+    Attributes:
+        content: A scalar, a tuple of Nodes (list) or a dict of Nodes (mapping).
+        place: Where the value begins.
+        key_place: Where its key begins; its own place where it has no key.
+    """
+
+    content: "str | int | float | bool | tuple[Node, ...] | Mapping[str, Node] | None"
+    place: Place
+    key_place: Place
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Document:
+    """A YAML document as plain data, and where each part of it was written.
+
+    A path is a tuple of keys and list indices; () is the document itself.
+
+    Attributes:
+        root: The tree that the other attributes are computed from; a mapping.
+        name: The file's name as it appears in messages.
+        sources: Text by name, for `frame`: the file's, and one for each `assign`.
+        data: Nested dict, list, str, int, float, bool and None; this object's own.
+        places: The place of every value, by path.
+        key_places: The place of every key of a mapping, by the path of its value.
+    """
+
+    root: Node = field(repr=False)
+    name: str
+    sources: Mapping[str, str] = field(repr=False)
+    data: dict[str, Value] = field(init=False)
+    places: Mapping[Path, Place] = field(init=False, repr=False)
+    key_places: Mapping[Path, Place] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Compute data and places from the tree."""
+        places: dict[Path, Place] = {}
+        key_places: dict[Path, Place] = {}
+        data = _flattened(self.root, (), places, key_places)
+        object.__setattr__(self, "data", data)
+        object.__setattr__(self, "places", places)
+        object.__setattr__(self, "key_places", key_places)
+
+
+def frame(text: str, place: Place) -> str:
+    """Show a line of a text with a caret below the place.
+
+    Args:
+        text: The source the place refers to, `document.sources[place.name]`.
+        place: Where to put the caret.
+
+    Returns:
+        Two lines; long ones are cut around the caret. "" for a place outside the text.
+    """
+    lines = LINE_BREAK.split(text)
+    if not 1 <= place.line <= len(lines):
+        return ""
+    start = max(0, place.column - 60)
+    line = lines[place.line - 1][start : start + 78]
+    visible = "".join(
+        char if char.isprintable() else " " if char == "\t" else "?" for char in line
+    )
+    margin = f"{place.line:>5} | "
+    caret = " " * (place.column - 1 - start) + "^"
+    return f"{margin}{visible}\n{' ' * (len(margin) - 2)}| {caret}"
+
+
+def _flattened(
+    node: Node,
+    path: Path,
+    places: dict[Path, Place],
+    key_places: dict[Path, Place],
+) -> Value:
+    """Return a node's plain data and note its places."""
+    places[path] = node.place
+    if isinstance(node.content, tuple):
+        return [
+            _flattened(child, (*path, index), places, key_places)
+            for index, child in enumerate(node.content)
+        ]
+    if isinstance(node.content, Mapping):
+        mapping: dict[str, Value] = {}
+        for key, child in node.content.items():
+            key_places[*path, key] = child.key_place
+            mapping[key] = _flattened(child, (*path, key), places, key_places)
+        return mapping
+    return node.content
+
+
+def shown(text: str) -> str:
+    """Quote, escape and shorten a text for a message."""
+    return repr(text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}...")
+
+
+def printable(text: str) -> str:
+    """Escape what would not print as one line."""
+    return "".join(
+        char if char.isprintable() else char.encode("unicode_escape").decode("ascii")
+        for char in text
+    )
+
+
+def kind_of(node: Node) -> str:
+    """Name a node that is no mapping as a user would."""
+    content = node.content
+    if content is None:
+        return "null"
+    if isinstance(content, tuple):
+        return "a list"
+    return shown(content) if isinstance(content, str) else str(content).lower()
