@@ -19,6 +19,7 @@ from swarmstart.heuristics.compiled_loop import (
     loop_of,
     new_work,
 )
+from swarmstart.heuristics.interrupts import put_off
 from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.order import Order, feasibility_first
 from swarmstart.heuristics.sampling import sample_uniform
@@ -106,7 +107,8 @@ class Search:
         self._settings = algorithm.kernel_settings(box, self.order)
         if state is None:
             population = _initial_population(algorithm, box, initial, rng=rng)
-            self._state = algorithm.start(box, population, rng=rng)
+            with put_off():
+                self._state = algorithm.start(box, population, rng=rng)
         else:
             self._state = copy.deepcopy(state)
         self._asked = np.empty((box.dim, algorithm.size))
@@ -163,7 +165,8 @@ class Search:
                 raise InvalidSettingsError("progress", progress, "in [0, 1]")
             self._state.progress[0] = progress
         propose = self.algorithm.kernels.propose
-        propose(self.rng, self._settings, self._state, self._asked)
+        with put_off():
+            propose(self.rng, self._settings, self._state, self._asked)
         self._waiting = True
         points = self._asked.copy()
         points.setflags(write=False)
@@ -190,7 +193,8 @@ class Search:
                 name="violation",
             )
         accept = self.algorithm.kernels.accept
-        accept(self._settings, self._state, self._asked, cost, violation)
+        with put_off():
+            accept(self._settings, self._state, self._asked, cost, violation)
         self._waiting = False
 
     def loop(
@@ -220,7 +224,8 @@ class Search:
         if pointers is None:
             return None
         loop = loop_of(self.algorithm.kernels)
-        loop(self.rng, self._settings, self._state, work, pointers, last)
+        with put_off():
+            loop(self.rng, self._settings, self._state, work, pointers, last)
         return work
 
 
