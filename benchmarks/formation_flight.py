@@ -22,9 +22,13 @@ from scipy.stats import wilcoxon
 from swarmstart.cases.claims import holds, value_at
 from swarmstart.cases.run import run
 from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.ocp import Source
+from swarmstart.ocp.polish import is_better
 
 SCENARIOS = ("formation_v", "formation_obstacle")
 VARIANTS = ("literal", "corrected")
+FEASIBLE = 1e-6
+"""Largest violation that counts as none: the problems' tolerance."""
 
 
 class Job(NamedTuple):
@@ -91,13 +95,14 @@ def fly(job: Job) -> dict[str, Any]:
     )
     finished = run(resolved, seed=job.seed)
     worse = sum(
-        (plan.violation > tolerance, plan.cost)
-        > (plan.search_violation > tolerance, plan.search_cost + 1e-9)
+        is_better(
+            (plan.search_cost, plan.search_violation),
+            (plan.cost, plan.violation),
+            tolerance=FEASIBLE,
+        )
         for decision in finished.trajectory.decisions
         for plan in decision.plans
-        for tolerance in (1e-6,)
-        if plan.search_cost == plan.search_cost  # NaN where no search was made
-        and plan.source.name in ("SEARCH", "POLISH")
+        if plan.source in (Source.SEARCH, Source.POLISH)
     )
     return {**finished.measures, "steps_worse_than_search": worse}
 

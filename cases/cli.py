@@ -135,11 +135,11 @@ class _Version(argparse.Action):
     """Print the versions that matter and leave."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        from importlib.metadata import version
+        from swarmstart.cases.versions import versions
 
-        ours = version("swarmstart")
-        others = ("casadi", "numpy", "numba", "scipy", "control")
-        listed = ", ".join(f"{name} {version(name)}" for name in others)
+        others = versions()
+        ours = others.pop("swarmstart")
+        listed = ", ".join(f"{name} {version}" for name, version in others.items())
         python = ".".join(map(str, sys.version_info[:3]))
         print(f"swarmstart {ours} (Python {python}, {listed})")  # noqa: T201
         parser.exit(DONE)

@@ -6,12 +6,10 @@ a step has been made; that step, broken off in the middle, does not count.
 """
 
 import contextlib
-import signal
-import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+from swarmstart.heuristics.interrupts import Handler, replaced_handlers
 
 
 @contextlib.contextmanager
@@ -23,20 +21,13 @@ def noticed() -> Iterator[Callable[[], bool]]:
         Python delivers no signals.
     """
     seen: list[int] = []
-    handlers: dict[int, Callable[[int, FrameType | None], object]] = {}
 
-    def note(number: int, frame: FrameType | None) -> None:
-        seen.append(number)
-        handlers[number](number, frame)
+    def noting(handler: Handler) -> Handler:
+        def note(number: int, frame: FrameType | None) -> None:
+            seen.append(number)
+            handler(number, frame)
 
-    if threading.current_thread() is threading.main_thread():
-        for asked in SIGNALS:
-            handler = signal.getsignal(asked)
-            if callable(handler):  # Not where it is ignored, or left to the system.
-                handlers[asked] = handler
-                signal.signal(asked, note)
-    try:
+        return note
+
+    with replaced_handlers(noting):
         yield lambda: bool(seen)
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)

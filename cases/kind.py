@@ -3,13 +3,12 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.settings import Scenario
-from swarmstart.ocp import Controller, Plant, Trajectory
+from swarmstart.ocp import Controller, Plant
 
 Array = NDArray[np.float64]
 Measure = float | int | list[float | None] | None
@@ -30,15 +29,6 @@ class Flight:
     controller: Controller
     x0: Array
     agents: int
-
-
-class MeasureFunction(Protocol):
-    """One measure of a flight, from the scenario, what was built, what was flown."""
-
-    def __call__(
-        self, scenario: Scenario, flight: Flight, trajectory: Trajectory
-    ) -> Mapping[str, Measure]:
-        """Return the measures by name."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

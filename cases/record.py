@@ -16,7 +16,6 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, BinaryIO
 from zipfile import BadZipFile
@@ -24,12 +23,11 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.versions import package_version
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Decision, Mode, Plan, Source, Step, Trajectory
 
 Array = NDArray[np.float64]
-
-RECORDED_VERSIONS = ("swarmstart", "casadi", "numpy", "numba", "scipy", "control")
 
 
 class RecordError(SwarmstartError):
@@ -54,19 +52,6 @@ def run_key(settings: Mapping[str, Any], seed: int, backend: str) -> str:
         determines, sort_keys=True, separators=(",", ":"), allow_nan=False
     )
     return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def package_version(name: str) -> str:
-    """Return an installed package's version; "unknown" where it is not installed."""
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "unknown"
-
-
-def versions() -> dict[str, str]:
-    """Return the versions that matter, as recorded with a run."""
-    return {name: package_version(name) for name in RECORDED_VERSIONS}
 
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:

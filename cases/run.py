@@ -28,12 +28,12 @@ from swarmstart.cases.record import (
     run_key,
     save_partial,
     trajectory_arrays,
-    versions,
     write_arrays,
     write_atomically,
     write_json,
 )
 from swarmstart.cases.scenario import Resolved
+from swarmstart.cases.versions import versions
 from swarmstart.ocp import Step, Trajectory, chosen_backend, collected, fly
 
 logger = logging.getLogger(__name__)
@@ -219,17 +219,17 @@ def _flown(
 ) -> tuple[list[Step], int]:
     """Return all steps, and how many an interrupted run before had finished."""
     key = key_of(resolved, seed)
-    steps, rng = _kept(flight, seed, folder, key)
-    resumed = len(steps)
-    states = [rng.bit_generator.state] * resumed
-    last = steps[-1] if steps else None
+    kept, rng = _kept(flight, seed, folder, key)
+    # A step and the generator's state after it, in one list: an interrupt may come
+    # between any two statements.
+    flown = [(step, rng.bit_generator.state) for step in kept]
+    last = kept[-1] if kept else None
     saved = clock.perf_counter()
 
     def save() -> None:
-        if folder is not None and states:
-            # An interrupt may come between the two lists: what both have is finished.
-            trajectory = collected(flight.plant, steps[: len(states)])
-            save_partial(folder, key, trajectory, states[-1])
+        if folder is not None and flown:
+            steps, (*_, state) = zip(*flown, strict=True)
+            save_partial(folder, key, collected(flight.plant, steps), state)
 
     try:
         with noticed() as asked_to_stop:
@@ -239,24 +239,23 @@ def _flown(
                 flight.x0 if last is None else last.dense_states[:, -1],
                 steps=resolved.scenario.steps,
                 rng=rng,
-                done=len(steps),
+                done=len(kept),
                 previous=None if last is None else last.decision,
             ):
                 if asked_to_stop():
                     raise KeyboardInterrupt
-                steps.append(step)
-                states.append(rng.bit_generator.state)
-                progress(len(steps), resolved.scenario.steps, "flying")
+                flown.append((step, rng.bit_generator.state))
+                progress(len(flown), resolved.scenario.steps, "flying")
                 if clock.perf_counter() - saved > CHECKPOINT_S:
                     save()
                     saved = clock.perf_counter()
         save()  # What follows may fail, or be interrupted.
     except KeyboardInterrupt:
-        if folder is None or not states:
+        if folder is None or not flown:
             raise
         save()
-        raise Interrupted(folder, len(states)) from None
-    return steps, resumed
+        raise Interrupted(folder, len(flown)) from None
+    return [step for step, _ in flown], len(kept)
 
 
 def _kept(

@@ -42,7 +42,7 @@ from swarmstart.heuristics import (
     feasibility_first,
     static_penalty,
 )
-from swarmstart.ocp import IpoptOptions, SearchSettings, WarmStart
+from swarmstart.ocp import Backend, IpoptOptions, SearchSettings, WarmStart
 
 Problem = tuple[tuple[str | int, ...], str]
 """Where in the scenario something is wrong, and what."""
@@ -267,7 +267,7 @@ class Scenario(Part):
     order: OrderPart
     polish: Literal["none", "ipopt"] = "none"
     ipopt: IpoptPart = IpoptPart()
-    backend: Literal["auto", "llvm", "casadi"] = "auto"
+    backend: Backend = "auto"
     claims: list[Claim] = Field(default_factory=list)
 
     def problems(self) -> Iterator[Problem]:

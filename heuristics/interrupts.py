@@ -7,6 +7,7 @@ call is over.
 """
 
 import contextlib
+import functools
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -17,28 +18,46 @@ Handler = Callable[[int, FrameType | None], object]
 
 
 @contextlib.contextmanager
-def put_off() -> Iterator[None]:
-    """Run the handlers of signals that come meanwhile at the end.
+def replaced_handlers(replacement: Callable[[Handler], Handler]) -> Iterator[None]:
+    """Have requests to stop handled otherwise.
 
     Nothing is done in another thread than the main one, where Python delivers none.
+
+    Args:
+        replacement: The handler in force -> the one to put in its place meanwhile.
 
     Yields:
         Nothing.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    noted: list[tuple[int, FrameType | None]] = []
     handlers: dict[int, Handler] = {}
-    for asked in SIGNALS:
-        handler = signal.getsignal(asked)
-        if callable(handler):  # Not where it is ignored, or left to the system.
-            handlers[asked] = handler
-            signal.signal(asked, lambda n, frame: noted.append((n, frame)))
+    if threading.current_thread() is threading.main_thread():
+        for asked in SIGNALS:
+            handler = signal.getsignal(asked)
+            if callable(handler):  # Not where it is ignored, or left to the system.
+                handlers[asked] = handler
+                signal.signal(asked, replacement(handler))
     try:
         yield
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        for number, frame in noted:
-            handlers[number](number, frame)
+
+
+@contextlib.contextmanager
+def put_off() -> Iterator[None]:
+    """Run the handlers of signals that come meanwhile at the end.
+
+    Yields:
+        Nothing.
+    """
+    noted: list[Callable[[], object]] = []
+
+    def noting(handler: Handler) -> Handler:
+        return lambda *signalled: noted.append(functools.partial(handler, *signalled))
+
+    try:
+        with replaced_handlers(noting):
+            yield
+    finally:
+        for handle in noted:
+            handle()

@@ -4,7 +4,7 @@ import enum
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -208,13 +208,11 @@ def run(
     stopped = None
     while stopped is None:
         seconds = time.perf_counter() - begin
-        try:
-            history.append(advance(search, objective, budget, seconds, on_generation))
-        except _Stopped as stop:
-            history.append(stop.history)
-            stopped = StopReason.CALLBACK
-            break
-        stopped = _used_up(search, budget, time.perf_counter() - begin)
+        advanced = advance(search, objective, budget, seconds, on_generation)
+        history.append((advanced.best_cost, advanced.best_violation))
+        stopped = advanced.stopped or _used_up(
+            search, budget, time.perf_counter() - begin
+        )
     costs, violations = (
         np.concatenate(column) for column in zip(*history, strict=True)
     )
@@ -234,13 +232,18 @@ def run(
     )
 
 
-class _Stopped(Exception):  # noqa: N818 - no error
-    """on_generation raised StopIteration."""
+class _Advanced(NamedTuple):
+    """What one or several generations found.
 
-    def __init__(self, history: tuple[Array, Array]) -> None:
-        """Keep what the generation found."""
-        super().__init__()
-        self.history = history
+    Attributes:
+        best_cost: Best cost so far after each of them.
+        best_violation: Its violation.
+        stopped: Why to stop, where on_generation said so.
+    """
+
+    best_cost: Array
+    best_violation: Array
+    stopped: StopReason | None = None
 
 
 def _one_generation(
@@ -249,19 +252,20 @@ def _one_generation(
     budget: Budget,
     seconds: float,
     on_generation: Callable[[GenerationEvent], None] | None,
-) -> tuple[Array, Array]:
-    """Advance by one generation from Python; return best cost and violation, (1,)."""
+) -> _Advanced:
+    """Advance by one generation from Python."""
     progress = _progress(search, budget, seconds)
     population = search.ask(progress=progress)
     cost, violation = _pair(objective(population))
     search.tell(cost, violation)
-    history = np.array([search.best.cost]), np.array([search.best.violation])
+    best = search.best
+    found = _Advanced(np.array([best.cost]), np.array([best.violation]))
     if on_generation is not None:
         try:
             on_generation(_event(search, progress, population, cost, violation))
         except StopIteration:
-            raise _Stopped(history) from None
-    return history
+            return found._replace(stopped=StopReason.CALLBACK)
+    return found
 
 
 def _compiled_generations(
@@ -270,8 +274,8 @@ def _compiled_generations(
     budget: Budget,
     seconds: float,
     on_generation: Callable[[GenerationEvent], None] | None,
-) -> tuple[Array, Array]:
-    """Advance by a chunk in compiled code; return best costs and violations."""
+) -> _Advanced:
+    """Advance by a chunk in compiled code."""
     fits = (budget.evaluations or 0) // search.algorithm.size
     work = search.loop(
         cast(CompiledObjective, objective),
@@ -280,7 +284,7 @@ def _compiled_generations(
     )
     if work is None:
         return _one_generation(search, objective, budget, seconds, on_generation)
-    return work.best_cost, work.best_violation
+    return _Advanced(work.best_cost, work.best_violation)
 
 
 def _progress(search: Search, budget: Budget, seconds: float) -> float:

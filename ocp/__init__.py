@@ -1,7 +1,7 @@
 """The optimal-control problem and everything done to one."""
 
 from swarmstart.ocp.closed_loop import Plant, Step, Trajectory, collected, fly, simulate
-from swarmstart.ocp.compiled.backend import BackendWarning, chosen_backend
+from swarmstart.ocp.compiled.backend import Backend, BackendWarning, chosen_backend
 from swarmstart.ocp.compiled.batch import BatchFunction, Prepared, compile_batch
 from swarmstart.ocp.constraints import (
     Bounds,
@@ -27,6 +27,7 @@ from swarmstart.ocp.team import Agent, Team
 __all__ = [
     "INTEGRATORS",
     "Agent",
+    "Backend",
     "BackendWarning",
     "BatchFunction",
     "Bounds",

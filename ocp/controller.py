@@ -12,7 +12,7 @@ plan can stall: one that never was feasible is then repeated for ever.)
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Protocol
 
@@ -164,13 +164,8 @@ class RecedingHorizon:
         found, last = (plan.cost, plan.violation), (shifted.cost, shifted.violation)
         if is_better(found, last, tolerance=self.planner.problem.tolerance):
             return plan
-        return Plan(
-            controls=shifted.controls,
-            states=shifted.states,
-            cost=shifted.cost,
-            violation=shifted.violation,
-            feasible=shifted.feasible,
-            source=Source.SHIFTED,
+        return replace(
+            shifted,
             search_cost=plan.search_cost,
             search_violation=plan.search_violation,
             evaluations=plan.evaluations,

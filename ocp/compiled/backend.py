@@ -8,7 +8,7 @@ code cannot serve, CasADi's map evaluates, and a warning says once which and why
 import os
 import warnings
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, get_args
 
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
@@ -17,7 +17,7 @@ from swarmstart.ocp.compiled.tape import UnknownOperationError
 from swarmstart.ocp.errors import InvalidProblemError
 
 Backend = Literal["auto", "llvm", "casadi"]
-BACKENDS = ("auto", "llvm", "casadi")
+BACKENDS = get_args(Backend)
 VARIABLE = "SWARMSTART_BACKEND"
 
 

@@ -5,7 +5,8 @@ import threading
 
 import pytest
 
-from swarmstart.cases.interrupts import SIGNALS, noticed
+from swarmstart.cases.interrupts import noticed
+from swarmstart.heuristics.interrupts import SIGNALS
 
 
 def handlers() -> list[object]:
