@@ -2,7 +2,8 @@
 
 from swarmstart.ocp.closed_loop import Plant, Step, Trajectory, collected, fly, simulate
 from swarmstart.ocp.compiled.backend import Backend, BackendWarning, chosen_backend
-from swarmstart.ocp.compiled.batch import BatchFunction, Prepared, compile_batch
+from swarmstart.ocp.compiled.batch import BatchFunction, compile_batch
+from swarmstart.ocp.compiled.simd import Prepared
 from swarmstart.ocp.constraints import (
     Bounds,
     Constraint,

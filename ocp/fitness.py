@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics import Pointers
-from swarmstart.ocp.compiled.backend import evaluator
+from swarmstart.ocp.compiled.backend import evaluator, require_precision
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
+from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.interface import BatchEvaluator, BoundEvaluator
 from swarmstart.ocp.compiled.simd import compile_rollout
 from swarmstart.ocp.errors import InvalidProblemError
@@ -33,7 +34,7 @@ class Objective:
         """Take a rollout whose state, parameters and signals are fixed.
 
         Args:
-            outputs: Population -> cost (1, size) and violation (1, size).
+            outputs: Population -> cost and violation, (2, size).
             dim: Number of variables, nu * N.
         """
         self._outputs = outputs
@@ -45,13 +46,13 @@ class Objective:
         Raises:
             InvalidProblemError: If the population has another shape.
         """
-        if population.ndim != 2 or len(population) != self._dim:  # noqa: PLR2004
+        if population.ndim != 2 or population.shape[0] != self._dim:  # noqa: PLR2004
             raise InvalidProblemError(
                 f"a population must have shape ({self._dim}, size), "
                 f"got {population.shape}"
             )
-        cost, violation = self._outputs(population)
-        return cost[0], violation[0]
+        values = self._outputs(population)
+        return values[0], values[1]  # Unpacking would take three times as long.
 
     def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
         """Bind to buffers; see `heuristics.CompiledObjective`."""
@@ -82,17 +83,24 @@ class Fitness:
     """
 
     def __init__(
-        self, problem: OptimalControlProblem, *, backend: str | None = None
+        self,
+        problem: OptimalControlProblem,
+        *,
+        backend: str | None = None,
+        precision: Precision = "double",
     ) -> None:
         """Compile the rollout of a problem.
 
         Args:
             problem: The problem.
             backend: What evaluates populations, as in compiled/backend.py.
+            precision: Of the machine code's arithmetic, as in `compile_batch`; "single"
+                is good for a first look at many points, not for constraints to 1e-6.
 
         Raises:
-            InvalidProblemError: If the backend is unknown.
+            InvalidProblemError: If the backend or the precision is unknown.
         """
+        require_precision(precision)
         self.problem = problem
         self._evaluate: BatchEvaluator = evaluator(
             lambda: compile_rollout(
@@ -100,6 +108,7 @@ class Fitness:
                 terminal(problem),
                 intervals=problem.intervals,
                 signals_per_interval=problem.ns * problem.checks,
+                precision=precision,
             ),
             lambda: CasadiMap(rollout(problem)),
             backend,

@@ -12,6 +12,7 @@ from typing import Literal, get_args
 
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
+from swarmstart.ocp.compiled.formats import FORMATS
 from swarmstart.ocp.compiled.interface import BatchEvaluator
 from swarmstart.ocp.compiled.tape import UnknownOperationError
 from swarmstart.ocp.errors import InvalidProblemError
@@ -80,3 +81,15 @@ def warn_of_casadi(reason: str) -> None:
         BackendWarning,
         stacklevel=3,
     )
+
+
+def require_precision(precision: str) -> None:
+    """Refuse what is no precision.
+
+    Raises:
+        InvalidProblemError: With what is allowed.
+    """
+    if precision not in FORMATS:
+        raise InvalidProblemError(
+            f"precision must be one of {', '.join(FORMATS)}, got {precision!r}"
+        )

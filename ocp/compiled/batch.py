@@ -6,46 +6,24 @@
 The way in for whoever wants nothing of this package but the evaluator.
 """
 
-import ctypes
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.heuristics import Pointers
-from swarmstart.ocp.compiled.backend import chosen_backend, warn_of_casadi
+from swarmstart.ocp.compiled.backend import (
+    chosen_backend,
+    require_precision,
+    warn_of_casadi,
+)
 from swarmstart.ocp.compiled.engine import NoCompilerError
-from swarmstart.ocp.compiled.simd import SimdBatch, addresses, compile_flat
+from swarmstart.ocp.compiled.formats import Precision
+from swarmstart.ocp.compiled.simd import Prepared, Shapes, SimdBatch, compile_flat
 from swarmstart.ocp.compiled.tape import UnknownOperationError
 from swarmstart.ocp.errors import InvalidProblemError
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Prepared:
-    """An evaluator bound to fixed buffers: fill, call, read; nothing is allocated.
-
-    Attributes:
-        arguments: To be filled in place; shapes as given to `prepare`.
-        outputs: To be read after the call, each (rows, n).
-        pointers: Addresses of the function and of its two arguments, for a caller that
-            is compiled itself: void f(double **in, double **out, int64 n).
-        size: n, the third argument.
-    """
-
-    arguments: tuple[Array, ...]
-    outputs: tuple[Array, ...]
-    pointers: Pointers
-    size: int
-    _kernel: SimdBatch
-    _tables: tuple[ctypes.Array[ctypes.c_void_p], ctypes.Array[ctypes.c_void_p]]
-
-    def __call__(self) -> None:
-        """Evaluate what is in the arguments into the outputs."""
-        self._kernel.call(*self._tables, self.size)
 
 
 class BatchFunction:
@@ -58,16 +36,23 @@ class BatchFunction:
         backend: "llvm" or "casadi".
     """
 
-    def __init__(self, function: ca.Function, *, backend: str | None = None) -> None:
+    def __init__(
+        self,
+        function: ca.Function,
+        *,
+        backend: str | None = None,
+        precision: Precision = "double",
+    ) -> None:
         """Take a function; see `compile_batch`."""
-        self._function = function
+        self._function, self._precision = function, precision
         self._kernels: dict[tuple[bool, ...], SimdBatch] = {}
+        self._small: dict[Shapes, Prepared] = {}
         self.backend = chosen_backend(backend)
         if self.backend == "llvm":
             try:
                 self._function = _expanded(function)
                 first = tuple(i == 0 for i in range(function.n_in()))
-                self._kernels[first] = compile_flat(self._function, first)
+                self._kernel(first)
             except (NoCompilerError, UnknownOperationError) as error:
                 warn_of_casadi(str(error))
                 self.backend = "casadi"
@@ -85,57 +70,60 @@ class BatchFunction:
         Raises:
             InvalidProblemError: If numbers or shapes of the arguments do not fit.
         """
-        arrays, differs, size = self._checked(arguments)
-        if self.backend == "llvm":
-            outputs = self._kernel(differs).evaluate(arrays)
+        arrays = [np.asarray(a) for a in arguments]
+        shapes = tuple([a.shape for a in arrays])
+        small = self._small.get(shapes)
+        if small is not None:
+            for buffer, given in zip(small.arguments, arrays, strict=True):
+                buffer[...] = given
+            small.run()
+            outputs = small.split(small.results.copy())
         else:
-            outputs = self._mapped(arrays, differs, size)
-        return outputs[0] if len(outputs) == 1 else tuple(outputs)
+            outputs = self._evaluate(arrays, shapes)
+        return outputs[0] if len(outputs) == 1 else outputs
+
+    def _evaluate(self, arrays: list[Array], shapes: Shapes) -> tuple[Array, ...]:
+        """Evaluate arguments of shapes that are new, or of large ones."""
+        differs, size = self._checked(arrays)
+        if self.backend == "casadi":
+            return self._mapped(arrays, differs, size)
+        kernel = self._kernel(differs)
+        if kernel.is_small(arrays):
+            self._small[shapes] = kernel.prepare(size)
+        return kernel.evaluate(arrays)
 
     def prepare(self, *arguments: ArrayLike) -> Prepared:
         """Return the function bound to copies of its arguments, for many calls.
 
         Args:
-            arguments: As in a call; n at least the number of lanes (8 at the most).
+            arguments: As in a call.
 
         Raises:
             InvalidProblemError: If they do not fit, or CasADi evaluates.
         """
         if self.backend != "llvm":
             raise InvalidProblemError("prepare needs machine code, got backend casadi")
-        arrays, differs, size = self._checked(arguments)
-        kernel = self._kernel(differs)
-        if size < kernel.lanes:
-            raise InvalidProblemError(
-                f"prepare needs at least {kernel.lanes} individuals, got {size}"
-            )
-        own = tuple(np.array(a, dtype=np.float64, order="C") for a in arrays)
-        outputs = tuple(np.empty((rows, size)) for rows in kernel.shape.outputs)
-        tables = addresses(own), addresses(outputs)
-        return Prepared(
-            arguments=own,
-            outputs=outputs,
-            pointers=Pointers(kernel.address, *map(ctypes.addressof, tables)),
-            size=size,
-            _kernel=kernel,
-            _tables=tables,
-        )
+        arrays = [np.asarray(a) for a in arguments]
+        differs, size = self._checked(arrays)
+        prepared = self._kernel(differs).prepare(size)
+        for buffer, given in zip(prepared.arguments, arrays, strict=True):
+            buffer[...] = given
+        return prepared
 
     def _kernel(self, differs: tuple[bool, ...]) -> SimdBatch:
         if differs not in self._kernels:
-            self._kernels[differs] = compile_flat(self._function, differs)
+            self._kernels[differs] = compile_flat(
+                self._function, differs, precision=self._precision
+            )
         return self._kernels[differs]
 
-    def _checked(
-        self, arguments: Sequence[ArrayLike]
-    ) -> tuple[list[Array], tuple[bool, ...], int]:
-        """Return the arguments as arrays, which differ per individual, and n."""
+    def _checked(self, arrays: Sequence[Array]) -> tuple[tuple[bool, ...], int]:
+        """Return which arguments differ per individual, and n."""
         f = self._function
-        if len(arguments) != f.n_in():
+        if len(arrays) != f.n_in():
             raise InvalidProblemError(
-                f"{f.name()} takes {f.n_in()} arguments, got {len(arguments)}"
+                f"{f.name()} takes {f.n_in()} arguments, got {len(arrays)}"
             )
-        arrays = [np.asarray(a, dtype=np.float64) for a in arguments]
         sizes = {a.shape[1] for a in arrays if a.ndim == 2}  # noqa: PLR2004
         if len(sizes) != 1:
             raise InvalidProblemError(
@@ -149,29 +137,32 @@ class BatchFunction:
                     f"argument {number} of {f.name()} must have shape ({rows}, n) or "
                     f"({rows},), got {array.shape}"
                 )
-        return arrays, tuple(a.ndim == 2 for a in arrays), sizes.pop()  # noqa: PLR2004
+        return tuple(a.ndim == 2 for a in arrays), sizes.pop()  # noqa: PLR2004
 
     def _mapped(
         self, arrays: list[Array], differs: tuple[bool, ...], size: int
-    ) -> list[Array]:
+    ) -> tuple[Array, ...]:
         """Evaluate by CasADi's map: individuals side by side, in matrices."""
         f = self._function
         if size == 0:
-            return [np.empty((f.numel_out(i), 0)) for i in range(f.n_out())]
+            return tuple(np.empty((f.numel_out(i), 0)) for i in range(f.n_out()))
         given = []
         for number, array in enumerate(arrays):
             own = array if differs[number] else np.repeat(array[:, None], size, axis=1)
             rows, columns = f.size_in(number)
             given.append(np.reshape(own, (rows, columns * size), order="F"))
         answers = f.map(size).call(given)
-        return [
+        return tuple(
             np.reshape(np.array(ca.DM(a)), (f.numel_out(i), size), order="F")
             for i, a in enumerate(answers)
-        ]
+        )
 
 
 def compile_batch(
-    function: ca.Function, *, backend: str | None = None
+    function: ca.Function,
+    *,
+    backend: str | None = None,
+    precision: Precision = "double",
 ) -> BatchFunction:
     """Return a function of whole populations, in machine code where possible.
 
@@ -179,16 +170,21 @@ def compile_batch(
         function: Any `casadi.Function` that expands to SX; where it does not, or has an
             operation that is not compiled, CasADi's map serves, and a warning says so.
         backend: "auto", "llvm" or "casadi"; None asks SWARMSTART_BACKEND, then auto.
+        precision: "single" computes with half the digits in about half the time;
+            arguments and outputs are doubles all the same. CasADi knows no other than
+            "double".
 
     Returns:
         (arrays (rows, n), or (rows,) where shared) -> (rows, n), or a tuple of these.
 
     Raises:
-        InvalidProblemError: If the function has no argument, or the backend is unknown.
+        InvalidProblemError: If the function has no argument, or the backend or the
+            precision is unknown.
     """
     if function.n_in() == 0:
         raise InvalidProblemError(f"{function.name()} has no argument to vary")
-    return BatchFunction(function, backend=backend)
+    require_precision(precision)
+    return BatchFunction(function, backend=backend, precision=precision)
 
 
 def _expanded(function: ca.Function) -> ca.Function:

@@ -47,12 +47,12 @@ class CasadiMap:
         """Return population -> outputs; see BatchEvaluator."""
         return BoundMap(self, shared)
 
-    def evaluate(self, population: Array, shared: list[Array]) -> list[Array]:
-        """Return the outputs, each (rows, size)."""
+    def evaluate(self, population: Array, shared: list[Array]) -> Array:
+        """Return all outputs, (rows of all outputs, size)."""
         size = population.shape[1]
         if size == 0:
-            rows = range(self._function.n_out())
-            return [np.empty((self._function.numel_out(i), 0)) for i in rows]
+            outputs = range(self._function.n_out())
+            return np.empty((sum(self._function.numel_out(i) for i in outputs), 0))
         buffers = self._buffers.get(size)
         if buffers is None:
             buffers = self._buffers[size] = _allocate(self._function, size)
@@ -60,7 +60,7 @@ class CasadiMap:
         for buffer, values in zip(buffers.arguments[1:], shared, strict=True):
             buffer[...] = values
         buffers.run()
-        return [result.T.copy() for result in buffers.results]
+        return np.concatenate([result.T for result in buffers.results])
 
 
 class BoundMap:
@@ -71,8 +71,8 @@ class BoundMap:
         self._map = mapped
         self._shared = [np.array(values, dtype=np.float64) for values in shared]
 
-    def __call__(self, population: Array) -> list[Array]:
-        """Return the outputs, each (rows, size)."""
+    def __call__(self, population: Array) -> Array:
+        """Return all outputs, (rows of all outputs, size)."""
         return self._map.evaluate(population, self._shared)
 
     def attach(self, population: Array, outputs: Sequence[Array]) -> None:

@@ -3,22 +3,47 @@
     void kernel(double **in, double **out, int64 n)
 
 in[i] is an argument: (rows, n), row after row, where it differs per individual; (rows,)
-where all share it. out[j] is an output, (rows, n). n is at least the number of lanes;
-the last block of individuals is moved back to end at n, so that no lane needs a mask.
+where all share it. out[j] is an output, (rows, n). Lanes of the last block that are
+beyond n are masked: neither read nor written.
 
 A function is emitted flat, or rolled: one stage, looped over the intervals of a horizon
 inside the compiled code, so that neither code nor build time grow with the horizon.
+
+Where a fast body marks an individual whose arguments it cannot serve (elementary.py), a
+careful body evaluates that individual once more.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from swarmstart.ocp.compiled.elementary import UNARY, atan2, sin_and_cos
-from swarmstart.ocp.compiled.tape import Tape, UnknownOperationError
-from swarmstart.ocp.compiled.vector_ir import VectorIR
+from swarmstart.ocp.compiled.elementary import is_unserved
+from swarmstart.ocp.compiled.formats import DOUBLE, FORMATS, Format, Precision
+from swarmstart.ocp.compiled.operations import Read, emit_operation, emit_tape
+from swarmstart.ocp.compiled.simplification import repeated_functions
+from swarmstart.ocp.compiled.tape import Tape
+from swarmstart.ocp.compiled.vector_ir import Module, VectorIR, converted
 
-Read = Callable[[int, int], str]
-"""(argument, dense entry) -> its value."""
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Target:
+    """What code is emitted for.
+
+    Attributes:
+        lanes: Numbers in a vector, a power of two.
+        precision: Of the arithmetic; arguments and outputs are doubles.
+        register_bits: Length of a vector register.
+        has_scale: See `vector_ir.Module`.
+    """
+
+    lanes: int
+    precision: Precision = "double"
+    register_bits: int = 512
+    has_scale: bool = False
+
+    @property
+    def form(self) -> Format:
+        """The format of the arithmetic."""
+        return FORMATS[self.precision]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -39,109 +64,172 @@ class Roll:
     signals_per_interval: int
 
 
-def emit_flat(tape: Tape, *, per_individual: tuple[bool, ...], lanes: int) -> str:
+def emit_flat(tape: Tape, *, per_individual: tuple[bool, ...], target: Target) -> str:
     """Return the IR module of a function applied to a population.
 
     Args:
         tape: The function.
         per_individual: For each argument whether it differs per individual.
-        lanes: Doubles in a vector.
+        target: What code is emitted for.
 
     Raises:
         UnknownOperationError: If the tape has an operation that cannot be emitted.
     """
-    kernel = _Kernel(lanes, inputs=len(tape.inputs), outputs=len(tape.outputs))
 
-    def read(argument: int, entry: int) -> str:
-        if per_individual[argument]:
-            return kernel.load_row(argument, str(entry))
-        return kernel.load_shared(argument, str(entry))
+    def body(frame: _Frame) -> None:
+        def read(argument: int, entry: int) -> str:
+            if per_individual[argument]:
+                return frame.load_row(argument, str(entry))
+            return frame.load_shared(argument, str(entry))
 
-    outputs = emit_tape(kernel.ir, tape, read)
-    for number, values in enumerate(outputs):
-        for row, value in enumerate(values):
-            kernel.store_row(number, row, value)
-    return kernel.finished()
+        values = emit_tape(frame.ir, tape, read)
+        for output, numbers in enumerate(tape.outputs):
+            for row, number in enumerate(numbers):
+                frame.store_row(output, row, values[number])
+
+    return _module(body, target, inputs=len(tape.inputs), outputs=len(tape.outputs))
 
 
-def emit_rollout(roll: Roll, *, lanes: int) -> str:
+def emit_rollout(roll: Roll, *, target: Target) -> str:
     """Return the IR module of (controls, x0, p, signals) -> (cost, violation).
 
     Args:
         roll: The rollout; only the controls differ per individual.
-        lanes: Doubles in a vector.
+        target: What code is emitted for.
 
     Raises:
         UnknownOperationError: If a tape has an operation that cannot be emitted.
     """
-    kernel = _Kernel(lanes, inputs=4, outputs=2)
-    ir = kernel.ir
-    nx, nu = roll.stage.inputs[:2]
-    initial = [kernel.load_shared(1, str(i)) for i in range(nx)]
-    zero = ir.constant(0.0)
-    before, loop = ir.block, ir.name("interval")
-    ir.lines.append(f"  br label {loop}")
-    ir.label(loop)
-    k, following = ir.name("k"), ir.name("following")
-    carried = [ir.name("carried") for _ in range(nx + 2)]
-    head = len(ir.lines)
+    return _module(lambda frame: _emit_roll(frame, roll), target, inputs=4, outputs=2)
 
-    u_row = ir.emit(f"mul i64 {k}, {nu}")
-    s_first = ir.emit(f"mul i64 {k}, {roll.signals_per_interval}")
 
-    def read(argument: int, entry: int) -> str:
-        if argument == 0:
-            return carried[entry]
-        if argument == 1:
-            return kernel.load_row(0, ir.emit(f"add i64 {u_row}, {entry}"))
-        if argument == 2:  # noqa: PLR2004 - x, u, p, s
-            return kernel.load_shared(2, str(entry))
-        return kernel.load_shared(3, ir.emit(f"add i64 {s_first}, {entry}"))
-
-    after, (cost,), (violation,) = emit_tape(ir, roll.stage, read)
-    updated = [*after, ir.add(carried[nx], cost), ir.add(carried[nx + 1], violation)]
-    ir.lines.append(f"  {following} = add i64 {k}, 1")
-    more = ir.emit(f"icmp ult i64 {following}, {roll.intervals}")
-    latch, done = ir.block, ir.name("done")
-    ir.lines.append(f"  br i1 {more}, label {loop}, label {done}")
-    ir.lines[head:head] = [
-        f"  {k} = phi i64 [ 0, {before} ], [ {following}, {latch} ]",
-        *(
-            f"  {name} = phi {ir.vector} [ {first}, {before} ], [ {value}, {latch} ]"
-            for name, first, value in zip(
-                carried, [*initial, zero, zero], updated, strict=True
-            )
-        ),
+def _emit_roll(frame: "_Frame", roll: Roll) -> None:
+    """Emit the loop over the intervals, then the end."""
+    ir, nx, stage = frame.ir, roll.stage.inputs[0], roll.stage
+    state = [frame.load_shared(1, str(i)) for i in range(nx)]
+    repeated = repeated_functions(stage)
+    known = [
+        emit_operation(ir, stage.nodes[now].operation, [state[i]])
+        for i, now, _ in repeated
     ]
-    ir.label(done)
+    zero = ir.constant(0.0)
+    loop = _Loop(ir, [*state, zero, zero, ir.unserved, *known], roll.intervals)
+    *state, cost, violation, ir.unserved = loop.carried[: nx + 3]
+    known = loop.carried[nx + 3 :]
+    given = {now: value for (_, now, _), value in zip(repeated, known, strict=True)}
+
+    values = emit_tape(ir, stage, _stage_reader(frame, roll, loop.k, state), given)
+    after, (spent,), (broken,) = ([values[n] for n in out] for out in stage.outputs)
+    cost, violation = ir.add(cost, spent), ir.add(violation, broken)
+    following = [values[later] for _, _, later in repeated]
+    loop.close([*after, cost, violation, ir.unserved, *following])
+
     last = roll.intervals * roll.signals_per_interval
 
     def read_end(argument: int, entry: int) -> str:
         if argument == 0:
-            return updated[entry]
+            return after[entry]
         if argument == 1:
-            return kernel.load_shared(2, str(entry))
-        return kernel.load_shared(3, str(last + entry))
+            return frame.load_shared(2, str(entry))
+        return frame.load_shared(3, str(last + entry))
 
-    (end_cost,), (end_violation,) = emit_tape(ir, roll.end, read_end)
-    kernel.store_row(0, 0, ir.add(updated[nx], end_cost))
-    kernel.store_row(1, 0, ir.add(updated[nx + 1], end_violation))
-    return kernel.finished()
+    values = emit_tape(ir, roll.end, read_end)
+    (end_cost,), (end_violation,) = ([values[n] for n in o] for o in roll.end.outputs)
+    frame.store_row(0, 0, ir.add(cost, end_cost))
+    frame.store_row(1, 0, ir.add(violation, end_violation))
 
 
-class _Kernel:
-    """The frame of a kernel: its pointers and the loop over blocks of individuals."""
+def _stage_reader(frame: "_Frame", roll: Roll, k: str, state: list[str]) -> Read:
+    """Return what reads the stage's arguments in interval k."""
+    ir = frame.ir
+    u_row = ir.emit(f"mul i64 {k}, {roll.stage.inputs[1]}")
+    s_first = ir.emit(f"mul i64 {k}, {roll.signals_per_interval}")
 
-    def __init__(self, lanes: int, *, inputs: int, outputs: int) -> None:
-        self.ir = ir = VectorIR(lanes)
+    def read(argument: int, entry: int) -> str:
+        if argument == 0:
+            return state[entry]
+        if argument == 1:
+            return frame.load_row(0, ir.emit(f"add i64 {u_row}, {entry}"))
+        if argument == 2:  # noqa: PLR2004 - x, u, p, s
+            return frame.load_shared(2, str(entry))
+        return frame.load_shared(3, ir.emit(f"add i64 {s_first}, {entry}"))
+
+    return read
+
+
+class _Loop:
+    """A loop whose values at the end of a turn are those at the next one's beginning.
+
+    Attributes:
+        k: Register of the turn's number, from 0.
+        carried: Registers of the carried values in a turn.
+    """
+
+    def __init__(self, ir: VectorIR, initial: Sequence[str], turns: int) -> None:
+        """Begin the loop's body.
+
+        Args:
+            ir: Where to emit.
+            initial: The carried values before the first turn.
+            turns: How often the body is run, at least once.
+        """
+        self._ir, self._initial, self._turns = ir, initial, turns
+        self._before, self._body = ir.body.block, ir.name("interval")
+        ir.line(f"br label {self._body}")
+        ir.label(self._body)
+        self.k = ir.name("k")
+        self.carried = [ir.name("carried") for _ in initial]
+        self._head = len(ir.body.lines)
+
+    def close(self, updated: Sequence[str]) -> None:
+        """End the loop's body.
+
+        Args:
+            updated: The carried values at the end of a turn.
+        """
+        ir, done = self._ir, self._ir.name("done")
+        following = ir.emit(f"add i64 {self.k}, 1")
+        more = ir.emit(f"icmp ult i64 {following}, {self._turns}")
+        latch = ir.body.block
+        ir.line(f"br i1 {more}, label {self._body}, label {done}")
+        ir.body.lines[self._head : self._head] = [
+            f"  {self.k} = phi i64 [ 0, {self._before} ], [ {following}, {latch} ]",
+            *(
+                f"  {name} = phi {ir.vector} "
+                f"[ {first}, {self._before} ], [ {value}, {latch} ]"
+                for name, first, value in zip(
+                    self.carried, self._initial, updated, strict=True
+                )
+            ),
+        ]
+        ir.label(done)
+
+
+class _Frame:
+    """Where a function reads and writes: one block of individuals."""
+
+    def __init__(self, ir: VectorIR, *, inputs: int, outputs: int) -> None:
+        """Emit the addresses of the arguments and outputs, and the mask of the lanes.
+
+        Args:
+            ir: A body in which %in, %out, %n and %start are known.
+            inputs: Number of arguments.
+            outputs: Number of outputs.
+        """
+        self.ir = ir
         self._inputs = self._pointers("in", inputs)
         self._outputs = self._pointers("out", outputs)
-        last = ir.emit(f"sub i64 %n, {lanes}")
-        ir.lines.append("  br label %block")
-        ir.label("%block")
-        self._head = len(ir.lines)
-        inside = ir.emit(f"icmp ult i64 %start, {last}")
-        self._first = ir.emit(f"select i1 {inside}, i64 %start, i64 {last}")
+        self._inside = self._lanes_inside()
+        self._written = self._inside
+
+    def restrict(self, lanes: str) -> None:
+        """Write no lanes but those whose bit is set in an integer register."""
+        wanted = self.ir.emit(f"bitcast i{self.ir.lanes} {lanes} to {self.ir.mask}")
+        self._written = self.inside(wanted)
+
+    def inside(self, mask: str) -> str:
+        """Return a mask without the lanes beyond the end of the population."""
+        return self.ir.mask_op("and", mask, self._inside)
 
     def _pointers(self, array: str, count: int) -> list[str]:
         pointers = []
@@ -150,189 +238,135 @@ class _Kernel:
             pointers.append(self.ir.emit(f"load ptr, ptr {place}"))
         return pointers
 
+    def _lanes_inside(self) -> str:
+        """Return the mask of the lanes before the end of the population."""
+        ir = self.ir
+        vector = f"<{ir.lanes} x i64>"
+        left = ir.emit("sub i64 %n, %start")
+        first = ir.emit(f"insertelement {vector} poison, i64 {left}, i64 0")
+        zeros = f"<{ir.lanes} x i32> zeroinitializer"
+        all_left = ir.emit(f"shufflevector {vector} {first}, {vector} poison, {zeros}")
+        numbers = ", ".join(f"i64 {lane}" for lane in range(ir.lanes))
+        return ir.emit(f"icmp ult {vector} <{numbers}>, {all_left}")
+
     def _row(self, pointer: str, row: str) -> str:
         """Return the address of this block's individuals in a row."""
         offset = self.ir.emit(f"mul i64 {row}, %n")
-        place = self.ir.emit(f"add i64 {offset}, {self._first}")
+        place = self.ir.emit(f"add i64 {offset}, %start")
         return self.ir.emit(f"getelementptr double, ptr {pointer}, i64 {place}")
 
     def load_row(self, argument: int, row: str) -> str:
         """Return a row of an argument that differs per individual."""
+        ir = self.ir
+        doubles = f"<{ir.lanes} x double>"
+        function = f"@llvm.masked.load.v{ir.lanes}f64.p0"
+        ir.module.declarations.add(
+            f"declare {doubles} {function}(ptr, i32, {ir.mask}, {doubles})"
+        )
         address = self._row(self._inputs[argument], row)
-        return self.ir.emit(f"load {self.ir.vector}, ptr {address}, align 8")
+        loaded = ir.emit(
+            f"call {doubles} {function}(ptr {address}, i32 8, "
+            f"{ir.mask} {self._inside}, {doubles} zeroinitializer)"
+        )
+        return converted(ir, loaded, DOUBLE, ir.form)
 
     def load_shared(self, argument: int, entry: str) -> str:
         """Return an entry of an argument that all individuals share."""
-        pointer = self._inputs[argument]
-        address = self.ir.emit(f"getelementptr double, ptr {pointer}, i64 {entry}")
-        return self.ir.broadcast(self.ir.emit(f"load double, ptr {address}, align 8"))
+        ir, pointer = self.ir, self._inputs[argument]
+        address = ir.emit(f"getelementptr double, ptr {pointer}, i64 {entry}")
+        value = ir.emit(f"load double, ptr {address}, align 8")
+        if ir.form != DOUBLE:
+            value = ir.emit(f"fptrunc double {value} to {ir.form.name}")
+        return ir.broadcast(value)
 
     def store_row(self, output: int, row: int, value: str) -> None:
-        """Store a row of an output."""
-        address = self._row(self._outputs[output], str(row))
-        self.ir.lines.append(
-            f"  store {self.ir.vector} {value}, ptr {address}, align 8"
-        )
-
-    def finished(self) -> str:
-        """Return the module: the loop closed, what is called declared."""
+        """Write a row of an output."""
         ir = self.ir
-        following = ir.emit(f"add i64 %start, {ir.lanes}")
-        more = ir.emit(f"icmp ult i64 {following}, %n")
-        latch = ir.block
-        ir.lines.append(f"  br i1 {more}, label %block, label %end")
-        ir.lines.insert(
-            self._head, f"  %start = phi i64 [ 0, %entry ], [ {following}, {latch} ]"
+        doubles = f"<{ir.lanes} x double>"
+        function = f"@llvm.masked.store.v{ir.lanes}f64.p0"
+        ir.module.declarations.add(
+            f"declare void {function}({doubles}, ptr, i32, {ir.mask})"
         )
-        width = ir.lanes * 64
-        return "\n".join(
-            [
-                "define void @kernel(ptr noalias readonly %in, "
-                "ptr noalias readonly %out, i64 %n) #0 {",
-                "entry:",
-                *ir.lines,
-                "end:",
-                "  ret void",
-                "}",
-                *sorted(ir.declarations),
-                f'attributes #0 = {{ nounwind "prefer-vector-width"="{width}" '
-                f'"min-legal-vector-width"="{width}" }}',
-                "",
-            ]
+        value = converted(ir, value, ir.form, DOUBLE)
+        address = self._row(self._outputs[output], str(row))
+        ir.line(
+            f"call void {function}({doubles} {value}, ptr {address}, i32 8, "
+            f"{ir.mask} {self._written})"
         )
 
 
-def emit_tape(ir: VectorIR, tape: Tape, read: Read) -> list[list[str]]:
-    """Emit every value of a tape; return the values of each output.
-
-    Args:
-        ir: Where to emit.
-        tape: The tape.
-        read: Emits the reading of an input.
-
-    Raises:
-        UnknownOperationError: If an operation cannot be emitted.
-    """
-    values: list[str] = []
-    both: dict[int, tuple[str, str]] = {}
-    for node in tape.nodes:
-        if node.operation == "constant":
-            values.append(ir.constant(node.value))
-        elif node.operation == "input":
-            values.append(read(*node.arguments))
-        elif node.operation in ("sin", "cos"):
-            (argument,) = node.arguments
-            if argument not in both:
-                both[argument] = sin_and_cos(ir, values[argument])
-            values.append(both[argument][node.operation == "cos"])
-        elif node.operation == "constpow":
-            base, exponent = node.arguments
-            known = tape.nodes[exponent].value
-            values.append(constant_power(ir, values[base], values[exponent], known))
-        else:
-            arguments = [values[a] for a in node.arguments]
-            values.append(_operation(ir, node.operation, arguments))
-    return [[values[number] for number in output] for output in tape.outputs]
-
-
-LARGEST_CHAIN = 8
-"""Whole powers up to this one are products; larger ones the C library's pow."""
-
-
-def constant_power(ir: VectorIR, base: str, exponent: str, known: float) -> str:
-    """Return base to a constant power."""
-    if not 1 <= abs(known) <= LARGEST_CHAIN or known != int(known):
-        return ir.lane_by_lane("pow", base, exponent)
-    power, square, left = "", base, int(abs(known))
-    while left:
-        if left & 1:
-            power = ir.mul(power, square) if power else square
-        left >>= 1
-        if left:
-            square = ir.mul(square, square)
-    return ir.div(ir.constant(1.0), power) if known < 0 else power
-
-
-LIBRARY = {
-    name: name
-    for name in (
-        "tan asin acos sinh cosh asinh acosh atanh log1p expm1 erf pow fmod hypot "
-        "remainder"
-    ).split()
-}
-"""Operations that are called in the C library, lane by lane."""
-
-C_FUNCTIONS = ("sin", "cos", *LIBRARY.values())
-"""What the machine code may call."""
-
-INTRINSICS = {
-    "sqrt": "sqrt",
-    "floor": "floor",
-    "ceil": "ceil",
-    "fabs": "fabs",
-    "copysign": "copysign",
-    "fmin": "minnum",
-    "fmax": "maxnum",
-}
-ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
-COMPARISONS = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
+def _module(
+    body: Callable[[_Frame], None], target: Target, *, inputs: int, outputs: int
+) -> str:
+    """Return the module whose kernel applies a body to each block of individuals."""
+    module = Module(has_scale=target.has_scale)
+    fast = VectorIR(target.lanes, target.form, module=module)
+    frame = _Frame(fast, inputs=inputs, outputs=outputs)
+    body(frame)
+    again = ["  br label %next_block"]
+    if fast.marks:
+        unserved = frame.inside(is_unserved(fast))
+        bits = fast.emit(f"bitcast {fast.mask} {unserved} to i{fast.lanes}")
+        some = fast.emit(f"icmp ne i{fast.lanes} {bits}, 0")
+        again = [
+            f"  br i1 {some}, label %again, label %next_block, !prof !0",
+            "again:",
+            f"  call fastcc void @careful(ptr %in, ptr %out, i64 %n, i64 %start, "
+            f"i{fast.lanes} {bits})",
+            "  br label %next_block",
+        ]
+        module.functions["careful"] = _careful(body, target, module, inputs, outputs)
+    width = target.register_bits
+    return "\n".join(
+        [
+            "define void @kernel(ptr noalias %in, ptr noalias %out, i64 %n) #0 {",
+            "entry:",
+            "  br label %blocks",
+            "blocks:",
+            "  %start = phi i64 [ 0, %entry ], [ %following, %next_block ]",
+            "  %more = icmp ult i64 %start, %n",
+            "  br i1 %more, label %block, label %end",
+            "block:",
+            *fast.body.lines,
+            *again,
+            "next_block:",
+            f"  %following = add i64 %start, {target.lanes}",
+            "  br label %blocks",
+            "end:",
+            "  ret void",
+            "}",
+            "",
+            *module.functions.values(),
+            *sorted(module.declarations),
+            # Aligned, so that no vector kept on the stack lies across two cache lines.
+            f'attributes #0 = {{ nounwind "stackrealign" '
+            f'"prefer-vector-width"="{width}" "min-legal-vector-width"="{width}" }}',
+            '!0 = !{!"branch_weights", i32 1, i32 100000}',
+            "",
+        ]
+    )
 
 
-def _operation(ir: VectorIR, name: str, arguments: list[str]) -> str:
-    """Emit one operation that needs no more than its arguments' values."""
-    if name in ARITHMETIC:
-        return ir.binary(ARITHMETIC[name], *arguments)
-    if name in COMPARISONS:
-        return ir.flag(ir.compare(COMPARISONS[name], *arguments))
-    if name in INTRINSICS:
-        return ir.intrinsic(INTRINSICS[name], *arguments)
-    if name in UNARY:
-        return UNARY[name](ir, *arguments)
-    if name in LIBRARY:
-        return ir.lane_by_lane(LIBRARY[name], *arguments)
-    if name in SPECIAL:
-        return SPECIAL[name](ir, *arguments)
-    raise UnknownOperationError(f"the operation {name} is not compiled")
-
-
-def _true(ir: VectorIR, value: str) -> str:
-    """Return the mask of what counts as true: all but zero, NaN included."""
-    return ir.compare("une", value, ir.constant(0.0))
-
-
-def _both(ir: VectorIR, a: str, b: str) -> str:
-    return ir.flag(ir.mask_op("and", _true(ir, a), _true(ir, b)))
-
-
-def _either(ir: VectorIR, a: str, b: str) -> str:
-    return ir.flag(ir.mask_op("or", _true(ir, a), _true(ir, b)))
-
-
-def _not(ir: VectorIR, a: str) -> str:
-    return ir.flag(ir.compare("oeq", a, ir.constant(0.0)))
-
-
-def _if_else_zero(ir: VectorIR, condition: str, value: str) -> str:
-    """Select, not multiply: a dead branch may be infinite."""
-    return ir.select(_true(ir, condition), value, ir.constant(0.0))
-
-
-def _sign(ir: VectorIR, a: str) -> str:
-    """Return -1, 1, or the zero or NaN itself."""
-    zero = ir.constant(0.0)
-    positive = ir.select(ir.compare("ogt", a, zero), ir.constant(1.0), a)
-    return ir.select(ir.compare("olt", a, zero), ir.constant(-1.0), positive)
-
-
-SPECIAL: dict[str, Callable[..., str]] = {
-    "neg": lambda ir, a: ir.neg(a),
-    "sq": lambda ir, a: ir.mul(a, a),
-    "twice": lambda ir, a: ir.add(a, a),
-    "inv": lambda ir, a: ir.div(ir.constant(1.0), a),
-    "not": _not,
-    "and": _both,
-    "or": _either,
-    "if_else_zero": _if_else_zero,
-    "sign": _sign,
-    "atan2": atan2,
-}
+def _careful(
+    body: Callable[[_Frame], None],
+    target: Target,
+    module: Module,
+    inputs: int,
+    outputs: int,
+) -> str:
+    """Return the function that evaluates some lanes of one block carefully."""
+    ir = VectorIR(target.lanes, target.form, module=module, careful=True)
+    frame = _Frame(ir, inputs=inputs, outputs=outputs)
+    frame.restrict("%lanes")
+    body(frame)
+    return "\n".join(
+        [
+            "define internal fastcc void @careful(ptr noalias %in, ptr noalias %out, "
+            f"i64 %n, i64 %start, i{target.lanes} %lanes) noinline cold #0 {{",
+            "block:",
+            *ir.body.lines,
+            "  ret void",
+            "}",
+            "",
+        ]
+    )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from swarmstart.ocp.compiled.emitter import C_FUNCTIONS
+from swarmstart.ocp.compiled.operations import C_FUNCTIONS
 
 try:
     import llvmlite
@@ -16,6 +16,7 @@ except ImportError:  # pragma: no cover - numba brings it, but a platform may la
     llvm = None
 
 
+_NEON_BITS, _AVX512_BITS = 128, 512
 _OLDEST = (0, 45)
 """The first llvmlite whose LLVM reads untyped pointers."""
 
@@ -32,14 +33,18 @@ class Machine:
         triple: The target triple.
         cpu: The processor's name.
         features: Its features, as LLVM writes them.
-        lanes: Doubles in a vector.
+        register_bits: Length of a vector register.
+        lanes: Doubles that go through a kernel side by side, at least.
+        has_scale: See `vector_ir.Module`.
         llvm: LLVM's version.
     """
 
     triple: str
     cpu: str
     features: str
+    register_bits: int
     lanes: int
+    has_scale: bool
     llvm: str
 
 
@@ -62,16 +67,20 @@ def machine() -> Machine:
     triple = str(llvm.get_process_triple())
     features = llvm.get_host_cpu_features()
     if triple.startswith(("aarch64", "arm64")):
-        lanes = 4  # Two registers of two doubles, to hide the latency of one.
+        register_bits = _NEON_BITS
     elif not features.get("fma"):
         raise NoCompilerError("the processor has no fused multiply-add")
+    elif features.get("avx512f") and features.get("avx512vl"):
+        register_bits = _AVX512_BITS
     else:
-        lanes = 8
+        register_bits = 256
     return Machine(
         triple=triple,
         cpu=str(llvm.get_host_cpu_name()),
         features=str(features.flatten()),
-        lanes=lanes,
+        register_bits=register_bits,
+        lanes=4 if register_bits == _NEON_BITS else 8,
+        has_scale=register_bits == _AVX512_BITS,
         llvm=".".join(map(str, llvm.llvm_version_info)),
     )
 

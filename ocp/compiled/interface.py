@@ -14,8 +14,8 @@ Array = NDArray[np.float64]
 class BoundEvaluator(Protocol):
     """An evaluator whose shared arguments are fixed."""
 
-    def __call__(self, population: Array) -> list[Array]:
-        """Return for each output a new array, shape (rows, size).
+    def __call__(self, population: Array) -> Array:
+        """Return all outputs in a new array, shape (rows of all outputs, size).
 
         Args:
             population: Shape (dim, size), one column an individual; not kept.

@@ -2,8 +2,9 @@
 
 import ctypes
 import hashlib
-from collections.abc import Callable, Sequence
-from functools import cache
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,12 +14,23 @@ from numpy.typing import NDArray
 
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp.compiled import cache as code_cache
-from swarmstart.ocp.compiled.emitter import Roll, emit_flat, emit_rollout
+from swarmstart.ocp.compiled.emitter import Roll, Target, emit_flat, emit_rollout
 from swarmstart.ocp.compiled.engine import Compiled, link, machine, translate
-from swarmstart.ocp.compiled.tape import read_tape
+from swarmstart.ocp.compiled.formats import DOUBLE, FORMATS, Precision
+from swarmstart.ocp.compiled.interleaving import side_by_side
+from swarmstart.ocp.compiled.simplification import simplified
+from swarmstart.ocp.compiled.tape import Tape, read_tape
 from swarmstart.ocp.errors import InvalidProblemError
 
 Array = NDArray[np.float64]
+Shapes = tuple[tuple[int, ...], ...]
+
+_COPIED = 4096
+"""Arguments of up to this many numbers are copied into buffers that stay: looking up
+where an array lies costs more."""
+
+_WITHOUT_CONVERSION = ctypes.CFUNCTYPE(None)
+"""Takes arguments that are C's already."""
 
 
 class Shape(NamedTuple):
@@ -35,14 +47,46 @@ class Shape(NamedTuple):
     outputs: tuple[int, ...]
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Prepared:
+    """A kernel bound to fixed buffers: fill, call, read; nothing is allocated.
+
+    Attributes:
+        arguments: To be filled in place: (rows, n), or (rows,) where shared.
+        outputs: To be read after the call, each (rows, n).
+        results: The same memory as one array, (all rows, n).
+        pointers: Addresses of the function and of its two arguments, for a caller that
+            is compiled itself: void f(double **in, double **out, int64 n).
+        size: n, the third argument.
+        run: Evaluates what is in the arguments into the outputs; so does a call.
+        rows: Rows of each output.
+    """
+
+    arguments: tuple[Array, ...]
+    outputs: tuple[Array, ...]
+    results: Array
+    pointers: Pointers
+    size: int
+    run: Callable[[], None]
+    rows: tuple[int, ...]
+    _keeps_alive: object
+
+    def __call__(self) -> None:
+        """Evaluate what is in the arguments into the outputs."""
+        self.run()
+
+    def split(self, results: Array) -> tuple[Array, ...]:
+        """Return each output's part of an array (all rows, n); views."""
+        return split(results, self.rows)
+
+
 class SimdBatch:
     """A BatchEvaluator in machine code; see interface.py.
 
     Attributes:
-        call: void kernel(double **in, double **out, int64 n), n at least `lanes`.
+        call: void kernel(double **in, double **out, int64 n).
         address: Its address.
         shape: What it reads and writes.
-        lanes: Individuals in a vector.
     """
 
     backend = "llvm"
@@ -52,44 +96,92 @@ class SimdBatch:
 
         Args:
             compiled: The kernel.
-            shape: What it reads and writes; the first argument differs per individual.
+            shape: What it reads and writes; an argument differs per individual.
         """
         self.call = compiled.call
         self.address = compiled.address
         self.shape = shape
-        self.lanes = machine().lanes
         self._keeps_alive = compiled
 
     def bind(self, shared: tuple[Array, ...]) -> "Bound":
         """Return population -> outputs, the other arguments fixed and copied."""
         return Bound(self, shared)
 
-    def evaluate(self, arguments: Sequence[Array]) -> list[Array]:
+    def prepare(self, size: int) -> Prepared:
+        """Return the kernel bound to fresh buffers for a number of individuals."""
+        arguments = tuple(
+            np.empty((rows, size) if own else (rows,))
+            for rows, own in zip(
+                self.shape.inputs, self.shape.per_individual, strict=True
+            )
+        )
+        results = np.empty((sum(self.shape.outputs), size))
+        outputs = split(results, self.shape.outputs)
+        tables = addresses(arguments), addresses(outputs)
+        places = tuple(map(ctypes.addressof, tables))
+        return Prepared(
+            arguments=arguments,
+            outputs=outputs,
+            results=results,
+            pointers=Pointers(self.address, *places),
+            size=size,
+            run=partial(
+                _WITHOUT_CONVERSION(self.address),
+                *map(ctypes.c_void_p, places),
+                ctypes.c_int64(size),
+            ),
+            rows=self.shape.outputs,
+            _keeps_alive=(tables, self),
+        )
+
+    def evaluate(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
         """Return the outputs for all arguments, each output (rows, size).
 
         Args:
-            arguments: In the function's order, (rows, size), or (rows,) where shared;
-                copied only where they are no contiguous doubles.
+            arguments: In the function's order, (rows, size), or (rows,) where shared.
+
+        Raises:
+            InvalidProblemError: If the kernel reads other shapes.
         """
-        _require(self.shape.inputs, tuple(len(a) for a in arguments))
-        differs = self.shape.per_individual
-        size = arguments[differs.index(True)].shape[1]
-        padded = max(size, self.lanes) if size else 0
-        given = [
-            _filled(a, padded) if own else np.ascontiguousarray(a, dtype=np.float64)
-            for a, own in zip(arguments, differs, strict=True)
-        ]
-        outputs = [np.empty((rows, padded)) for rows in self.shape.outputs]
-        if padded:
-            self.call(addresses(given), addresses(outputs), padded)
-        return [output[:, :size] for output in outputs]
+        size = arguments[self.shape.per_individual.index(True)].shape[1]
+        self._require(tuple(a.shape for a in arguments), size)
+        return split(self.evaluate_in_place(arguments, size), self.shape.outputs)
+
+    def is_small(self, arguments: Sequence[Array]) -> bool:
+        """Return whether copying the arguments costs less than locating them."""
+        return sum(a.size for a in arguments) <= _COPIED
+
+    def evaluate_in_place(self, arguments: Sequence[Array], size: int) -> Array:
+        """Return all outputs, (all rows, size), for arguments that are right.
+
+        Args:
+            arguments: As in `evaluate`; copied only where they are no contiguous
+                doubles.
+            size: Number of individuals.
+        """
+        given = [np.ascontiguousarray(a, dtype=np.float64) for a in arguments]
+        results = np.empty((sum(self.shape.outputs), size))
+        self.call(addresses(given), addresses(split(results, self.shape.outputs)), size)
+        return results
+
+    def _require(self, shapes: Shapes, size: int) -> None:
+        """Refuse what would be read beyond its end."""
+        expected = tuple(
+            (rows, size) if own else (rows,)
+            for rows, own in zip(
+                self.shape.inputs, self.shape.per_individual, strict=True
+            )
+        )
+        if shapes != expected:
+            raise InvalidProblemError(
+                f"arguments must have shapes {expected}, got {shapes}"
+            )
 
 
 class Bound:
     """A kernel whose first argument differs per individual, the others fixed.
 
-    Nothing is allocated in a call but its outputs; the array of pointers is used again,
-    so one object must not be called from two threads at once.
+    Buffers are used again, so one object must not be called from two threads at once.
     """
 
     def __init__(self, kernel: SimdBatch, shared: tuple[Array, ...]) -> None:
@@ -109,31 +201,39 @@ class Bound:
                 f"got {kernel.shape.per_individual}"
             )
         self._kernel = kernel
+        self._dim = kernel.shape.inputs[0]
         self._shared = [np.array(values, dtype=np.float64) for values in shared]
         _require(kernel.shape.inputs[1:], tuple(a.size for a in self._shared))
-        self._inputs = addresses([np.empty(0), *self._shared])
-        self._results = addresses([np.empty(0)] * len(kernel.shape.outputs))
+        self._prepared: dict[tuple[int, ...], Prepared] = {}
         self._attached: list[object] = []
 
-    def __call__(self, population: Array) -> list[Array]:
-        """Return the outputs of a population (dim, size), each (rows, size).
+    def __call__(self, population: Array) -> Array:
+        """Return all outputs of a population (dim, size), shape (all rows, size).
 
         Raises:
             InvalidProblemError: If the kernel reads another number of rows.
         """
-        _require(self._kernel.shape.inputs[:1], population.shape[:1])
-        size = population.shape[1]
-        padded = max(size, self._kernel.lanes) if size else 0
-        given = _filled(population, padded)
-        outputs = [np.empty((rows, padded)) for rows in self._kernel.shape.outputs]
-        if padded:
-            self._inputs[0] = given.ctypes.data
-            for number, output in enumerate(outputs):
-                self._results[number] = output.ctypes.data
-            self._kernel.call(self._inputs, self._results, padded)
-        return outputs if padded == size else [output[:, :size] for output in outputs]
+        prepared = self._prepared.get(population.shape)
+        if prepared is None:
+            _require((self._dim,), population.shape[:1])
+            if population.size > _COPIED:
+                return self._kernel.evaluate_in_place(
+                    [population, *self._shared], population.shape[1]
+                )
+            prepared = self._buffers(population.shape)
+        prepared.arguments[0][...] = population
+        prepared.run()
+        return prepared.results.copy()
 
-    def attach(self, population: Array, outputs: Sequence[Array]) -> Pointers | None:
+    def _buffers(self, shape: tuple[int, ...]) -> Prepared:
+        """Return buffers of its own: what is shared stays in them."""
+        prepared = self._kernel.prepare(shape[1])
+        for buffer, values in zip(prepared.arguments[1:], self._shared, strict=True):
+            buffer[...] = values
+        self._prepared[shape] = prepared
+        return prepared
+
+    def attach(self, population: Array, outputs: Sequence[Array]) -> Pointers:
         """Bind to buffers, for a caller that is compiled itself.
 
         Args:
@@ -141,8 +241,7 @@ class Bound:
             outputs: One for each output, rows * size doubles, contiguous.
 
         Returns:
-            The addresses, valid as long as this object and the buffers live; None for
-            fewer individuals than a vector has lanes.
+            The addresses, valid as long as this object and the buffers live.
 
         Raises:
             InvalidProblemError: If the buffers are not as above.
@@ -155,22 +254,12 @@ class Bound:
         for buffer in (population, *outputs):
             if not buffer.flags.c_contiguous or buffer.dtype != np.float64:
                 raise InvalidProblemError("buffers must be contiguous doubles")
-        if size < self._kernel.lanes:
-            return None
         # Of its own, which no later call overwrites.
         inputs, results = addresses([population, *self._shared]), addresses(outputs)
         self._attached.append((inputs, results))
         return Pointers(
             self._kernel.address, ctypes.addressof(inputs), ctypes.addressof(results)
         )
-
-
-def _filled(population: Array, size: int) -> Array:
-    """Return contiguous doubles, the last individual repeated up to a size."""
-    missing = size - population.shape[1]
-    if missing > 0:
-        population = np.pad(population, ((0, 0), (0, missing)), mode="edge")
-    return np.ascontiguousarray(population, dtype=np.float64)
 
 
 def _require(expected: tuple[int, ...], given: tuple[int, ...]) -> None:
@@ -181,30 +270,46 @@ def _require(expected: tuple[int, ...], given: tuple[int, ...]) -> None:
         )
 
 
+def split(results: Array, rows: Sequence[int]) -> tuple[Array, ...]:
+    """Return each output's part of an array (all rows, n); views."""
+    parts, first = [], 0
+    for count in rows:
+        parts.append(results[first : first + count])
+        first += count
+    return tuple(parts)
+
+
 def addresses(arrays: Sequence[Array]) -> ctypes.Array[ctypes.c_void_p]:
     """Return a table of the addresses of arrays, as a kernel takes it."""
     pointers = [array.ctypes.data for array in arrays]
     return (ctypes.c_void_p * len(pointers))(*pointers)
 
 
-def compile_flat(function: ca.Function, per_individual: tuple[bool, ...]) -> SimdBatch:
+def compile_flat(
+    function: ca.Function,
+    per_individual: tuple[bool, ...],
+    *,
+    precision: Precision = "double",
+) -> SimdBatch:
     """Return an evaluator of an SX function.
 
     Args:
         function: An SX function.
         per_individual: For each argument whether it differs per individual; one does.
+        precision: Of the arithmetic; arguments and outputs are doubles.
 
     Raises:
         UnknownOperationError: If it has an operation that is not compiled.
         NoCompilerError: If machine code cannot be made here.
     """
-    lanes = machine().lanes
 
     def emit() -> str:
-        tape = read_tape(function)
-        return emit_flat(tape, per_individual=per_individual, lanes=lanes)
+        tape = simplified(read_tape(function))
+        return emit_flat(
+            tape, per_individual=per_individual, target=_target([tape], precision)
+        )
 
-    key = _key([function], per_individual)
+    key = _key([function], (per_individual, precision))
     shape = Shape(
         per_individual,
         tuple(function.numel_in(i) for i in range(function.n_in())),
@@ -219,6 +324,7 @@ def compile_rollout(
     *,
     intervals: int,
     signals_per_interval: int,
+    precision: Precision = "double",
 ) -> SimdBatch:
     """Return an evaluator of (controls, x0, p, signals) -> (cost, violation).
 
@@ -227,27 +333,40 @@ def compile_rollout(
         end: (x, p, s) -> (cost, violation) at the end.
         intervals: Number of intervals.
         signals_per_interval: ns * checks.
+        precision: Of the arithmetic; arguments and outputs are doubles.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.
         NoCompilerError: If machine code cannot be made here.
     """
-    lanes = machine().lanes
 
     def emit() -> str:
         roll = Roll(
-            stage=read_tape(stage),
-            end=read_tape(end),
+            stage=simplified(read_tape(stage)),
+            end=simplified(read_tape(end)),
             intervals=intervals,
             signals_per_interval=signals_per_interval,
         )
-        return emit_rollout(roll, lanes=lanes)
+        return emit_rollout(roll, target=_target([roll.stage], precision))
 
     nx, nu, np_ = (stage.numel_in(i) for i in range(3))
     nodes = intervals * signals_per_interval + end.numel_in(2)
     shape = Shape((True, False, False, False), (nu * intervals, nx, np_, nodes), (1, 1))
-    key = _key([stage, end], (intervals, signals_per_interval))
+    key = _key([stage, end], (intervals, signals_per_interval, precision))
     return SimdBatch(_cached(key, emit), shape)
+
+
+def _target(tapes: Iterable[Tape], precision: Precision) -> Target:
+    """Return what code is made for on this machine."""
+    here, bits = machine(), FORMATS[precision].bits
+    lanes = here.lanes * DOUBLE.bits // bits
+    registers = here.lanes * DOUBLE.bits // here.register_bits
+    return Target(
+        lanes=lanes * side_by_side(tapes, registers=registers),
+        precision=precision,
+        register_bits=here.register_bits,
+        has_scale=here.has_scale,
+    )
 
 
 def _cached(key: str, emit: Callable[[], str]) -> Compiled:
@@ -267,10 +386,25 @@ def _key(functions: Sequence[ca.Function], settings: tuple[object, ...]) -> str:
     return digest.hexdigest()
 
 
+MAKERS = (
+    "tape",
+    "simplification",
+    "formats",
+    "vector_ir",
+    "elementary",
+    "operations",
+    "emitter",
+    "interleaving",
+    "engine",
+    "simd",
+)
+"""The modules that make the code: their text is its version."""
+
+
 @cache
 def _sources() -> bytes:
-    """Return the hash of the modules that make the code: they are its version."""
+    """Return the hash of the modules that make the code."""
     digest = hashlib.sha256()
-    for name in ("tape", "vector_ir", "elementary", "emitter", "engine"):
+    for name in MAKERS:
         digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
     return digest.digest()

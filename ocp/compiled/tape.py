@@ -5,7 +5,7 @@ are overwritten. Here every value gets a name of its own, equal values one name 
 numbering), and what no output needs is left out. CasADi has folded the constants.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -72,10 +72,15 @@ class Tape:
         return counts
 
 
-class _Builder:
-    """Gives each different value one number."""
+class TapeBuilder:
+    """Gives each different value one number.
+
+    Attributes:
+        nodes: The values so far.
+    """
 
     def __init__(self) -> None:
+        """Begin with nothing."""
         self.nodes: list[Node] = []
         self._numbers: dict[tuple[object, ...], int] = {}
 
@@ -96,6 +101,24 @@ class _Builder:
             arguments = tuple(sorted(arguments))
         return self.number(Node(operation, arguments))
 
+    def tape(self, outputs: Sequence[Sequence[int]], inputs: tuple[int, ...]) -> Tape:
+        """Return the tape, without the values that no output needs.
+
+        Args:
+            outputs: See Tape.
+            inputs: See Tape.
+        """
+        needed = {number for output in outputs for number in output}
+        for number in range(len(self.nodes) - 1, -1, -1):
+            if number in needed and self.nodes[number].operation != "input":
+                needed.update(self.nodes[number].arguments)
+        renumbered = {old: new for new, old in enumerate(sorted(needed))}
+        return Tape(
+            nodes=tuple(_renumbered(self.nodes, sorted(needed), renumbered)),
+            outputs=tuple(tuple(renumbered[n] for n in output) for output in outputs),
+            inputs=inputs,
+        )
+
 
 def read_tape(function: ca.Function) -> Tape:
     """Return the tape of an SX function.
@@ -109,7 +132,7 @@ def read_tape(function: ca.Function) -> Tape:
     """
     if not function.is_a("SXFunction"):
         raise UnknownOperationError(f"{function.name()} is no SX function")
-    builder = _Builder()
+    builder = TapeBuilder()
     work: dict[int, int] = {}
     zero = builder.number(Node("constant", (), 0.0))
     outputs = [[zero] * function.numel_out(i) for i in range(function.n_out())]
@@ -136,32 +159,13 @@ def read_tape(function: ca.Function) -> Tape:
             raise UnknownOperationError(
                 f"{function.name()} has the operation {code}, which is not compiled"
             )
-    return _pruned(
-        builder.nodes,
-        outputs,
-        tuple(function.numel_in(i) for i in range(function.n_in())),
-    )
+    inputs = tuple(function.numel_in(i) for i in range(function.n_in()))
+    return builder.tape(outputs, inputs)
 
 
 def _dense_entries(sparsity: ca.Sparsity) -> list[int]:
     """Return the dense index, column by column, of each nonzero."""
     return [int(i) for i in sparsity.find()]
-
-
-def _pruned(
-    nodes: list[Node], outputs: list[list[int]], inputs: tuple[int, ...]
-) -> Tape:
-    """Return a tape without the values that no output needs."""
-    needed = {number for output in outputs for number in output}
-    for number in range(len(nodes) - 1, -1, -1):
-        if number in needed and nodes[number].operation != "input":
-            needed.update(nodes[number].arguments)
-    renumbered = {old: new for new, old in enumerate(sorted(needed))}
-    return Tape(
-        nodes=tuple(_renumbered(nodes, sorted(needed), renumbered)),
-        outputs=tuple(tuple(renumbered[n] for n in output) for output in outputs),
-        inputs=inputs,
-    )
 
 
 def _renumbered(

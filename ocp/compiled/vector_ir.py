@@ -1,4 +1,4 @@
-"""Lines of LLVM IR on vectors of doubles, one lane an individual.
+"""Lines of LLVM IR on vectors of numbers, one lane an individual.
 
 A value is the name of a register or the text of a constant; a mask is a vector of bits.
 Nothing is reordered or contracted: every operation rounds as CasADi's does, so that
@@ -6,58 +6,131 @@ x^2 - y^2 is 0, not a rounding error below it, where x = y; `fma` is asked for.
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from swarmstart.ocp.compiled.formats import DOUBLE, Format
 
 
-class VectorIR:
-    """Collects the body of a function; every method returns the value it makes."""
+@dataclass(frozen=True, slots=True)
+class Module:
+    """What the functions of one module share.
 
-    def __init__(self, lanes: int) -> None:
-        """Begin an empty body.
+    Attributes:
+        has_scale: Whether the processor multiplies by powers of two in one instruction
+            (AVX-512's vscalef).
+        declarations: Of functions from elsewhere.
+        functions: Name -> text of the functions made beside the kernel.
+    """
 
-        Args:
-            lanes: Doubles in a vector, a power of two.
-        """
-        self.lanes = lanes
-        self.vector = f"<{lanes} x double>"
-        self.integers = f"<{lanes} x i64>"
-        self.mask = f"<{lanes} x i1>"
+    has_scale: bool = False
+    declarations: set[str] = field(default_factory=set)
+    functions: dict[str, str] = field(default_factory=dict)
+
+
+class Body:
+    """The text of one function, as far as it is written."""
+
+    def __init__(self) -> None:
+        """Begin an empty body."""
         self.lines: list[str] = []
-        self.declarations: set[str] = set()
-        self.block = "%entry"
+        self.block = "%block"
         self._count = 0
 
-    def name(self, stem: str = "v") -> str:
+    def name(self, stem: str) -> str:
         """Return a register's name that is not taken."""
         self._count += 1
         return f"%{stem}{self._count}"
 
+
+class VectorIR:
+    """Adds to the body of a function; every method returns the value it makes.
+
+    Attributes:
+        careful: Whether arguments out of a fast method's range are to be served; a fast
+            body marks them instead.
+        unserved: Where not careful: in each lane a number that is large or NaN where an
+            argument was out of range; see `mark`.
+        marks: Whether anything can be out of range.
+    """
+
+    def __init__(
+        self,
+        lanes: int,
+        form: Format = DOUBLE,
+        *,
+        module: Module | None = None,
+        careful: bool = False,
+        body: Body | None = None,
+    ) -> None:
+        """Begin a function, or go on with one.
+
+        Args:
+            lanes: Numbers in a vector, a power of two.
+            form: Their format.
+            module: Where the function will stand; None means a new one.
+            careful: See the class.
+            body: What is written so far; None means nothing.
+        """
+        self.lanes, self.form, self.careful = lanes, form, careful
+        self.module = Module() if module is None else module
+        self.body = Body() if body is None else body
+        self.vector = f"<{lanes} x {form.name}>"
+        self.integers = f"<{lanes} x {form.integer}>"
+        self.mask = f"<{lanes} x i1>"
+        self.unserved, self.marks = self.constant(0.0), False
+
+    def mark(self, unserved: str) -> None:
+        """Take what `unserved` is from here on."""
+        self.unserved, self.marks = unserved, True
+
+    def in_format(self, form: Format) -> "VectorIR":
+        """Return the same place of the same body, for numbers of another format."""
+        return VectorIR(
+            self.lanes, form, module=self.module, careful=self.careful, body=self.body
+        )
+
+    def name(self, stem: str = "v") -> str:
+        """Return a register's name that is not taken."""
+        return self.body.name(stem)
+
+    def line(self, text: str) -> None:
+        """Add a line that makes no value."""
+        self.body.lines.append(f"  {text}")
+
     def emit(self, instruction: str) -> str:
         """Add `register = instruction` and return the register."""
         register = self.name()
-        self.lines.append(f"  {register} = {instruction}")
+        self.line(f"{register} = {instruction}")
         return register
 
     def label(self, name: str) -> None:
         """Begin a basic block, "%name"."""
-        self.block = name
-        self.lines.append(f"{name.removeprefix('%')}:")
+        self.body.block = name
+        self.body.lines.append(f"{name.removeprefix('%')}:")
 
     def constant(self, value: float) -> str:
         """Return a constant in every lane."""
+        if self.form.bits < DOUBLE.bits:  # LLVM writes every constant as a double.
+            with np.errstate(over="ignore"):
+                value = float(np.float32(value))
         bits = struct.unpack("<Q", struct.pack("<d", value))[0]
-        return self._splat(f"double 0x{bits:016X}")
+        return self._splat(f"{self.form.name} 0x{bits:016X}")
 
     def integer(self, value: int) -> str:
         """Return an integer constant in every lane."""
-        return self._splat(f"i64 {value}")
+        return self._splat(f"{self.form.integer} {value}")
 
     def _splat(self, element: str) -> str:
         return f"<{', '.join([element] * self.lanes)}>"
 
     def broadcast(self, scalar: str) -> str:
         """Return a scalar register in every lane."""
-        first = self.emit(f"insertelement {self.vector} poison, double {scalar}, i64 0")
+        first = self.emit(
+            f"insertelement {self.vector} poison, {self.form.name} {scalar}, i64 0"
+        )
         zeros = f"<{self.lanes} x i32> zeroinitializer"
         return self.emit(
             f"shufflevector {self.vector} {first}, {self.vector} poison, {zeros}"
@@ -89,9 +162,13 @@ class VectorIR:
 
     def intrinsic(self, name: str, *arguments: str) -> str:
         """Return an LLVM intrinsic on vectors, such as fma, sqrt, minnum."""
-        function = f"@llvm.{name}.v{self.lanes}f64"
+        function = f"@llvm.{name}.v{self.lanes}{self.form.suffix}"
+        return self.call(function, *arguments)
+
+    def call(self, function: str, *arguments: str) -> str:
+        """Return a declared function of vectors."""
         types = ", ".join([self.vector] * len(arguments))
-        self.declarations.add(f"declare {self.vector} {function}({types})")
+        self.module.declarations.add(f"declare {self.vector} {function}({types})")
         given = ", ".join(f"{self.vector} {argument}" for argument in arguments)
         return self.emit(f"call {self.vector} {function}({given})")
 
@@ -139,27 +216,68 @@ class VectorIR:
     def any(self, mask: str) -> str:
         """Return whether the mask is set in some lane, as one bit."""
         function = f"@llvm.vector.reduce.or.v{self.lanes}i1"
-        self.declarations.add(f"declare i1 {function}({self.mask})")
+        self.module.declarations.add(f"declare i1 {function}({self.mask})")
         return self.emit(f"call i1 {function}({self.mask} {mask})")
 
+    def beside(self, name: str, make: Callable[..., str], *arguments: str) -> str:
+        """Return a function of vectors that is written once, beside this one.
+
+        Args:
+            name: Its name in the module.
+            make: (ir, arguments) -> its value; called for the first use.
+            arguments: Its arguments.
+        """
+        types = [f"{self.vector} %a{i}" for i in range(len(arguments))]
+        if name not in self.module.functions:
+            inner = VectorIR(self.lanes, self.form, module=self.module, careful=True)
+            value = make(inner, *(f"%a{i}" for i in range(len(arguments))))
+            self.module.functions[name] = "\n".join(
+                [
+                    f"define internal fastcc {self.vector} @{name}"
+                    f"({', '.join(types)}) noinline #0 {{",
+                    "entry:",
+                    *inner.body.lines,
+                    f"  ret {self.vector} {value}",
+                    "}",
+                    "",
+                ]
+            )
+        given = ", ".join(f"{self.vector} {argument}" for argument in arguments)
+        return self.emit(f"call fastcc {self.vector} @{name}({given})")
+
     def lane_by_lane(self, function: str, *arguments: str) -> str:
-        """Return a scalar function of the C library applied to every lane.
+        """Return a function of the C library, of doubles, applied to every lane.
 
         Args:
             function: Its name, such as "sinh".
             arguments: One or two vectors.
         """
-        types = ", ".join(["double"] * len(arguments))
-        self.declarations.add(f"declare double @{function}({types})")
-        result = "poison"
-        for lane in range(self.lanes):
-            scalars = [
-                self.emit(f"extractelement {self.vector} {argument}, i64 {lane}")
-                for argument in arguments
-            ]
-            given = ", ".join(f"double {scalar}" for scalar in scalars)
-            value = self.emit(f"call double @{function}({given})")
-            result = self.emit(
-                f"insertelement {self.vector} {result}, double {value}, i64 {lane}"
-            )
-        return result
+        return self.beside(
+            f"lanes_{function}",
+            lambda ir, *inner: _each_lane(ir, function, inner),
+            *arguments,
+        )
+
+
+def _each_lane(ir: VectorIR, function: str, arguments: Sequence[str]) -> str:
+    types = ", ".join(["double"] * len(arguments))
+    ir.module.declarations.add(f"declare double @{function}({types})")
+    doubles, result = f"<{ir.lanes} x double>", "poison"
+    given = [converted(ir, argument, ir.form, DOUBLE) for argument in arguments]
+    for lane in range(ir.lanes):
+        scalars = [ir.emit(f"extractelement {doubles} {v}, i64 {lane}") for v in given]
+        called = ", ".join(f"double {scalar}" for scalar in scalars)
+        value = ir.emit(f"call double @{function}({called})")
+        result = ir.emit(
+            f"insertelement {doubles} {result}, double {value}, i64 {lane}"
+        )
+    return converted(ir, result, DOUBLE, ir.form)
+
+
+def converted(ir: VectorIR, value: str, given: Format, wanted: Format) -> str:
+    """Return a vector in another format, rounded where that is shorter."""
+    if given == wanted:
+        return value
+    instruction = "fpext" if given.bits < wanted.bits else "fptrunc"
+    types = (f"<{ir.lanes} x {form.name}>" for form in (given, wanted))
+    return ir.emit(f"{instruction} {next(types)} {value} to {next(types)}")

@@ -9,10 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
+from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.simd import compile_flat
 
 Array = NDArray[np.float64]
-Evaluate = Callable[..., list[Array]]
+Evaluate = Callable[..., tuple[Array, ...]]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -43,9 +44,13 @@ def compiler() -> None:
 def compiled(compiler: None) -> Callable[..., Evaluate]:
     """(inputs, outputs) -> machine code of arrays (rows, n), all per individual."""
 
-    def compile_(inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> Evaluate:
+    def compile_(
+        inputs: Sequence[ca.SX],
+        outputs: Sequence[ca.SX],
+        precision: Precision = "double",
+    ) -> Evaluate:
         function = ca.Function("f", list(inputs), list(outputs))
-        kernel = compile_flat(function, (True,) * len(inputs))
+        kernel = compile_flat(function, (True,) * len(inputs), precision=precision)
         return lambda *arguments: kernel.evaluate(arguments)
 
     return compile_

@@ -7,7 +7,7 @@ import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
-from swarmstart.ocp.compiled import emitter, engine
+from swarmstart.ocp.compiled import engine, operations
 from swarmstart.ocp.compiled.backend import (
     VARIABLE,
     BackendWarning,
@@ -85,7 +85,7 @@ def assert_casadi_serves(function: ca.Function, reason: str) -> None:
         batch = served(function=function)
     assert batch.backend == "casadi"
     want = [float(function(value)) for value in VALUES[0]]
-    np.testing.assert_array_equal(batch.bind(())(VALUES)[0][0], want)
+    np.testing.assert_array_equal(batch.bind(())(VALUES)[0], want)
 
 
 def test_operation_that_the_tape_does_not_know_is_left_to_casadi() -> None:
@@ -97,7 +97,7 @@ def test_operation_that_the_tape_does_not_know_is_left_to_casadi() -> None:
 def test_operation_that_the_emitter_does_not_know_is_left_to_casadi(
     fresh_cache: Path, monkeypatch: pytest.MonkeyPatch, tangent: ca.Function
 ) -> None:
-    monkeypatch.delitem(emitter.LIBRARY, "tan")
+    monkeypatch.delitem(operations.LIBRARY, "tan")
     assert_casadi_serves(tangent, "the operation tan is not compiled")
     assert not fresh_cache.exists()
 
@@ -110,7 +110,7 @@ def test_matrix_function_is_left_to_casadi() -> None:
 def test_code_that_llvm_refuses_is_left_to_casadi(
     fresh_cache: Path, monkeypatch: pytest.MonkeyPatch, tangent: ca.Function
 ) -> None:
-    monkeypatch.setitem(emitter.LIBRARY, "tan", "no function's name")
+    monkeypatch.setitem(operations.LIBRARY, "tan", "no function's name")
     assert_casadi_serves(tangent, "LLVM refuses the code")
 
 

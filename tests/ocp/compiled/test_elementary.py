@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import mpmath
@@ -6,40 +7,71 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.ocp.compiled.formats import FORMATS, Format, Precision
+
 Array = NDArray[np.float64]
-Evaluate = Callable[..., list[Array]]
+Evaluate = Callable[..., tuple[Array, ...]]
+Named = Callable[..., Callable[..., Array]]
 INF, NAN, PI = np.inf, np.nan, np.pi
 POINTS = 500
 
-STATED = {
-    "sin": 2.0,
-    "cos": 2.0,
-    "exp": 1.0,
-    "log": 1.0,
-    "tanh": 2.0,
-    "atan": 1.0,
-    "atan2": 2.0,
+STATED: dict[Precision, dict[str, float]] = {
+    "double": {
+        "sin": 2.0,
+        "cos": 2.0,
+        "exp": 1.0,
+        "log": 1.0,
+        "tanh": 2.0,
+        "atan": 1.0,
+        "atan2": 2.0,
+        "pow": 2.0,
+    },
+    "single": {
+        "sin": 2.0,
+        "cos": 2.0,
+        "exp": 1.0,
+        "log": 1.0,
+        "tanh": 2.0,
+        "atan": 3.0,
+        "atan2": 3.0,
+        "pow": 1.0,
+    },
 }
 """Largest error in ulp, as the head of elementary.py states it."""
 
+UNARY = ("sin", "cos", "exp", "log", "tanh", "atan")
+PRECISIONS: tuple[Precision, ...] = ("double", "single")
+KINDS = {"double": np.float64, "single": np.float32}
+
 
 @pytest.fixture(scope="module")
-def unary(compiled: Callable[..., Evaluate]) -> Callable[[str], Callable[..., Array]]:
-    """Name -> its machine code, on an array (n,)."""
+def elementary(compiled: Callable[..., Evaluate]) -> Named:
+    """(name, precision) -> its machine code, on arrays (n,)."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
 
-    def named(name: str) -> Callable[..., Array]:
-        x = ca.SX.sym("x")
-        evaluate = compiled([x], [getattr(ca, name)(x)])
-        return lambda values: evaluate(np.atleast_2d(values))[0][0]
+    def named(name: str, precision: Precision = "double") -> Callable[..., Array]:
+        pairs = {"atan2": lambda: ca.atan2(x, y), "pow": lambda: x**y}
+        if name in pairs:
+            evaluate = compiled([x, y], [pairs[name]()], precision)
+        else:
+            evaluate = compiled([x], [getattr(ca, name)(x)], precision)
+        return lambda *values: evaluate(*map(np.atleast_2d, values))[0][0]
 
     return named
 
 
-@pytest.fixture(scope="module")
-def atan2(compiled: Callable[..., Evaluate]) -> Callable[..., Array]:
-    y, x = ca.SX.sym("y"), ca.SX.sym("x")
-    evaluate = compiled([y, x], [ca.atan2(y, x)])
-    return lambda a, b: evaluate(np.atleast_2d(a), np.atleast_2d(b))[0][0]
+def digits(form: Format) -> int:
+    """Return how many doublings lie between 1 and the smallest denormal."""
+    return form.bias - 1 + form.significand
+
+
+def rounded(values: Array, precision: Precision) -> Array:
+    """Return values as the kernel takes them."""
+    if precision == "double":
+        return values
+    with np.errstate(over="ignore", under="ignore"):
+        single: Array = values.astype(np.float32).astype(np.float64)
+        return single
 
 
 def binades(
@@ -51,128 +83,251 @@ def binades(
     return scaled
 
 
+def finite_binades(rng: np.random.Generator, form: Format) -> Array:
+    return binades(rng, -digits(form), form.bias - 1)
+
+
 def multiples_of_quarter_turns(rng: np.random.Generator) -> Array:
     """The doubles nearest to k pi/2, some beyond 2^30: sin or cos nearly vanish."""
     some = [*rng.integers(-(2**29), 2**29, POINTS), *rng.integers(2**34, 2**53, 100)]
+    small = rng.integers(-2600, 2600, POINTS)
     with mpmath.workprec(120):
-        near = [float(int(k) * mpmath.pi / 2) for k in (*range(-60, 61), *some)]
+        near = [float(int(k) * mpmath.pi / 2) for k in (*range(-60, 61), *some, *small)]
     return np.array(near)
 
 
-def angles(rng: np.random.Generator) -> Array:
+def angles(rng: np.random.Generator, form: Format) -> Array:
     near = multiples_of_quarter_turns(rng)
-    limit = 2.0**30 + np.array([-1, 0, 1, 0.5, 1e-6])
+    limits = [
+        limit + np.array([-1, 0, 1, 0.5, 1e-6, 1e-3]) for limit in (2.0**30, 2.0**12)
+    ]
     # The reduced angle just below pi/4, where the polynomials are worst.
     worst = rng.uniform(0.75, 0.82, POINTS) + rng.integers(-9, 9, POINTS) * PI / 2
     parts = [
-        binades(rng, -1074, 29),
-        binades(rng, 30, 1023, 100),
+        finite_binades(rng, form),
+        binades(rng, 10, 29, 200),
         rng.uniform(-10, 10, POINTS),
         near,
         np.nextafter(near, 0),
         near * (1 + 1e-12 * rng.normal(size=near.size)),
         worst,
-        limit,
-        -limit,
-        np.array([1e22, -1e22, 1.7e308, -1.7e308, 1.7976931348623157e308]),
+        *limits,
+        *(-limit for limit in limits),
+        np.array([1e22, -1e22, 3e38, -3e38]),
     ]
+    if form.bits == 64:
+        parts.append(np.array([1.7e308, -1.7e308, 1.7976931348623157e308]))
     return np.concatenate(parts)
 
 
-def points(name: str, rng: np.random.Generator) -> Array:
+def points(name: str, rng: np.random.Generator, form: Format) -> Array:
     """Finite arguments over the whole range, dense where the method changes."""
-    all_over, near_zero = binades(rng), rng.uniform(-2, 2, POINTS)
-    own = {
-        "exp": [rng.uniform(-746, 711, 2 * POINTS), rng.uniform(-745.2, -708, POINTS)],
-        "log": [1 + binades(rng, -53, -2), rng.uniform(0.5, 3, 2 * POINTS)],
-        "tanh": [rng.uniform(-25, 25, POINTS), rng.uniform(0.6, 0.7, 2 * POINTS)],
-        "atan": [rng.uniform(0.6, 0.7, POINTS), rng.uniform(2.3, 2.5, POINTS)],
-    }
     if name in ("sin", "cos"):
-        return angles(rng)
+        return angles(rng, form)
+    all_over, near_zero = finite_binades(rng, form), rng.uniform(-2, 2, POINTS)
+    lowest = -np.log(2) * digits(form)
+    denormal, highest = -np.log(2) * form.bias, np.log(2) * form.bias
+    own = {
+        "exp": [
+            rng.uniform(lowest - 1, highest + 2, 2 * POINTS),
+            rng.uniform(lowest - 0.1, denormal, POINTS),
+        ],
+        "log": [
+            1 + binades(rng, -form.significand - 1, -2),
+            rng.uniform(0.5, 3, 2 * POINTS),
+        ],
+        "tanh": [rng.uniform(-25, 25, POINTS), rng.uniform(0.6, 0.7, 2 * POINTS)],
+        "atan": [
+            rng.uniform(0.35, 0.7, 2 * POINTS),
+            rng.uniform(2.3, 2.5, POINTS),
+        ],
+    }
     values = np.concatenate([all_over, near_zero, *own[name]])
     return np.abs(values) if name == "log" else values
 
 
-def errors_in_ulp(got: Array, name: str, *arguments: Array) -> Array:
+def exact(name: str, arguments: list[float]) -> mpmath.mpf:
+    given = [mpmath.mpf(argument) for argument in arguments]
+    if name == "pow":
+        return mpmath.power(*given)
+    return getattr(mpmath, name)(*given)
+
+
+def nearest(value: mpmath.mpf, precision: Precision) -> Any:
+    """Return the number of a format nearest to a value, infinite where that overflows.
+
+    A double between serves single precision too: the numbers here are no ties.
+    """
+    with np.errstate(over="ignore", under="ignore"):
+        return KINDS[precision](float(value))
+
+
+def errors_in_ulp(
+    got: Array, name: str, precision: Precision, *arguments: Array
+) -> Array:
     """Return the errors against mpmath; where the exact value overflows, inf is 0."""
     found = np.empty(len(got))
-    exact = getattr(mpmath, name)
     for i, (value, *given) in enumerate(zip(got, *arguments, strict=True)):
         with mpmath.workprec(160):
-            reference = exact(*(mpmath.mpf(float(g)) for g in given))
-            rounded = float(reference)
-            if np.isfinite(rounded) and np.isfinite(value):
+            reference = exact(name, [float(g) for g in given])
+            closest = nearest(reference, precision)
+            if np.isfinite(closest) and np.isfinite(value):
                 distance = abs(float(value) - reference)
-                found[i] = float(distance / float(np.spacing(abs(rounded))))
+                found[i] = float(distance / float(np.spacing(abs(closest))))
             else:
-                found[i] = 0.0 if value == rounded else INF
+                found[i] = 0.0 if value == closest else INF
     return found
 
 
-@pytest.mark.parametrize("name", ["sin", "cos", "exp", "log", "tanh", "atan"])
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("name", UNARY)
 def test_error_is_below_the_stated_bound(
-    unary: Callable[[str], Callable[..., Array]], name: str
+    elementary: Named, name: str, precision: Precision
 ) -> None:
-    arguments = points(name, np.random.default_rng(1))
-    errors = errors_in_ulp(unary(name)(arguments), name, arguments)
-    assert errors.max() <= STATED[name], arguments[errors.argmax()]
+    arguments = points(name, np.random.default_rng(1), FORMATS[precision])
+    arguments = rounded(arguments, precision)
+    errors = errors_in_ulp(
+        elementary(name, precision)(arguments), name, precision, arguments
+    )
+    assert errors.max() <= STATED[precision][name], arguments[errors.argmax()]
 
 
-def test_error_of_atan2_is_below_the_stated_bound(atan2: Callable[..., Array]) -> None:
-    rng = np.random.default_rng(2)
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_error_of_atan2_is_below_the_stated_bound(
+    elementary: Named, precision: Precision
+) -> None:
+    rng, form = np.random.default_rng(2), FORMATS[precision]
+    low, high = -digits(form), form.bias - 1
+    # Where the reduced argument changes, and the quotient's own rounding adds.
+    steep = rng.uniform(0.36, 0.45, 4 * POINTS)
+    radii = rng.uniform(0.5, 2, 4 * POINTS)
     pairs = [
         (rng.normal(size=2 * POINTS), rng.normal(size=2 * POINTS)),
-        (binades(rng), binades(rng)),
-        (binades(rng, -1074, -1000), binades(rng, -1074, -1000)),
-        (binades(rng, 900), binades(rng, 900)),
+        (radii * np.sin(steep), radii * np.cos(steep)),
+        (binades(rng, low, high), binades(rng, low, high)),
+        (binades(rng, low, low + 74), binades(rng, low, low + 74)),
+        (binades(rng, high - 20, high), binades(rng, high - 20, high)),
     ]
-    y, x = (np.concatenate(part) for part in zip(*pairs, strict=True))
-    errors = errors_in_ulp(atan2(y, x), "atan2", y, x)
-    assert errors.max() <= STATED["atan2"], (y[errors.argmax()], x[errors.argmax()])
+    y, x = (rounded(np.concatenate(p), precision) for p in zip(*pairs, strict=True))
+    got = elementary("atan2", precision)(y, x)
+    errors = errors_in_ulp(got, "atan2", precision, y, x)
+    worst = errors.argmax()
+    assert errors[worst] <= STATED[precision]["atan2"], (y[worst], x[worst])
+
+
+def powers(rng: np.random.Generator, form: Format) -> tuple[Array, Array]:
+    """Bases and exponents: results over the whole range, denormal ones too."""
+    reach, near_one = np.log(2) * digits(form), 1 + binades(rng, -20, -2)
+    bases = np.concatenate(
+        [
+            np.abs(finite_binades(rng, form)),
+            rng.uniform(0.1, 10, 2 * POINTS),
+            rng.uniform(0.7, 1.42, POINTS),
+            near_one,
+            np.nextafter(1, [0, 2]),
+        ]
+    )
+    wanted = rng.uniform(-1.02 * reach, reach, bases.size)
+    exponents = wanted / np.log(bases)
+    small = rng.uniform(-5, 5, bases.size)
+    whole = rng.integers(-20, 20, bases.size).astype(np.float64)
+    largest = 0.99 * 2.0**form.bias
+    return (
+        np.concatenate([bases, bases, bases]),
+        np.clip(np.concatenate([exponents, small, whole]), -largest, largest),
+    )
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_error_of_pow_is_below_the_stated_bound(
+    elementary: Named, precision: Precision
+) -> None:
+    bases, exponents = powers(np.random.default_rng(3), FORMATS[precision])
+    bases, exponents = rounded(bases, precision), rounded(exponents, precision)
+    got = elementary("pow", precision)(bases, exponents)
+    errors = errors_in_ulp(got, "pow", precision, bases, exponents)
+    worst = errors.argmax()
+    assert errors[worst] <= STATED[precision]["pow"], (bases[worst], exponents[worst])
+
+
+ODDITIES = [
+    *[("sin", x, NAN) for x in (INF, -INF, NAN)],
+    *[("cos", x, NAN) for x in (INF, -INF, NAN)],
+    *[(name, 0.0, 0.0) for name in ("sin", "tanh", "atan")],
+    *[(name, -0.0, -0.0) for name in ("sin", "tanh", "atan")],
+    *[("cos", x, 1.0) for x in (0.0, -0.0)],
+    *[("exp", x, 1.0) for x in (0.0, -0.0)],
+    *[("exp", x, 0.0) for x in (-INF, -746.0)],
+    *[("exp", x, INF) for x in (INF, 709.79)],
+    *[("log", x, -INF) for x in (0.0, -0.0)],
+    *[("log", x, NAN) for x in (-1.0, -INF, NAN)],
+    ("log", INF, INF),
+    ("log", 1.0, 0.0),
+    *[("tanh", x, np.sign(x)) for x in (INF, -INF, -400.0)],
+    *[(name, NAN, NAN) for name in ("exp", "tanh", "atan")],
+]
+DOUBLE_ODDITIES = [
+    *[(name, 5e-324, 5e-324) for name in ("sin", "tanh", "atan")],
+    *[(name, -5e-324, -5e-324) for name in ("sin", "tanh", "atan")],
+    *[(name, 5e-324, 1.0) for name in ("cos", "exp")],
+    ("exp", -1e308, 0.0),
+    ("exp", 1e308, INF),
+    ("exp", -745.0, 5e-324),
+    ("log", -5e-324, NAN),
+    ("tanh", 1e308, 1.0),
+    ("atan", INF, PI / 2),
+    ("atan", -INF, -PI / 2),
+]
+TINY = 2.0**-149
+SINGLE_ODDITIES = [
+    *[(name, TINY, TINY) for name in ("sin", "tanh", "atan")],
+    *[(name, -TINY, -TINY) for name in ("sin", "tanh", "atan")],
+    *[(name, TINY, 1.0) for name in ("cos", "exp")],
+    *[("exp", x, 0.0) for x in (-105.0, -1e38, -1e300)],
+    *[("exp", x, INF) for x in (88.73, 89.0, 1e38, 1e300)],
+    ("exp", -103.0, TINY),
+    ("exp", -103.9, TINY),
+    ("log", -TINY, NAN),
+    ("log", 1e300, INF),
+    ("tanh", 3e38, 1.0),
+    ("atan", INF, float(np.float32(PI / 2))),
+    ("atan", -INF, -float(np.float32(PI / 2))),
+]
 
 
 @pytest.mark.parametrize(
-    ("name", "argument", "value"),
+    ("precision", "oddities"),
     [
-        *[("sin", x, NAN) for x in (INF, -INF, NAN)],
-        *[("cos", x, NAN) for x in (INF, -INF, NAN)],
-        *[(name, 0.0, 0.0) for name in ("sin", "tanh", "atan")],
-        *[(name, -0.0, -0.0) for name in ("sin", "tanh", "atan")],
-        *[(name, 5e-324, 5e-324) for name in ("sin", "tanh", "atan")],
-        *[(name, -5e-324, -5e-324) for name in ("sin", "tanh", "atan")],
-        *[("cos", x, 1.0) for x in (0.0, -0.0, 5e-324)],
-        *[("exp", x, 1.0) for x in (0.0, -0.0, 5e-324)],
-        *[("exp", x, 0.0) for x in (-INF, -746.0, -1e308)],
-        *[("exp", x, INF) for x in (INF, 709.79, 1e308)],
-        ("exp", -745.0, 5e-324),
-        *[("log", x, -INF) for x in (0.0, -0.0)],
-        *[("log", x, NAN) for x in (-1.0, -5e-324, -INF, NAN)],
-        ("log", INF, INF),
-        ("log", 1.0, 0.0),
-        *[("tanh", x, np.sign(x)) for x in (INF, -INF, 1e308, -400.0)],
-        ("atan", INF, PI / 2),
-        ("atan", -INF, -PI / 2),
-        *[(name, NAN, NAN) for name in ("exp", "tanh", "atan")],
+        ("double", ODDITIES + DOUBLE_ODDITIES),
+        ("single", ODDITIES + SINGLE_ODDITIES),
     ],
 )
+@pytest.mark.parametrize("name", UNARY)
 def test_special_values_are_the_c_library_s(
-    unary: Callable[[str], Callable[..., Array]],
+    elementary: Named,
     name: str,
-    argument: float,
-    value: float,
+    precision: Precision,
+    oddities: list[tuple[str, float, float]],
 ) -> None:
-    got = unary(name)(np.array([argument]))[0]
-    np.testing.assert_array_equal(got, value)
-    assert np.signbit(got) == np.signbit(value) or np.isnan(value)
+    own = [(argument, value) for of, argument, value in oddities if of == name]
+    arguments, want = np.array(own).T
+    got = elementary(name, precision)(arguments)
+    np.testing.assert_array_equal(got, want)
+    number = ~np.isnan(want)
+    np.testing.assert_array_equal(np.signbit(got)[number], np.signbit(want)[number])
 
 
+@pytest.mark.parametrize("precision", PRECISIONS)
 def test_atan2_of_zeros_and_infinities_is_the_c_library_s(
-    atan2: Callable[..., Array],
+    elementary: Named, precision: Precision
 ) -> None:
-    values = [0.0, -0.0, 1.0, -1.0, INF, -INF, NAN, 5e-324, -5e-324, 1.7e308, -1.7e308]
-    y, x = (a.ravel() for a in np.meshgrid(values, values))
-    got, want = atan2(y, x), np.arctan2(y, x)
+    large = {"double": 1.7e308, "single": 3e38}[precision]
+    tiny = {"double": 5e-324, "single": TINY}[precision]
+    values = [0.0, 1.0, INF, NAN, tiny, float(rounded(np.array(large), precision))]
+    y, x = (a.ravel() for a in np.meshgrid(*2 * [values + [-v for v in values]]))
+    kind = KINDS[precision]
+    got = elementary("atan2", precision)(y, x).astype(kind)
+    want = np.arctan2(y.astype(kind), x.astype(kind))
     np.testing.assert_array_max_ulp(got, want, maxulp=2)
     special = ~(np.isfinite(y) & np.isfinite(x)) | (x == 0) | (y == 0)
     np.testing.assert_array_equal(got[special], want[special])
@@ -180,22 +335,67 @@ def test_atan2_of_zeros_and_infinities_is_the_c_library_s(
     np.testing.assert_array_equal(np.signbit(got)[number], np.signbit(want)[number])
 
 
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_pow_of_zeros_infinities_and_negative_bases_is_the_c_library_s(
+    elementary: Named, precision: Precision
+) -> None:
+    form = FORMATS[precision]
+    tiny = 2.0 ** -digits(form)
+    values = [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 33.0, 1e10, INF, NAN, tiny]
+    values += [form.smallest, np.nextafter(1.0, 0), 2.0**60 + 2.0**40, 2.0**form.bias]
+    values = [float(v) for v in rounded(np.array(values), precision)]
+    bases, exponents = (
+        a.ravel() for a in np.meshgrid(*2 * [values + [-v for v in values]])
+    )
+    got = elementary("pow", precision)(bases, exponents)
+    with np.errstate(all="ignore"):
+        want = rounded(np.float_power(bases, exponents), precision)
+    same = (got == want) | (np.isnan(got) & np.isnan(want))
+    served = (bases >= form.smallest) & np.isfinite(bases) & np.isfinite(exponents)
+    with np.errstate(invalid="ignore"):
+        ulp = np.spacing(np.abs(want).astype(KINDS[precision])).astype(np.float64)
+        near = np.abs(got - want) <= STATED[precision]["pow"] * ulp
+    wrong = ~np.where(served, same | near, same)
+    assert not wrong.any(), np.stack([bases, exponents, got, want]).T[wrong]
+    number = ~np.isnan(want)
+    np.testing.assert_array_equal(np.signbit(got)[number], np.signbit(want)[number])
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
 def test_sine_and_cosine_of_one_angle_are_those_of_each_alone(
-    compiled: Callable[..., Evaluate],
+    compiled: Callable[..., Evaluate], precision: Precision
 ) -> None:
     x = ca.SX.sym("x")
-    both = compiled([x], [ca.sin(x), ca.cos(x)])
-    values = angles(np.random.default_rng(3))[None]
-    sine, cosine = both(values)
-    np.testing.assert_array_equal(sine, compiled([x], [ca.sin(x)])(values)[0])
-    np.testing.assert_array_equal(cosine, compiled([x], [ca.cos(x)])(values)[0])
+    both = compiled([x], [ca.sin(x), ca.cos(x)], precision)
+    values = angles(np.random.default_rng(3), FORMATS[precision])[None]
+    for together, name in zip(both(values), ("sin", "cos"), strict=True):
+        alone = compiled([x], [getattr(ca, name)(x)], precision)(values)[0]
+        np.testing.assert_array_equal(together, alone)
 
 
+@pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("name", ["exp", "log", "tanh", "atan"])
 def test_functions_never_step_the_wrong_way_by_more_than_their_error(
-    unary: Callable[[str], Callable[..., Array]], name: str
+    elementary: Named, name: str, precision: Precision
 ) -> None:
     """Where the method changes from one formula to another, too."""
     low, high = (1e-3, 30.0) if name == "log" else (-30.0, 30.0)
-    values = unary(name)(np.linspace(low, high, 200_001))
-    assert np.all(np.diff(values) >= -2 * STATED[name] * np.spacing(np.abs(values[1:])))
+    arguments = rounded(np.linspace(low, high, 200_001), precision)
+    values = elementary(name, precision)(arguments)
+    kind = KINDS[precision]
+    ulp = np.spacing(np.abs(values[1:]).astype(kind)).astype(np.float64)
+    assert np.all(np.diff(values) >= -2 * STATED[precision][name] * ulp)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("name", [*UNARY, "atan2", "pow"])
+def test_careful_code_gives_the_same_bits_as_the_fast_one(
+    elementary: Named, name: str, precision: Precision
+) -> None:
+    """So it does not matter what else an individual has the careful body serve."""
+    x, y = np.abs(np.random.default_rng(4).normal(size=(2, 64)))
+    names = [x, y][: 2 if name in ("atan2", "pow") else 1]
+    fast = elementary(name, precision)(*names)
+    spoilt = [np.where(np.arange(64) % 2, a, -INF) for a in names]
+    got = elementary(name, precision)(*spoilt)
+    np.testing.assert_array_equal(got[1::2], fast[1::2])

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from swarmstart.ocp.compiled.tape import OPERATIONS, read_tape
 
 Array = NDArray[np.float64]
-Evaluate = Callable[..., list[Array]]
+Evaluate = Callable[..., tuple[Array, ...]]
 Reference = Callable[..., Array]
 
 UNARY: dict[str, Callable[[ca.SX], ca.SX]] = {
@@ -48,7 +48,7 @@ POWERS = (2.5, 0.3, -1.5, 3.0, -3.0, 4.0, 7.0, 8.0, -8.0, 9.0, 100.0, np.inf, -n
 OTHERS = {"assign", "constpow"}
 """Operations that SX never writes or, constpow, that take a constant."""
 
-APPROXIMATED = {"exp", "log", "sin", "cos", "tanh", "atan", "atan2", "constpow"}
+APPROXIMATED = {"exp", "log", "sin", "cos", "tanh", "atan", "atan2", "pow", "constpow"}
 """Operations that are polynomials here: within 4 ulp of the C library's."""
 
 VALUES = np.array(
@@ -213,13 +213,10 @@ def test_every_value_of_a_random_graph_is_casadi_s(
             nodes.append(operation(nodes[operands[0]]))
         made.append((name, operands))
     population = random_population(rng)
-    last = nodes[-1]
     values = compiled([symbols], [ca.vertcat(*nodes)])(population)[0]
     for row, (name, operands) in enumerate(made, start=INPUTS):
         want = single(name, *(values[i] for i in operands))
         assert agrees(name, values[row], want, ulps_apart), (name, values[row], want)
-    alone = compiled([symbols], [last])(population)[0]
-    np.testing.assert_array_equal(alone[0], values[-1])
 
 
 EXACT = "neg sq twice inv not sqrt floor ceil fabs sign".split()

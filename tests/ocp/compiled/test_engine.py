@@ -10,8 +10,15 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.ocp.compiled import engine
-from swarmstart.ocp.compiled.emitter import emit_flat
-from swarmstart.ocp.compiled.engine import NoCompilerError, link, machine, translate
+from swarmstart.ocp.compiled.emitter import Target, emit_flat
+from swarmstart.ocp.compiled.engine import (
+    Machine,
+    NoCompilerError,
+    link,
+    machine,
+    translate,
+)
+from swarmstart.ocp.compiled.formats import FORMATS, Precision
 from swarmstart.ocp.compiled.simd import Shape, SimdBatch, compile_flat
 from swarmstart.ocp.compiled.tape import OPERATIONS, read_tape
 
@@ -70,38 +77,113 @@ def test_kernel_outlives_everything_but_itself() -> None:
     np.testing.assert_array_equal(call(np.zeros((1, 9)))[0], 0.0)
 
 
+UNARY = "sin cos exp log tanh atan sqrt floor fabs".split()
+NAMES = [*UNARY, "atan2", "fmin", "div", "mul", "pow"]
+
+
 def everything() -> ca.Function:
     """Return a function of two arguments that uses every polynomial."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
-    names = "sin cos exp log tanh atan sqrt floor fabs".split()
-    values = [getattr(ca, name)(x) for name in names]
-    return ca.Function(
-        "f", [x, y], [ca.vertcat(*values, ca.atan2(x, y), ca.fmin(x, y), x / y, x * y)]
-    )
+    values = [getattr(ca, name)(x) for name in UNARY]
+    pairs = ca.vertcat(ca.atan2(x, y), ca.fmin(x, y), x / y, x * y, x**y)
+    return ca.Function("f", [x, y], [ca.vertcat(*values, pairs)])
 
 
-def test_code_for_a_lesser_processor_gives_the_same_bits(
+def evaluated(
     monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """So a run is repeated bit for bit on another machine."""
+    function: ca.Function,
+    values: Array,
+    on: Machine,
+    target: Target,
+) -> Array:
+    """Return the first output of code made for a machine, run here."""
+    shape = Shape((True, True), (1, 1), (function.numel_out(0),))
+    ir = emit_flat(read_tape(function), per_individual=(True, True), target=target)
+    with monkeypatch.context() as patch:
+        patch.setattr(engine, "machine", lambda: on)
+        return SimdBatch(link(translate(ir)), shape).evaluate(list(values))[0]
+
+
+@pytest.fixture
+def lesser() -> Machine:
+    """This machine without its long registers."""
     here = machine()
     if not here.triple.startswith("x86_64"):
         pytest.skip("compares processors of the x86 family")
-    function = everything()
-    ir = emit_flat(read_tape(function), per_individual=(True, True), lanes=here.lanes)
-    lesser = replace(here, cpu="haswell", features="+avx2,+fma,-avx512f")
-    values = np.random.default_rng(1).normal(size=(2, 1, 200))
+    features = "+avx2,+fma,-avx512f"
+    return replace(
+        here, cpu="haswell", features=features, register_bits=256, has_scale=False
+    )
+
+
+@pytest.fixture(scope="module")
+def many_values() -> Array:
+    """Arguments of two-argument functions: (2, 1, n), special ones among them."""
+    rng = np.random.default_rng(1)
+    values = rng.normal(size=(2, 1, 3000))
+    values[:, :, :1000] *= np.exp2(rng.integers(-60, 60, (2, 1, 1000)))
+    values[0, :, 1000:2000] = rng.uniform(-746, -700, 1000)
+    # Of log base * exponent, from where powers are denormal to where they are 0.
+    values[1, :, 2000:] = rng.uniform(-750, 720, 1000) / np.log(np.e + 1)
+    values[0, :, 2000:] = np.e + 1
     values[:, :, :5] = [1e22, -1e-310, np.inf, np.nan, 0.0]
-    shape = Shape((True, True), (1, 1), (function.numel_out(0),))
-    answers = []
-    for target in (here, lesser):
-        monkeypatch.setattr(engine, "machine", lambda target=target: target)
-        answers.append(SimdBatch(link(translate(ir)), shape).evaluate(list(values))[0])
+    return values
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_code_for_a_lesser_processor_gives_the_same_bits(
+    monkeypatch: pytest.MonkeyPatch,
+    lesser: Machine,
+    many_values: Array,
+    precision: Precision,
+) -> None:
+    """So a run is repeated bit for bit on another machine."""
+    target = Target(lanes=16, precision=precision, register_bits=256)
+    function = everything()
+    answers = [
+        evaluated(monkeypatch, function, many_values, on, target)
+        for on in (machine(), lesser)
+    ]
     np.testing.assert_array_equal(answers[0], answers[1])
 
 
-def test_code_for_arm_is_made_of_every_operation(
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_scaling_at_once_changes_denormal_results_only(
     monkeypatch: pytest.MonkeyPatch,
+    lesser: Machine,
+    many_values: Array,
+    precision: Precision,
+) -> None:
+    """In two steps they are rounded twice: one denormal apart at most."""
+    here, function = machine(), everything()
+    if not here.has_scale:
+        pytest.skip("needs AVX-512")
+    targets = {
+        machine_: Target(
+            lanes=16,
+            precision=precision,
+            register_bits=machine_.register_bits,
+            has_scale=machine_.has_scale,
+        )
+        for machine_ in (here, lesser)
+    }
+    at_once, in_two = (
+        evaluated(monkeypatch, function, many_values, on, target)
+        for on, target in targets.items()
+    )
+    form = FORMATS[precision]
+    smallest_denormal = form.smallest * 2.0**-form.significand
+    apart = (at_once != in_two) & ~(np.isnan(at_once) & np.isnan(in_two))
+    assert np.all(np.abs(at_once[apart]) <= form.smallest)
+    difference = np.abs(at_once[apart] - in_two[apart])
+    np.testing.assert_array_equal(difference, smallest_denormal)
+    names = {NAMES[row] for row in np.nonzero(apart)[0]}
+    assert names <= {"exp", "pow", "tanh"}
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_code_for_arm_is_made_of_every_operation(
+    monkeypatch: pytest.MonkeyPatch, precision: Precision
 ) -> None:
     """Translated only, as far as a test on another processor can go."""
     llvm.initialize_all_targets()
@@ -113,5 +195,6 @@ def test_code_for_arm_is_made_of_every_operation(
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     values = [ca.SX.binary(code, x, y) for code in OPERATIONS]
     tape = read_tape(ca.Function("f", [x, y], [ca.vertcat(*values)]))
-    ir = emit_flat(tape, per_individual=(True, True), lanes=4)
+    target = Target(lanes=8, precision=precision, register_bits=128)
+    ir = emit_flat(tape, per_individual=(True, True), target=target)
     assert translate(ir).startswith(b"\x7fELF")

@@ -1,0 +1,98 @@
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmstart.ocp.compiled.batch import compile_batch
+from swarmstart.ocp.errors import InvalidProblemError
+
+Array = NDArray[np.float64]
+pytestmark = pytest.mark.usefixtures("compiler")
+
+
+@pytest.fixture
+def function() -> ca.Function:
+    """(x (2,), p) -> two outputs."""
+    x, p = ca.SX.sym("x", 2), ca.SX.sym("p")
+    return ca.Function("f", [x, p], [p * ca.sin(x), ca.sum1(ca.exp(x)) / p])
+
+
+def population_of(size: int) -> Array:
+    return np.random.default_rng(size).normal(size=(2, size))
+
+
+@pytest.mark.parametrize("backend", ["llvm", "casadi"])
+@pytest.mark.parametrize("size", [0, 1, 7, 9, 3000])
+def test_any_argument_may_be_shared_or_not(
+    function: ca.Function, backend: str, size: int
+) -> None:
+    evaluate, x = compile_batch(function, backend=backend), population_of(size)
+    own = np.linspace(1, 2, size)[None]
+    for p in (np.array([2.0]), own):
+        for _ in range(2):
+            first, second = evaluate(x, p)
+            np.testing.assert_allclose(first, p * np.sin(x), rtol=1e-15, atol=1e-300)
+            want = np.exp(x).sum(axis=0, keepdims=True) / p
+            np.testing.assert_allclose(second, want, rtol=1e-15)
+
+
+def test_one_output_is_one_array() -> None:
+    x = ca.MX.sym("x", 2)
+    evaluate = compile_batch(ca.Function("f", [x], [ca.sum1(x)]), backend="llvm")
+    got = evaluate(np.ones((2, 5)))
+    assert isinstance(got, np.ndarray)
+    np.testing.assert_array_equal(got, np.full((1, 5), 2.0))
+
+
+def test_results_are_not_overwritten_by_the_next_call(function: ca.Function) -> None:
+    evaluate, x = compile_batch(function, backend="llvm"), population_of(9)
+    evaluate(x, [2.0])
+    first = evaluate(x, [2.0])
+    kept = [output.copy() for output in first]
+    evaluate(x + 1, [3.0])
+    for output, copy in zip(first, kept, strict=True):
+        np.testing.assert_array_equal(output, copy)
+
+
+def test_prepared_function_evaluates_what_is_in_its_buffers(
+    function: ca.Function,
+) -> None:
+    evaluate, x = compile_batch(function, backend="llvm"), population_of(9)
+    prepared = evaluate.prepare(x, [2.0])
+    prepared()
+    for output, want in zip(prepared.outputs, evaluate(x, [2.0]), strict=True):
+        np.testing.assert_array_equal(output, want)
+    with pytest.raises(InvalidProblemError, match="prepare needs machine code"):
+        compile_batch(function, backend="casadi").prepare(x, [2.0])
+
+
+def test_single_precision_has_half_the_digits_and_double_arrays(
+    function: ca.Function,
+) -> None:
+    x = population_of(100)
+    got = compile_batch(function, backend="llvm", precision="single")(x, [2.0])
+    want = compile_batch(function, backend="llvm")(x, [2.0])
+    for output, reference in zip(got, want, strict=True):
+        assert output.dtype == np.float64
+        np.testing.assert_array_equal(output, output.astype(np.float32))
+        np.testing.assert_allclose(output, reference, rtol=1e-6)
+        assert not np.array_equal(output, reference)
+
+
+def test_arguments_that_do_not_fit_are_refused(function: ca.Function) -> None:
+    evaluate, x = compile_batch(function), population_of(4)
+    with pytest.raises(InvalidProblemError, match="takes 2 arguments, got 1"):
+        evaluate(x)
+    with pytest.raises(InvalidProblemError, match=r"got \[4, 5\]"):
+        evaluate(x, np.ones((1, 5)))
+    with pytest.raises(InvalidProblemError, match="none of that shape"):
+        evaluate(np.ones(2), np.ones(1))
+    with pytest.raises(InvalidProblemError, match=r"argument 0 of f .* got \(3, 4\)"):
+        evaluate(np.ones((3, 4)), np.ones(1))
+
+
+def test_nonsense_is_refused(function: ca.Function) -> None:
+    with pytest.raises(InvalidProblemError, match="double, single, got 'half'"):
+        compile_batch(function, precision="half")  # type: ignore[arg-type]
+    with pytest.raises(InvalidProblemError, match="nothing has no argument to vary"):
+        compile_batch(ca.Function("nothing", [], [ca.SX(1)]))
