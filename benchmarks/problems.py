@@ -1,0 +1,206 @@
+"""The planning problems that the benchmarks evaluate and search.
+
+five_uavs   all controls of five UAVs at once: 8 steps, 80 controls, pairwise distances
+one_uav     one UAV behind its leader: 8 steps, 16 controls
+reactor     Luus' two-reaction stirred tank: 13 intervals, 10 RK4 steps in each
+van_der_pol the oscillator, 50 intervals, 4 RK4 steps in each
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.formation.build import build
+from swarmstart.cases.formation.scenario import FormationScenario
+from swarmstart.cases.models.unicycle import unicycle
+from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.ocp import (
+    Bounds,
+    DualMode,
+    Model,
+    OptimalControlProblem,
+    Plan,
+    Separation,
+    Team,
+    stack_models,
+)
+from swarmstart.ocp.fitness import Known
+
+Array = NDArray[np.float64]
+
+UAVS = 5
+STEPS = 8
+TURN_RATE = np.pi / 18
+SLOTS = np.array([(0, 0), (-15, 15), (-30, 30), (-15, -15), (-30, -30)], dtype=float)
+DISTANCE = 5.0
+SPEED = 15.0
+
+
+class Instance(NamedTuple):
+    """A problem with what its evaluation needs besides the controls.
+
+    Attributes:
+        name: How the tables call it.
+        problem: The problem.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+    """
+
+    name: str
+    problem: OptimalControlProblem
+    x0: Array
+    known: Known
+
+    @property
+    def dim(self) -> int:
+        """Number of variables."""
+        return self.problem.model.nu * self.problem.intervals
+
+    def population(self, size: int, rng: np.random.Generator) -> Array:
+        """Return controls uniform in their bounds, shape (dim, size)."""
+        lower, upper = self.problem.control_limits
+        shape = (self.problem.intervals, self.problem.model.nu, size)
+        drawn = rng.uniform(lower[:, None], upper[:, None], shape)
+        return drawn.reshape(self.dim, size)
+
+
+def five_uavs(substeps: int = 1) -> Instance:
+    """Return five UAVs that keep a V behind a leader, planned as one.
+
+    Signals are the leader's x and y. Cost, summed over the steps: speed and heading
+    errors, squared distances from the slots, squared controls; at the end ten times the
+    squared errors. Violation: the excess over the smallest distance of each pair.
+    """
+    model = stack_models([unicycle()] * UAVS)
+    leader = ca.SX.sym("leader", 2)
+    errors = ca.vertcat(*(_error(model, leader, i) for i in range(UAVS)))
+    pairs = [(i, j) for i in range(UAVS) for j in range(i)]
+    problem = OptimalControlProblem(
+        model,
+        horizon=float(STEPS),
+        intervals=STEPS,
+        stage_cost=ca.sumsqr(errors) + ca.sumsqr(model.controls),
+        terminal_cost=10 * ca.sumsqr(errors),
+        bounds=Bounds(controls=(_limits(-1, UAVS), _limits(1, UAVS))),
+        constraints=[
+            Separation(
+                relative=_position(model, i) - _position(model, j), distance=DISTANCE
+            )
+            for i, j in pairs
+        ],
+        signals=leader,
+        quadrature="left",
+        substeps=substeps,
+    )
+    starts = [(SPEED, 0.0, 5.0, y) for y in (65, 75, 85, 45, 55)]
+    name = f"five UAVs, {STEPS} steps" + (f", {substeps} substeps" * (substeps > 1))
+    return Instance(name, problem, np.ravel(starts), Known(signals=_leader()))
+
+
+def one_uav() -> Instance:
+    """Return the first UAV of `five_uavs` alone: no distances."""
+    model, leader = unicycle(), ca.SX.sym("leader", 2)
+    error = _error(model, leader, 0)
+    problem = OptimalControlProblem(
+        model,
+        horizon=float(STEPS),
+        intervals=STEPS,
+        stage_cost=ca.sumsqr(error) + ca.sumsqr(model.controls),
+        terminal_cost=10 * ca.sumsqr(error),
+        bounds=Bounds(controls=(_limits(-1, 1), _limits(1, 1))),
+        signals=leader,
+        quadrature="left",
+        substeps=1,
+    )
+    x0 = np.array([SPEED, 0.0, 5.0, 65.0])
+    return Instance(f"one UAV, {STEPS} steps", problem, x0, Known(signals=_leader()))
+
+
+def _limits(sign: float, uavs: int) -> Sequence[float]:
+    return [5.0 * sign, TURN_RATE * sign] * uavs
+
+
+def _position(model: Model, uav: int) -> ca.SX:
+    return model.states[4 * uav + 2 : 4 * uav + 4]
+
+
+def _error(model: Model, leader: ca.SX, uav: int) -> ca.SX:
+    speed, heading = model.states[4 * uav], model.states[4 * uav + 1]
+    slot = leader + ca.SX(SLOTS[uav])
+    return ca.vertcat(speed - SPEED, heading, _position(model, uav) - slot)
+
+
+def _leader() -> Array:
+    """Return the leader's positions at the nodes, shape (2, STEPS + 1) [m]."""
+    times = np.arange(STEPS + 1.0)
+    return np.stack([30.0 + SPEED * times, np.full_like(times, 60.0)])
+
+
+def reactor(intervals: int = 13) -> Instance:
+    """Return Luus' stirred tank with two reactions (Luus and Galli 1991)."""
+    x1, x2, u = ca.SX.sym("x1"), ca.SX.sym("x2"), ca.SX.sym("u")
+    r = (x2 + 0.5) * ca.exp(25 * x1 / (x1 + 2))
+    model = Model(
+        states=ca.vertcat(x1, x2),
+        controls=u,
+        ode=ca.vertcat(-(2 + u) * (x1 + 0.25) + r, 0.5 - x2 - r),
+    )
+    problem = OptimalControlProblem(
+        model,
+        horizon=0.78,
+        intervals=intervals,
+        stage_cost=x1**2 + x2**2 + 0.1 * u**2,
+        bounds=Bounds(controls=(0.0, 5.0)),
+        substeps=10,
+    )
+    return Instance("two-reaction reactor", problem, np.array([0.09, 0.09]), Known())
+
+
+def van_der_pol() -> Instance:
+    """Return the van der Pol oscillator (Balsa-Canto et al. 2002, case 6.1)."""
+    x1, x2, u = ca.SX.sym("x1"), ca.SX.sym("x2"), ca.SX.sym("u")
+    model = Model(
+        states=ca.vertcat(x1, x2),
+        controls=u,
+        ode=ca.vertcat((1 - x2**2) * x1 - x2 + u, x1),
+    )
+    problem = OptimalControlProblem(
+        model,
+        horizon=5.0,
+        intervals=50,
+        stage_cost=x1**2 + x2**2 + u**2,
+        bounds=Bounds(controls=(-0.3, 1.0)),
+        substeps=4,
+    )
+    return Instance("van der Pol", problem, np.array([0.0, 1.0]), Known())
+
+
+def formation(scenario: str) -> list[Instance]:
+    """Return the planning problems of a flight's first step, in planning order.
+
+    Args:
+        scenario: Name of a formation scenario.
+    """
+    loaded = resolve(read_document(scenario)).scenario
+    if not isinstance(loaded, FormationScenario):
+        raise TypeError(f"{scenario} is no formation flight")
+    flight, instances = build(loaded), list[Instance]()
+    controller = flight.controller
+    team = controller.team if isinstance(controller, DualMode) else controller
+    if not isinstance(team, Team):
+        raise TypeError(f"{scenario} flies no team")
+
+    def plan(number: int, state: Array, seen: tuple[Array, ...]) -> Plan:
+        controller = team.agents[number].controller
+        known = controller.known(0.0, seen)
+        problem = controller.planner.problem
+        name = f"{scenario}, UAV {number + 1}"
+        instances.append(Instance(name, problem, state, known))
+        rng = np.random.default_rng(0)
+        return controller.planner.plan(state, known=known, rng=rng)
+
+    team.plans(flight.x0, plan)
+    return instances

@@ -1,0 +1,219 @@
+"""Whole searches against those of SciPy, pygmo and IPOPT, as ratios from one run.
+
+python benchmarks/search.py [--short] [--write docs/search_speed.md]
+"""
+
+import argparse
+import multiprocessing
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from swarmstart.benchmarks.problems import one_uav, reactor
+from swarmstart.benchmarks.searches import (
+    FULL,
+    IPOPT,
+    OURS,
+    PYGMO,
+    SCENARIO,
+    SHORT,
+    Case,
+    Effort,
+    Parts,
+    Row,
+    Step,
+    evolution_case,
+    measure_case,
+    measure_step,
+    scenario_search,
+    shorter_uav,
+    swarm_case,
+    task_of,
+)
+from swarmstart.benchmarks.timing import Timing
+from swarmstart.ocp.polish import PolishStatus
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class Bar(NamedTuple):
+    """How many times faster ours must be; measured is None where that was skipped."""
+
+    text: str
+    measured: float | None
+    at_least: float
+
+
+def measure(effort: Effort) -> tuple[list[str], list[Bar]]:
+    """Run everything; return the tables and the bars. Called in a worker process."""
+    settings = scenario_search()
+    size, evaluations = settings.algorithm.size, settings.budget.evaluations or 0
+    swarm_task = task_of(one_uav(), size, evaluations // size)
+    cases = [
+        evolution_case("A1.", task_of(one_uav(), 20, 200)),
+        evolution_case("A2.", task_of(shorter_uav(5), 100, 100)),
+        # Nearly all of its time is rollouts, which SciPy's search makes with ours too.
+        evolution_case("A3.", task_of(reactor(intervals=10), 100, 100))._replace(
+            bars={PYGMO: 5}
+        ),
+        swarm_case("B.", swarm_task, settings.algorithm),
+    ]
+    lines, bars, parts = list[str](), list[Bar](), dict[str, Parts]()
+    for case in cases:
+        rows, parts[case.title] = measure_case(case, effort)
+        lines += _case_table(case, rows)
+        bars += [_bar(case, rows, rival) for rival in case.bars]
+    step = measure_step(settings, effort)
+    ratio = step[IPOPT].timing.median / step[OURS].timing.median
+    bars.append(Bar(f"D. A step of {SCENARIO}, against IPOPT", ratio, 1))
+    return lines + _parts_table(parts) + _step_table(step) + _bar_table(bars), bars
+
+
+def _bar(case: Case, rows: Mapping[str, Row], rival: str) -> Bar:
+    row = rows.get(rival)
+    measured = row and row.timing.median / rows[OURS].timing.median
+    return Bar(f"{case.title}, against {rival}", measured, case.bars[rival])
+
+
+def is_missed(bar: Bar) -> bool:
+    """Return whether a bar was measured and not reached."""
+    return bar.measured is not None and not bar.measured > bar.at_least
+
+
+def _case_table(case: Case, rows: Mapping[str, Row]) -> list[str]:
+    first = rows[OURS].timing.median
+    lines = [
+        f"## {case.title}",
+        "",
+        *_head("contestant", "ms", "times ours", "evaluations", "best cost"),
+    ]
+    lines += [
+        _row(
+            name,
+            _ms(row.timing),
+            f"{row.timing.median / first:.1f}",
+            str(row.evaluations),
+            f"{row.cost:.6g}",
+        )
+        for name, row in rows.items()
+    ]
+    return [*lines, ""]
+
+
+def _parts_table(parts: Mapping[str, Parts]) -> list[str]:
+    lines = [
+        "## C. Where the time of our search goes",
+        "",
+        "Each part is measured alone: as many calls of the machine code on as many",
+        "individuals, and as many random numbers. The rest is what is left of the",
+        "search: the algorithm's own work, and Python before and after the loop. SciPy",
+        "in A evaluates with the same machine code: where rollouts take most of our",
+        "time, no loop can be many times faster than SciPy's.",
+        "",
+        *_head("search", "ms", "rollouts", "random numbers", "the rest"),
+    ]
+    for title, part in parts.items():
+        shares = [p.median / part.total.median for p in (part.rollouts, part.draws)]
+        shares.append(1 - sum(shares))
+        lines.append(
+            _row(title, _ms(part.total), *(f"{100 * share:.0f} %" for share in shares))
+        )
+    return [*lines, ""]
+
+
+def _step_table(step: Mapping[str, Step]) -> list[str]:
+    first = step[OURS].timing.median
+    lines = [
+        f"## D. The five plans of the first step of {SCENARIO}",
+        "",
+        "Variant corrected. Ours: chaotic particle swarm, 4,000 evaluations a plan,",
+        "from random controls, since there is no last plan yet. IPOPT: to 1e-8, from",
+        "zero controls. Planners are built before the clock runs. Both plan the same",
+        "five problems: who plans later avoids the same plans of the others.",
+        "",
+        *_head("planner", "ms", "times ours", "sum of costs", "violation", "feasible"),
+    ]
+    for name, plans in step.items():
+        converged = sum(s is PolishStatus.CONVERGED for s in plans.statuses)
+        solved = f" ({converged} converged)" if plans.statuses else ""
+        lines.append(
+            _row(
+                name + solved,
+                _ms(plans.timing),
+                f"{plans.timing.median / first:.1f}",
+                f"{plans.cost:.6g}",
+                f"{plans.violation:.2g}",
+                f"{plans.feasible:.3g} of 5",
+            )
+        )
+    return [*lines, ""]
+
+
+def _bar_table(bars: Sequence[Bar]) -> list[str]:
+    lines = ["## Bars", "", *_head("ours is faster", "at least", "measured", "reached")]
+    for bar in bars:
+        at_least = f"{bar.at_least:g} x"
+        if bar.measured is None:
+            lines.append(_row(bar.text, at_least, "-", "skipped"))
+            continue
+        reached = "no" if is_missed(bar) else "yes"
+        lines.append(_row(bar.text, at_least, f"{bar.measured:.1f} x", reached))
+    if any(bar.measured is None for bar in bars):
+        lines += ["", "pygmo is not installed here: its searches are skipped."]
+    return lines
+
+
+def _head(*cells: str) -> list[str]:
+    return [_row(*cells), _row(*["---"] * len(cells))]
+
+
+def _row(*cells: str) -> str:
+    """Return a row of a Markdown table."""
+    return f"| {' | '.join(cells)} |"
+
+
+def _ms(timing: Timing) -> str:
+    """Return median and quartiles in ms."""
+    median, lower, upper = (f"{1e3 * seconds:.3g}" for seconds in timing)
+    return f"{median} ({lower} to {upper})"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the tables, and write them where asked."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--short", action="store_true", help="fewer rounds")
+    parser.add_argument("--write", type=Path, help="a Markdown file to write")
+    options = parser.parse_args(arguments)
+    for variable in THREADS:
+        os.environ.setdefault(variable, "1")
+
+    effort = SHORT if options.short else FULL
+    # Libraries read the number of threads when they are loaded: in a new process.
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        lines, bars = pool.apply(measure, (effort,))
+    text = "\n".join(lines) + "\n"
+    print(text)
+    if options.write:
+        options.write.write_text(_HEAD.format(**effort._asdict()) + text)
+    return 3 if any(is_missed(bar) for bar in bars) else 0
+
+
+_HEAD = """# How long whole searches take
+
+Made by `python benchmarks/search.py`. One core. All contestants of a table take turns,
+{rounds} rounds in all; the numbers are medians (and quartiles) of the wall time of one
+search, each with another seed. What is built once for a problem is built before the
+clock runs. All minimise cost + 1e4 violation with the same number of evaluations; the
+best cost is the median over {seeds} seeds. In A all run DE/rand/1/bin with F = 0.7 and
+CR = 0.7, and differ in what they do at the bounds; SciPy evaluates whole generations
+with our evaluator, pygmo one individual at a time with CasADi. In B the swarm has the
+settings of the formation flight; pygmo's PSO is another algorithm with its own
+settings, shown for information.
+
+"""
+
+
+if __name__ == "__main__":
+    sys.exit(main())
