@@ -4,6 +4,9 @@ five_uavs   all controls of five UAVs at once: 8 steps, 80 controls, pairwise di
 one_uav     one UAV behind its leader: 8 steps, 16 controls
 reactor     Luus' two-reaction stirred tank: 13 intervals, 10 RK4 steps in each
 van_der_pol the oscillator, 50 intervals, 4 RK4 steps in each
+passing     one UAV whose slot lies behind a disc: past it on one side or the other
+four_discs  one UAV that steers through four discs to a point
+formation   the planning problems of a formation flight's first step
 """
 
 from collections.abc import Sequence
@@ -25,9 +28,12 @@ from swarmstart.ocp import (
     Plan,
     Separation,
     Team,
+    disc,
+    right_hand_side,
     stack_models,
 )
 from swarmstart.ocp.fitness import Known
+from swarmstart.terminal_set import hold, linearise, sampled_lqr
 
 Array = NDArray[np.float64]
 
@@ -176,6 +182,68 @@ def van_der_pol() -> Instance:
         substeps=4,
     )
     return Instance("van der Pol", problem, np.array([0.0, 1.0]), Known())
+
+
+def passing() -> Instance:
+    """Return one UAV and one disc on the way to its slot.
+
+    The slot moves past the disc on the far side of its centre: from zero controls a
+    gradient solver passes on the near side, at four times the cost.
+    """
+    model, slot = unicycle(), ca.SX.sym("slot", 4)
+    error = model.states - slot
+    A, B = hold(*linearise(_dynamics(model), [SPEED, 0, 0, 0], [0, 0]), 1.0)
+    P = sampled_lqr(A, B, np.eye(4), np.eye(2)).P
+    problem = OptimalControlProblem(
+        model,
+        horizon=float(STEPS),
+        intervals=STEPS,
+        stage_cost=ca.sumsqr(error) + ca.sumsqr(model.controls),
+        terminal_cost=ca.bilin(ca.DM(P), error, error),
+        bounds=Bounds(controls=(_limits(-1, 1), _limits(1, 1))),
+        constraints=[disc(model.states[2:], centre=[0.0, 1.0], radius=12.0)],
+        signals=slot,
+        quadrature="left",
+        checks=4,
+        substeps=1,
+    )
+    times = problem.times
+    rows = [np.full_like(times, SPEED), 0 * times, SPEED * times - 50, 0 * times + 8]
+    x0 = np.array([SPEED, 0.0, -60.0, 0.0])
+    return Instance("passing side", problem, x0, Known(signals=np.stack(rows)))
+
+
+def _dynamics(model: Model) -> ca.Function:
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    return ca.Function("dynamics", [x, u], [right_hand_side(model)(x, u, ca.SX(0, 1))])
+
+
+def four_discs() -> Instance:
+    """Return one UAV that steers through four discs to a point, at unit speed.
+
+    The time is fixed at that of the best known solution, whose cost is then 0.06138.
+    """
+    x, y, heading, rate = (ca.SX.sym(name) for name in ("x", "y", "heading", "rate"))
+    model = Model(
+        states=ca.vertcat(x, y, heading),
+        controls=rate,
+        ode=ca.vertcat(ca.cos(heading), ca.sin(heading), rate),
+    )
+    discs = [(2.0, 0.3, 0.9), (4.2, -0.6, 1.0), (6.2, 0.5, 1.0), (8.2, -0.3, 0.9)]
+    problem = OptimalControlProblem(
+        model,
+        horizon=10.757209,
+        intervals=40,
+        stage_cost=0.1 * rate**2,
+        bounds=Bounds(controls=(-3.0, 3.0)),
+        constraints=[
+            disc(model.states[:2], centre=[a, b], radius=radius)
+            for a, b, radius in discs
+        ],
+        terminal=[model.states[:2] - ca.vertcat(10.0, 0.0)],
+        substeps=2,
+    )
+    return Instance("four discs", problem, np.zeros(3), Known())
 
 
 def formation(scenario: str) -> list[Instance]:
