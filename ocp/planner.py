@@ -14,7 +14,9 @@ from swarmstart.heuristics import (
     Algorithm,
     Box,
     Budget,
+    Initial,
     Order,
+    Sampling,
     minimize,
     static_penalty,
 )
@@ -48,12 +50,14 @@ class SearchSettings:
         order: How two individuals are ordered.
         warm_start: How much of the first population is the guess: "all", "one" or
             "none" of it; the rest is drawn at random.
+        sampling: How it is drawn, as in `heuristics.Initial`.
     """
 
     algorithm: Algorithm
     budget: Budget
     order: Order = field(default_factory=lambda: static_penalty(1e4))
     warm_start: WarmStart = "one"
+    sampling: Sampling | None = None
 
     def __post_init__(self) -> None:
         """Refuse an unknown kind of warm start."""
@@ -200,7 +204,7 @@ class Planner:
             algorithm=search.algorithm,
             budget=search.budget,
             order=search.order,
-            initial=_first_population(search, guess),
+            initial=_first_population(search, self._box, guess),
             rng=rng,
         )
         value = (result.cost, result.violation)
@@ -256,9 +260,11 @@ def _control_box(problem: OptimalControlProblem) -> Box:
     )
 
 
-def _first_population(search: SearchSettings, guess: Array | None) -> Array | None:
-    """Return the given part of the first population, shape (nu * N, k)."""
+def _first_population(search: SearchSettings, box: Box, guess: Array | None) -> Initial:
+    """Return how the first population is made."""
     if guess is None or search.warm_start == "none":
-        return None
-    copies = search.algorithm.size if search.warm_start == "all" else 1
-    return np.repeat(flatten(guess)[:, None], copies, axis=1)
+        return Initial(sampling=search.sampling)
+    size = search.algorithm.first_size(box, search.budget.evaluations)
+    copies = size if search.warm_start == "all" else 1
+    points = np.repeat(flatten(guess)[:, None], copies, axis=1)
+    return Initial(sampling=search.sampling, points=points)
