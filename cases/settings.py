@@ -275,6 +275,7 @@ class Scenario(Part):
     order: OrderPart
     polish: Literal["none", "ipopt"] = "none"
     ipopt: IpoptPart = IpoptPart()
+    basins: int = Field(default=0, ge=0)
     backend: Backend = "auto"
     claims: list[Claim] = Field(default_factory=list)
 
@@ -282,7 +283,8 @@ class Scenario(Part):
         """Yield what one part of the scenario makes wrong in another."""
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
-        size, evaluations = getattr(self.search, "size", 1), self.budget.evaluations
+        size = getattr(self.search, "size", None) or 1
+        evaluations = self.budget.evaluations
         if evaluations is not None and evaluations < size:
             yield (
                 ("budget", "evaluations"),
@@ -302,4 +304,5 @@ class Scenario(Part):
             order=self.order.order(),
             warm_start=part.warm_start,
             sampling=part.sampling,
+            basins=self.basins,
         )

@@ -72,17 +72,21 @@ def turned(
     """
     if lower <= value <= upper or rule in (CLIP, NONE):
         return velocity
-    if rule == REFLECT:
-        crossed = math.ceil(max(value - upper, lower - value) / (upper - lower))
-        return velocity if crossed % 2 == 0 else -velocity
+    beyond = max(value - upper, lower - value)
+    if rule == REFLECT and math.isfinite(beyond):
+        crossed = np.ceil(beyond / (upper - lower))
+        return velocity if crossed % 2.0 == 0.0 else -velocity
     return 0.0
 
 
 @kernel
 def reflected(value: float, lower: float, upper: float) -> float:
-    """The coordinate after all reflections at the bounds: a triangular wave."""
+    """The coordinate after all reflections at the bounds: a triangular wave.
+
+    Where the distance overflows or is NaN, it is the lower bound.
+    """
     width = upper - lower
-    if not math.isfinite(value):
+    if not math.isfinite(value - lower) or not math.isfinite(2.0 * width):
         return lower
     beyond = (value - lower) % (2.0 * width)
     if beyond > width:

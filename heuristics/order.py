@@ -193,8 +193,9 @@ def set_level(order: RunningOrder, progress: float) -> None:
         progress: Fraction of the budget used.
     """
     if order.rule == EPSILON_LEVEL:
-        left = max(1.0 - progress / order.control, 0.0)
-        order.level[0] = max(order.tolerance, order.level[1] * left**order.power)
+        left = 1.0 - progress / order.control
+        level = order.level[1] * left**order.power if left > 0.0 else 0.0
+        order.level[0] = max(order.tolerance, level)
 
 
 @kernel

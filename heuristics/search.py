@@ -28,6 +28,10 @@ from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.order import Order, feasibility_first
 from swarmstart.heuristics.stopping import GOES_ON, Limits, finished
 
+ROOM = 4
+"""An archive keeps this many times the basins asked for: members that a better point
+takes in leave room that nobody could fill later."""
+
 Snapshot = Mapping[str, NDArray[np.generic]]
 """All that a search knows, as arrays: np.savez(file, **snapshot) keeps it."""
 
@@ -126,7 +130,8 @@ class Search:
         self.rng = rng
         self._order = self.order.running()
         self._settings = algorithm.kernel_settings(box, self._order)
-        self._archive = new_archive(box, room=basins, radius=radius)
+        self._basins = basins
+        self._archive = new_archive(box, room=ROOM * basins, radius=radius)
         self._known: Values | None = None
         self._asked: Array | None = None
         size = algorithm.first_size(box, evaluations)
@@ -168,13 +173,18 @@ class Search:
                 cost=float(kept.cost[k]),
                 violation=float(kept.violation[k]),
             )
-            for k in range(int(kept.members[0]))
+            for k in range(min(int(kept.members[0]), self._basins))
         )
 
     @property
     def size(self) -> int:
-        """Number of individuals of the next generation."""
-        return int(self._state.size[0])
+        """Number of individuals of the next generation that are to be evaluated."""
+        return int(self._state.size[0]) - self._known_count
+
+    @property
+    def _known_count(self) -> int:
+        """Number of individuals of the next generation whose costs are known."""
+        return 0 if self._known is None else self._known[0].size
 
     @property
     def generations(self) -> int:
@@ -220,11 +230,10 @@ class Search:
                 raise InvalidSettingsError("progress", progress, "in [0, 1]")
             self._state.progress[0] = progress
         propose = self.algorithm.kernels.propose
-        self._asked = np.empty((self.box.dim, self.size))
+        self._asked = np.empty((self.box.dim, int(self._state.size[0])))
         with put_off():
             propose(self.rng, self._settings, self._state, self._asked)
-        known = 0 if self._known is None else self._known[0].size
-        points = self._asked[:, known:].copy()
+        points = self._asked[:, self._known_count :].copy()
         points.setflags(write=False)
         return points
 
@@ -241,7 +250,7 @@ class Search:
         """
         if self._asked is None:
             raise AskTellError("tell() before ask(): there is nothing to evaluate")
-        known = 0 if self._known is None else self._known[0].size
+        known = self._known_count
         size = self._asked.shape[1] - known
         cost = _evaluations("cost", cost, size)
         violation = _evaluations("violation", violation, size)
@@ -304,6 +313,7 @@ class Search:
             raise AskTellError("snapshot() before tell(): a generation is under way")
         rng = json.dumps(self.rng.bit_generator.state, default=np.ndarray.tolist)
         return {
+            **{f"arguments.{n}": np.array(a) for n, a in self._arguments().items()},
             **{f"state.{name}": a.copy() for name, a in _fields(self._state).items()},
             **{f"basins.{n}": a.copy() for n, a in _fields(self._archive).items()},
             "order.level": self._order.level.copy(),
@@ -313,6 +323,10 @@ class Search:
     def _restored(self, snapshot: Snapshot, template: State) -> State:
         """Take over what a snapshot holds; return the state."""
         try:
+            for name, own in self._arguments().items():
+                kept = str(snapshot[f"arguments.{name}"])
+                if kept != own:
+                    raise ValueError(f"{name} is {own}, that of the snapshot {kept}")
             state = _filled(template, "state", snapshot)
             self._archive = _filled(self._archive, "basins", snapshot)
             self._order.level[:] = snapshot["order.level"]
@@ -322,6 +336,16 @@ class Search:
                 f"snapshot must be of a search with the same arguments: {error}"
             ) from error
         return state
+
+    def _arguments(self) -> dict[str, str]:
+        """Return what a search has in common with its snapshots, as text."""
+        return {
+            "algorithm": repr(self.algorithm),
+            "box": repr((self.box.lower.tolist(), self.box.upper.tolist())),
+            "order": repr(self.order),
+            "basins": repr(self._basins),
+            "radius": repr(float(self._archive.radius[0])),
+        }
 
 
 def _fields(record: object) -> dict[str, Array]:
