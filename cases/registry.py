@@ -14,11 +14,13 @@ class SearchEntry(NamedTuple):
         title: What it is, in a few words.
         settings: Where its settings class is; empty for none.
         warm_start: How much of its first population is the last plan by default.
+        sampling: How the rest is drawn by default; None as the library does.
     """
 
     title: str
     settings: str
     warm_start: str
+    sampling: str | None = None
 
 
 SEARCHES = {
@@ -26,6 +28,7 @@ SEARCHES = {
         "chaotic particle swarm (5.17)-(5.19)",
         "swarmstart.heuristics:ChaoticPSO",
         "all",
+        "uniform",
     ),
     "pso": SearchEntry(
         "standard particle swarm", "swarmstart.heuristics:ParticleSwarm", "all"
@@ -39,6 +42,7 @@ SEARCHES = {
         "real-coded genetic algorithm, started at random as the chapter's",
         "swarmstart.heuristics:GeneticAlgorithm",
         "none",
+        "uniform",
     ),
     "random": SearchEntry("random search", "swarmstart.heuristics:RandomSearch", "one"),
     "none": SearchEntry("no search: the polish alone", "", "one"),

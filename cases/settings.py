@@ -39,6 +39,8 @@ from swarmstart.heuristics import (
     Algorithm,
     Budget,
     Order,
+    Sampling,
+    epsilon_level,
     feasibility_first,
     static_penalty,
 )
@@ -122,6 +124,8 @@ class BudgetPart(Part):
 
     evaluations: int | None = Field(default=None, ge=1)
     seconds: Positive | None = None
+    target: Number | None = None
+    stagnation: int | None = Field(default=None, ge=1)
 
     @model_validator(mode="after")
     def _some(self) -> "BudgetPart":
@@ -131,19 +135,21 @@ class BudgetPart(Part):
 
     def budget(self) -> Budget:
         """Return the budget as the search takes it."""
-        return Budget(evaluations=self.evaluations, seconds=self.seconds)
+        return Budget(**self.model_dump())
 
 
 class OrderPart(Part):
     """How two individuals are ordered."""
 
-    name: Literal["static_penalty", "feasibility_first"]
+    name: Literal["static_penalty", "feasibility_first", "epsilon_level"]
     weight: Positive = 1e4
 
     def order(self) -> Order:
         """Return the order as the search takes it."""
         if self.name == "static_penalty":
             return static_penalty(self.weight)
+        if self.name == "epsilon_level":
+            return epsilon_level()
         return feasibility_first()
 
 
@@ -165,6 +171,7 @@ class SearchPart(Part):
 
     name: str
     warm_start: WarmStart
+    sampling: Sampling | None
 
     @model_validator(mode="after")
     def _makes_settings(self) -> "SearchPart":
@@ -179,7 +186,7 @@ class SearchPart(Part):
         if self.name == "none":
             return None
         settings: Algorithm = load(SEARCHES[self.name].settings)(
-            **self.model_dump(exclude={"name", "warm_start"})
+            **self.model_dump(exclude={"name", "warm_start", "sampling"})
         )
         return settings
 
@@ -202,6 +209,7 @@ def search_part(name: str) -> type[SearchPart]:
     keys: dict[str, Any] = {
         "name": (Literal[name], ...),
         "warm_start": (WarmStart, entry.warm_start),
+        "sampling": (Sampling | None, entry.sampling),
     }
     if entry.settings:
         settings = load(entry.settings)
@@ -267,6 +275,7 @@ class Scenario(Part):
     order: OrderPart
     polish: Literal["none", "ipopt"] = "none"
     ipopt: IpoptPart = IpoptPart()
+    basins: int = Field(default=0, ge=0)
     backend: Backend = "auto"
     claims: list[Claim] = Field(default_factory=list)
 
@@ -274,7 +283,8 @@ class Scenario(Part):
         """Yield what one part of the scenario makes wrong in another."""
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
-        size, evaluations = getattr(self.search, "size", 1), self.budget.evaluations
+        size = getattr(self.search, "size", None) or 1
+        evaluations = self.budget.evaluations
         if evaluations is not None and evaluations < size:
             yield (
                 ("budget", "evaluations"),
@@ -293,4 +303,6 @@ class Scenario(Part):
             budget=self.budget.budget(),
             order=self.order.order(),
             warm_start=part.warm_start,
+            sampling=part.sampling,
+            basins=self.basins,
         )

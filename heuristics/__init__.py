@@ -14,6 +14,7 @@ from swarmstart.heuristics.chaotic_pso import ChaoticPSO
 from swarmstart.heuristics.compiled_loop import CompiledObjective, Pointers
 from swarmstart.heuristics.de import DifferentialEvolution
 from swarmstart.heuristics.genetic import GeneticAlgorithm
+from swarmstart.heuristics.initial import Initial
 from swarmstart.heuristics.minimize import (
     Budget,
     GenerationEvent,
@@ -27,16 +28,20 @@ from swarmstart.heuristics.minimize import (
 from swarmstart.heuristics.order import (
     InvalidOrderError,
     Order,
+    epsilon_level,
     feasibility_first,
     static_penalty,
 )
 from swarmstart.heuristics.pso import ParticleSwarm
 from swarmstart.heuristics.random_search import RandomSearch
+from swarmstart.heuristics.sampling import Sampling
 from swarmstart.heuristics.search import (
     AskTellError,
     Individual,
     InvalidEvaluationError,
+    InvalidSnapshotError,
     Search,
+    Snapshot,
 )
 
 __all__ = [
@@ -50,22 +55,27 @@ __all__ = [
     "GenerationEvent",
     "GeneticAlgorithm",
     "Individual",
+    "Initial",
     "InvalidBoxError",
     "InvalidBudgetError",
     "InvalidEvaluationError",
     "InvalidOrderError",
     "InvalidPointsError",
     "InvalidSettingsError",
+    "InvalidSnapshotError",
     "Kernels",
     "Objective",
     "Order",
     "ParticleSwarm",
     "Pointers",
     "RandomSearch",
+    "Sampling",
     "Search",
     "SearchResult",
+    "Snapshot",
     "State",
     "StopReason",
+    "epsilon_level",
     "feasibility_first",
     "minimize",
     "run",

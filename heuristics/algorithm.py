@@ -8,8 +8,10 @@ kernels. One generation is
     accept(settings, state, asked, cost, violation)
 
 At generation 0 `propose` hands out the initial population, and `accept` takes its
-costs. Everything that changes lives in the arrays of the state; with a copy of them and
-of the generator's state a search continues bit for bit.
+costs. How many individuals the next generation has is part of the state, so that
+populations may shrink or grow. Everything that changes lives in the arrays of the state
+(and the level of the order); with a copy of them and of the generator's state a search
+continues bit for bit.
 """
 
 from collections.abc import Callable
@@ -18,9 +20,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics.bounds import NAMES
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.kernel import Array, Count, kernel
-from swarmstart.heuristics.order import Order, better, is_finite
+from swarmstart.heuristics.order import (
+    RunningOrder,
+    begin_level,
+    better_at,
+    is_finite,
+    set_level,
+)
 
 
 class InvalidSettingsError(SwarmstartError, ValueError):
@@ -73,6 +82,18 @@ class State(Protocol):
     def nonfinite(self) -> Count:
         """Number of individuals so far that were not finite, int64, shape (1,)."""
 
+    @property
+    def size(self) -> Count:
+        """Number of individuals of the next generation, int64, shape (1,)."""
+
+    @property
+    def evaluations(self) -> Count:
+        """Number of individuals accepted so far, int64, shape (1,)."""
+
+    @property
+    def improved(self) -> Count:
+        """Generations accepted when `best` last became better, int64, shape (1,)."""
+
 
 class CommonFields(NamedTuple):
     """The shared fields of `State`, in the order in which every state begins."""
@@ -83,6 +104,9 @@ class CommonFields(NamedTuple):
     best_cost: Array
     best_violation: Array
     nonfinite: Count
+    size: Count
+    evaluations: Count
+    improved: Count
 
 
 class Kernels(NamedTuple):
@@ -101,14 +125,18 @@ class Algorithm(Protocol):
     """What a search needs of an algorithm's settings, a frozen dataclass."""
 
     @property
-    def size(self) -> int:
-        """Number of individuals of a generation."""
-
-    @property
     def kernels(self) -> Kernels:
         """The two compiled functions."""
 
-    def kernel_settings(self, box: Box, order: Order) -> tuple[object, ...]:
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        """Number of individuals of the first generation.
+
+        Args:
+            box: The box.
+            evaluations: The budget; None where that is not known.
+        """
+
+    def kernel_settings(self, box: Box, order: RunningOrder) -> tuple[object, ...]:
         """The settings as a NamedTuple of numbers and arrays, for the kernels.
 
         Raises:
@@ -141,14 +169,19 @@ def common_fields(population: Array) -> CommonFields:
         best_cost=np.full(1, np.inf),
         best_violation=np.full(1, np.inf),
         nonfinite=np.zeros(1, dtype=np.int64),
+        size=np.full(1, population.shape[1], dtype=np.int64),
+        evaluations=np.zeros(1, dtype=np.int64),
+        improved=np.zeros(1, dtype=np.int64),
     )
 
 
 @kernel
 def take_generation(
-    order: Order, state: State, asked: Array, cost: Array, violation: Array
+    order: RunningOrder, state: State, asked: Array, cost: Array, violation: Array
 ) -> None:
-    """Update the shared fields: the best, the count of non-finite, the generation.
+    """Update the shared fields: the best, what is counted, the level of the order.
+
+    The best is what is best in the end, when the level has come to the tolerance.
 
     Args:
         order: The order.
@@ -160,13 +193,23 @@ def take_generation(
     for i in range(cost.size):
         if not is_finite(cost[i], violation[i]):
             state.nonfinite[0] += 1
-        if better(
-            order, cost[i], violation[i], state.best_cost[0], state.best_violation[0]
+        if better_at(
+            order,
+            order.tolerance,
+            cost[i],
+            violation[i],
+            state.best_cost[0],
+            state.best_violation[0],
         ):
             state.best[:] = asked[:, i]
             state.best_cost[0] = cost[i]
             state.best_violation[0] = violation[i]
+            state.improved[0] = state.generation[0] + 1
     state.generation[0] += 1
+    state.evaluations[0] += cost.size
+    if state.generation[0] == 1:
+        begin_level(order, violation)
+    set_level(order, state.progress[0])
 
 
 def require(name: str, value: object, *, ok: bool, allowed: str) -> None:
@@ -177,6 +220,15 @@ def require(name: str, value: object, *, ok: bool, allowed: str) -> None:
     """
     if not ok:
         raise InvalidSettingsError(name, value, allowed)
+
+
+def require_bounds(name: str) -> None:
+    """Refuse what is no rule of `bounds`.
+
+    Raises:
+        InvalidSettingsError: If so.
+    """
+    require("bounds", name, ok=name in NAMES, allowed=f"one of {', '.join(NAMES)}")
 
 
 def require_size(size: int, *, at_least: int) -> None:

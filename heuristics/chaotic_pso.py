@@ -26,12 +26,14 @@ from swarmstart.heuristics.algorithm import (
     Kernels,
     common_fields,
     require,
+    require_bounds,
     require_size,
 )
+from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box, between
 from swarmstart.heuristics.chaos import draw_seeds, leave_traps, logistic
 from swarmstart.heuristics.kernel import Array, Count, kernel
-from swarmstart.heuristics.order import Order, better
+from swarmstart.heuristics.order import RunningOrder, better
 from swarmstart.heuristics.sampling import smooth_fractions
 from swarmstart.heuristics.swarm import fly, remember, require_accelerations
 
@@ -47,13 +49,13 @@ class ChaoticPSOSettings(NamedTuple):
 
     lower: Array
     upper: Array
-    order: Order
+    order: RunningOrder
     inertia_max: float
     inertia_min: float
     cognitive: float
     social: float
     velocity_max: Array
-    absorb: bool
+    bounds: int
     reseed: int
     diversity_threshold: float
     search_length: float
@@ -73,6 +75,9 @@ class ChaoticPSOState(NamedTuple):
     best_cost: Array
     best_violation: Array
     nonfinite: Count
+    size: Count
+    evaluations: Count
+    improved: Count
     position: Array
     velocity: Array
     personal: Array
@@ -164,7 +169,7 @@ def place_worse_half(
 
 
 @kernel
-def number_ahead(order: Order, state: ChaoticPSOState, i: int) -> int:
+def number_ahead(order: RunningOrder, state: ChaoticPSOState, i: int) -> int:
     """How many particles have a better personal best than i, or an equal one first."""
     cost, violation = state.personal_cost, state.personal_violation
     ahead = 0
@@ -180,6 +185,8 @@ def number_ahead(order: Order, state: ChaoticPSOState, i: int) -> int:
 class ChaoticPSO:
     """Settings of the chaotic particle swarm; the defaults are those of the text.
 
+    But for `bounds`, where the text has clip; c1 = c2 = 1.496 is recommended besides.
+
     What the text leaves open is read as follows.
 
     - Velocities start uniform in [-velocity_max, velocity_max]: independent of each
@@ -192,7 +199,7 @@ class ChaoticPSO:
     - Placed particles then fly like all the others. Personal bests and velocities are
       kept, so that the swarm forgets nothing.
     - Step 7 ends "go to Step 4", which would initialise for ever; read as Step 5.
-    - Positions are clipped to the box; the velocity is kept.
+    - The text's particles stay in the box: by `clip`, which keeps their velocities.
     - iter_k / iter_max of (5.19) is the fraction of the evaluation budget used.
 
     Attributes:
@@ -210,6 +217,7 @@ class ChaoticPSO:
         diversity_threshold: eps, at least 0; the swarm reseeds when D < eps.
         search_length: L of (5.18), above 0, in the units of the variables; None means
             the largest width of the box.
+        bounds: What happens to a particle that would leave the box; see `bounds`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -227,6 +235,7 @@ class ChaoticPSO:
     reseed: Reseed = "logistic"
     diversity_threshold: float = 0.01
     search_length: float | None = 10.0
+    bounds: Bounds = "reflect"
 
     def __post_init__(self) -> None:
         """Check the values; keep a vector velocity_max as a tuple."""
@@ -252,13 +261,19 @@ class ChaoticPSO:
         ok = self.search_length is None or 0.0 < self.search_length < np.inf
         allowed = "None or finite and above 0"
         require("search_length", self.search_length, ok=ok, allowed=allowed)
+        require_bounds(self.bounds)
 
     @property
     def kernels(self) -> Kernels:
         """The two compiled functions."""
         return Kernels(propose=propose, accept=remember)
 
-    def kernel_settings(self, box: Box, order: Order) -> ChaoticPSOSettings:
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        """Number of individuals of every generation."""
+        del box, evaluations
+        return self.size
+
+    def kernel_settings(self, box: Box, order: RunningOrder) -> ChaoticPSOSettings:
         """The settings as numbers and arrays.
 
         Raises:
@@ -274,7 +289,7 @@ class ChaoticPSO:
             cognitive=float(self.cognitive),
             social=float(self.social),
             velocity_max=self._velocity_max(box),
-            absorb=False,
+            bounds=CODES[self.bounds],
             reseed=RESEED_CODES[self.reseed],
             diversity_threshold=float(self.diversity_threshold),
             search_length=float(box.width.max() if length is None else length),

@@ -21,7 +21,9 @@ from llvmlite import ir
 from numba.extending import intrinsic
 
 from swarmstart.heuristics.algorithm import Kernels, State
-from swarmstart.heuristics.kernel import Array, kernel
+from swarmstart.heuristics.archive import Archive, collect
+from swarmstart.heuristics.kernel import Array, Count, kernel
+from swarmstart.heuristics.stopping import GOES_ON, Limits, finished, progress_of
 
 CHUNK = 64
 """Generations between two looks at the clock."""
@@ -66,11 +68,13 @@ class Work(NamedTuple):
     """What the loop writes.
 
     Attributes:
-        asked: Population, shape (dim, size).
+        asked: Memory of the largest population, shape (dim, size); a generation of n
+            individuals is (dim, n) from its beginning on.
         cost: Its costs, shape (size,).
         violation: Its violations, shape (size,).
         best_cost: Best cost after each generation, shape (generations,).
         best_violation: Its violation, shape (generations,).
+        done: Generations run, and why no more: a code of `stopping`; int64, shape (2,).
     """
 
     asked: Array
@@ -78,16 +82,18 @@ class Work(NamedTuple):
     violation: Array
     best_cost: Array
     best_violation: Array
+    done: Count
 
 
 def new_work(dim: int, size: int, generations: int) -> Work:
-    """Return new arrays for a number of generations."""
+    """Return new arrays for a number of generations of at most `size` individuals."""
     return Work(
         np.empty((dim, size)),
         np.empty(size),
         np.empty(size),
         np.empty(generations),
         np.empty(generations),
+        np.zeros(2, dtype=np.int64),
     )
 
 
@@ -107,7 +113,7 @@ def loop_of(kernels: Kernels) -> Callable[..., None]:
         kernels: Its two kernels.
 
     Returns:
-        (rng, settings, state, work, pointers, last) -> None, as `_loop`.
+        (rng, settings, searched, work, pointers, limits) -> None, as `_loop`.
     """
     names = {**globals(), "propose": kernels.propose, "accept": kernels.accept}
     loop = FunctionType(_loop.__code__, names, f"loop_{_fingerprint()}")
@@ -129,26 +135,33 @@ def accept(
 
 def _loop(
     rng: np.random.Generator,
-    settings: object,
-    state: State,
+    settings: Any,
+    searched: tuple[State, Archive],
     work: Work,
     pointers: Pointers,
-    last: int,
+    limits: Limits,
 ) -> None:
-    """Run as many generations as `work` has room for.
-
-    `last` is the number of the last generation that the budget allows, iter_max of
-    (5.19).
-    """
+    """Run generations: as many as `work` has room for, and as the limits allow."""
+    state, archive = searched
+    memory, dim = work.asked.reshape(work.asked.size), state.best.size
+    work.done[0] = 0
     for k in range(work.best_cost.size):
-        state.progress[0] = state.generation[0] / last if last > 0 else 0.0
-        propose(rng, settings, state, work.asked)
-        call_kernel(
-            pointers.function, pointers.inputs, pointers.outputs, work.cost.size
-        )
-        accept(settings, state, work.asked, work.cost, work.violation)
+        n = state.size[0]
+        if n > work.cost.size or state.evaluations[0] + n > limits.evaluations:
+            break
+        state.progress[0] = progress_of(state.evaluations[0], n, limits.evaluations)
+        asked = memory[: dim * n].reshape((dim, n))
+        cost, violation = work.cost[:n], work.violation[:n]
+        propose(rng, settings, state, asked)
+        call_kernel(pointers.function, pointers.inputs, pointers.outputs, n)
+        accept(settings, state, asked, cost, violation)
+        collect(settings.order, archive, asked, cost, violation)
         work.best_cost[k] = state.best_cost[0]
         work.best_violation[k] = state.best_violation[0]
+        work.done[0] = k + 1
+        work.done[1] = finished(settings.order, state, limits)
+        if work.done[1] != GOES_ON:
+            break
 
 
 @cache

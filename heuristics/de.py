@@ -15,7 +15,7 @@ Optimization 11.
 """
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,17 +23,17 @@ from swarmstart.heuristics.algorithm import (
     Kernels,
     common_fields,
     require,
+    require_bounds,
     require_size,
     take_generation,
 )
-from swarmstart.heuristics.box import Box, clip
+from swarmstart.heuristics.bounds import CODES, Bounds, repair
+from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.kernel import Array, Count, kernel
-from swarmstart.heuristics.order import Order, better
+from swarmstart.heuristics.order import RunningOrder, better
 
 F_MAX = 2.0
 """Largest weight of the difference (Storn and Price 1997)."""
-
-Bounds = Literal["midpoint", "clip"]
 
 
 class DifferentialEvolutionSettings(NamedTuple):
@@ -41,10 +41,10 @@ class DifferentialEvolutionSettings(NamedTuple):
 
     lower: Array
     upper: Array
-    order: Order
+    order: RunningOrder
     F: float
     CR: float
-    midpoint: bool
+    bounds: int
 
 
 class DifferentialEvolutionState(NamedTuple):
@@ -62,6 +62,9 @@ class DifferentialEvolutionState(NamedTuple):
     best_cost: Array
     best_violation: Array
     nonfinite: Count
+    size: Count
+    evaluations: Count
+    improved: Count
     population: Array
     cost: Array
     violation: Array
@@ -86,7 +89,8 @@ def propose(
         for d in range(dim):
             if rng.random() < settings.CR or d == k:  # crossover
                 v = x[d, r1] + settings.F * (x[d, r2] - x[d, r3])  # mutation
-                asked[d, i] = repair(v, x[d, i], d, settings)
+                low, high = settings.lower[d], settings.upper[d]
+                asked[d, i] = repair(rng, settings.bounds, v, x[d, i], low, high)
 
 
 @kernel
@@ -110,21 +114,6 @@ def accept(
             state.cost[i] = cost[i]
             state.violation[i] = violation[i]
     take_generation(settings.order, state, asked, cost, violation)
-
-
-@kernel
-def repair(
-    value: float, parent: float, d: int, settings: DifferentialEvolutionSettings
-) -> float:
-    """Coordinate d of a mutant brought back into the box.
-
-    A coordinate out of its bounds goes half the way from its parent to the bound it
-    crossed ("midpoint"), or onto that bound ("clip").
-    """
-    inside = clip(value, settings.lower[d], settings.upper[d])
-    if settings.midpoint and inside != value:
-        return parent + 0.5 * (inside - parent)
-    return inside
 
 
 @kernel
@@ -158,8 +147,7 @@ class DifferentialEvolution:
         size: Number of individuals NP, at least 4.
         F: Weight of the difference, in (0, 2].
         CR: Probability that a coordinate comes from the mutant, in [0, 1].
-        bounds: What happens to a coordinate that leaves the box. "midpoint": half the
-            way from the parent to the bound; "clip": onto the bound.
+        bounds: What happens to a coordinate that leaves the box; see `bounds`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -175,15 +163,21 @@ class DifferentialEvolution:
         require_size(self.size, at_least=4)
         require("F", self.F, ok=0.0 < self.F <= F_MAX, allowed=f"in (0, {F_MAX}]")
         require("CR", self.CR, ok=0.0 <= self.CR <= 1.0, allowed="in [0, 1]")
-        ok = self.bounds in ("midpoint", "clip")
-        require("bounds", self.bounds, ok=ok, allowed="'midpoint' or 'clip'")
+        require_bounds(self.bounds)
 
     @property
     def kernels(self) -> Kernels:
         """The two compiled functions."""
         return Kernels(propose=propose, accept=accept)
 
-    def kernel_settings(self, box: Box, order: Order) -> DifferentialEvolutionSettings:
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        """Number of individuals of every generation."""
+        del box, evaluations
+        return self.size
+
+    def kernel_settings(
+        self, box: Box, order: RunningOrder
+    ) -> DifferentialEvolutionSettings:
         """The settings as numbers and arrays."""
         return DifferentialEvolutionSettings(
             lower=box.lower,
@@ -191,7 +185,7 @@ class DifferentialEvolution:
             order=order,
             F=float(self.F),
             CR=float(self.CR),
-            midpoint=self.bounds == "midpoint",
+            bounds=CODES[self.bounds],
         )
 
     def start(

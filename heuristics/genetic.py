@@ -27,7 +27,7 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.box import Box, between
 from swarmstart.heuristics.kernel import Array, Count, kernel
-from swarmstart.heuristics.order import Order, better, merits
+from swarmstart.heuristics.order import RunningOrder, better, merits
 
 
 class GeneticAlgorithmSettings(NamedTuple):
@@ -35,7 +35,7 @@ class GeneticAlgorithmSettings(NamedTuple):
 
     lower: Array
     upper: Array
-    order: Order
+    order: RunningOrder
     crossover: float
     mutation: float
     elitism: bool
@@ -56,6 +56,9 @@ class GeneticAlgorithmState(NamedTuple):
     best_cost: Array
     best_violation: Array
     nonfinite: Count
+    size: Count
+    evaluations: Count
+    improved: Count
     population: Array
     cost: Array
     violation: Array
@@ -138,7 +141,7 @@ def accept(
 
 
 @kernel
-def best_index(order: Order, cost: Array, violation: Array) -> int:
+def best_index(order: RunningOrder, cost: Array, violation: Array) -> int:
     """Index of the first of the best individuals."""
     best = 0
     for i in range(1, cost.size):
@@ -148,7 +151,7 @@ def best_index(order: Order, cost: Array, violation: Array) -> int:
 
 
 @kernel
-def worst_index(order: Order, cost: Array, violation: Array) -> int:
+def worst_index(order: RunningOrder, cost: Array, violation: Array) -> int:
     """Index of the first of the worst individuals."""
     worst = 0
     for i in range(1, cost.size):
@@ -159,7 +162,7 @@ def worst_index(order: Order, cost: Array, violation: Array) -> int:
 
 @kernel
 def roulette_weights(
-    order: Order, cost: Array, violation: Array, weight: Array
+    order: RunningOrder, cost: Array, violation: Array, weight: Array
 ) -> None:
     """Weights J_max - J_i, scaled to at most 1; 0 for what is not finite.
 
@@ -253,7 +256,14 @@ class GeneticAlgorithm:
         """The two compiled functions."""
         return Kernels(propose=propose, accept=accept)
 
-    def kernel_settings(self, box: Box, order: Order) -> GeneticAlgorithmSettings:
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        """Number of individuals of every generation."""
+        del box, evaluations
+        return self.size
+
+    def kernel_settings(
+        self, box: Box, order: RunningOrder
+    ) -> GeneticAlgorithmSettings:
         """The settings as numbers and arrays."""
         return GeneticAlgorithmSettings(
             lower=box.lower,

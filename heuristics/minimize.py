@@ -10,12 +10,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.algorithm import Algorithm, State
+from swarmstart.heuristics.algorithm import Algorithm
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.compiled_loop import CHUNK, CompiledObjective, can_loop
+from swarmstart.heuristics.initial import Initial
 from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.order import Order
-from swarmstart.heuristics.search import InvalidEvaluationError, Search
+from swarmstart.heuristics.search import (
+    Individual,
+    InvalidEvaluationError,
+    Search,
+    Snapshot,
+)
+from swarmstart.heuristics.stopping import (
+    AT_TARGET,
+    GOES_ON,
+    STAGNANT,
+    UNLIMITED,
+    Limits,
+    progress_of,
+)
 
 Objective = Callable[[Array], tuple[ArrayLike, ArrayLike]]
 """Population, shape (dim, size), read-only -> cost and violation, each (size,)."""
@@ -47,12 +61,20 @@ class Budget:
             first always is); None means no limit. It includes the compilation of the
             kernels, a few seconds once per machine.
 
+        target: Cost at which the search stops, once a feasible point has it; None means
+            none.
+        stagnation: Generations without a better point after which it stops, at least 1;
+            None means never. A constant added to the cost changes nothing.
+
     Raises:
-        InvalidBudgetError: If both are None, or one is out of its range.
+        InvalidBudgetError: If there are neither evaluations nor seconds, or one is out
+            of its range.
     """
 
     evaluations: int | None = None
     seconds: float | None = None
+    target: float | None = None
+    stagnation: int | None = None
 
     def __post_init__(self) -> None:
         """Check the limits."""
@@ -68,6 +90,23 @@ class Budget:
         if self.seconds is not None and not 0.0 < self.seconds < np.inf:
             message = f"seconds must be finite and above 0, got {self.seconds}"
             raise InvalidBudgetError(message, self)
+        if self.target is not None and np.isnan(self.target):
+            raise InvalidBudgetError("target must be a number, got nan", self)
+        if self.stagnation is not None and not (
+            isinstance(self.stagnation, int) and self.stagnation >= 1
+        ):
+            message = (
+                f"stagnation must be an integer of at least 1, got {self.stagnation}"
+            )
+            raise InvalidBudgetError(message, self)
+
+    def limits(self) -> Limits:
+        """Return what both loops look at after a generation."""
+        return Limits(
+            evaluations=UNLIMITED if self.evaluations is None else self.evaluations,
+            target=-np.inf if self.target is None else float(self.target),
+            stagnation=self.stagnation or 0,
+        )
 
 
 class StopReason(enum.Enum):
@@ -75,7 +114,16 @@ class StopReason(enum.Enum):
 
     EVALUATIONS = "the budget of evaluations is used up"
     SECONDS = "the budget of wall time is used up"
+    TARGET = "a feasible point has reached the target"
+    STAGNATION = "no better point was found for too long"
     CALLBACK = "on_generation stopped the search"
+
+
+FINISHED = {
+    GOES_ON: None,
+    AT_TARGET: StopReason.TARGET,
+    STAGNANT: StopReason.STAGNATION,
+}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -120,8 +168,9 @@ class SearchResult:
             (generations of this call,). It may rise where the violation falls.
         history_violation: Violation of that point, same shape.
         nonfinite: Individuals whose cost or violation was not finite.
+        basins: The best distinct basins met, the best first; see `archive`.
         seconds: Wall time of this call in s.
-        state: Final state of the algorithm, a copy; `Search` continues from it.
+        snapshot: All that the search knows at its end; `Search` continues from it.
     """
 
     x: Array
@@ -133,8 +182,9 @@ class SearchResult:
     history_cost: Array
     history_violation: Array
     nonfinite: int
+    basins: tuple[Individual, ...]
     seconds: float
-    state: State
+    snapshot: Snapshot
 
 
 def minimize(  # noqa: PLR0913
@@ -145,7 +195,9 @@ def minimize(  # noqa: PLR0913
     budget: Budget,
     rng: np.random.Generator,
     order: Order | None = None,
-    initial: ArrayLike | None = None,
+    initial: Initial | ArrayLike | None = None,
+    basins: int = 0,
+    radius: float = 0.1,
     on_generation: Callable[[GenerationEvent], None] | None = None,
 ) -> SearchResult:
     """Search a box for the best point of an objective.
@@ -159,8 +211,9 @@ def minimize(  # noqa: PLR0913
         rng: Source of randomness. The same state of it gives the same bits, unless the
             budget has seconds only, or seconds end the search.
         order: How individuals are ordered; None means `feasibility_first()`.
-        initial: First columns of the initial population, shape (dim, k), in the box;
-            None means all are drawn uniformly.
+        initial: As in `Search`.
+        basins: How many of the best distinct basins are kept (`archive`).
+        radius: Least distance of two of them, a fraction of the box's widths.
         on_generation: Called after each generation; may raise StopIteration to stop.
 
     Returns:
@@ -172,7 +225,16 @@ def minimize(  # noqa: PLR0913
         InvalidPointsError: If initial points do not fit.
         InvalidSettingsError: If the settings do not fit the box.
     """
-    search = Search(algorithm, box, rng=rng, order=order, initial=initial)
+    search = Search(
+        algorithm,
+        box,
+        rng=rng,
+        order=order,
+        initial=initial,
+        evaluations=budget.evaluations,
+        basins=basins,
+        radius=radius,
+    )
     return run(search, objective, budget=budget, on_generation=on_generation)
 
 
@@ -204,14 +266,17 @@ def run(
     _require_one_generation(search, budget)
     compiled = on_generation is None and budget.evaluations and can_loop(objective)
     advance = _compiled_generations if compiled else _one_generation
+    limits = budget.limits()
     history: list[tuple[Array, Array]] = []
     stopped = None
     while stopped is None:
         seconds = time.perf_counter() - begin
         advanced = advance(search, objective, budget, seconds, on_generation)
         history.append((advanced.best_cost, advanced.best_violation))
-        stopped = advanced.stopped or _used_up(
-            search, budget, time.perf_counter() - begin
+        stopped = (
+            advanced.stopped
+            or FINISHED[search.finished(limits)]
+            or _used_up(search, budget, time.perf_counter() - begin)
         )
     costs, violations = (
         np.concatenate(column) for column in zip(*history, strict=True)
@@ -227,8 +292,9 @@ def run(
         history_cost=_locked(costs),
         history_violation=_locked(violations),
         nonfinite=search.nonfinite,
+        basins=search.basins,
         seconds=time.perf_counter() - begin,
-        state=search.state,
+        snapshot=search.snapshot(),
     )
 
 
@@ -276,34 +342,29 @@ def _compiled_generations(
     on_generation: Callable[[GenerationEvent], None] | None,
 ) -> _Advanced:
     """Advance by a chunk in compiled code."""
-    fits = (budget.evaluations or 0) // search.algorithm.size
     work = search.loop(
-        cast(CompiledObjective, objective),
-        generations=min(CHUNK, fits - search.generations),
-        last=fits - 1,
+        cast(CompiledObjective, objective), generations=CHUNK, limits=budget.limits()
     )
     if work is None:
         return _one_generation(search, objective, budget, seconds, on_generation)
-    return _Advanced(work.best_cost, work.best_violation)
+    done = int(work.done[0])
+    return _Advanced(work.best_cost[:done], work.best_violation[:done])
 
 
 def _progress(search: Search, budget: Budget, seconds: float) -> float:
     """Fraction of the budget used before a generation, in [0, 1].
 
-    With evaluations it is k / (G - 1) for generation k of the G that fit, which is
-    iter_k / iter_max of (5.19): 0 for the initial population, 1 for the last
-    generation. The clock counts only where there is no other limit: the same seed gives
-    the same bits.
+    The clock counts only where there is no other limit: the same seed gives the same
+    bits.
     """
     if budget.evaluations is not None:
-        last = budget.evaluations // search.algorithm.size - 1
-        return search.generations / last if last > 0 else 0.0
+        return progress_of(search.evaluations, search.size, budget.evaluations)
     return min(seconds / (budget.seconds or np.inf), 1.0)
 
 
 def _used_up(search: Search, budget: Budget, seconds: float) -> StopReason | None:
     """Which limit forbids another generation; None if none does."""
-    after_next = search.evaluations + search.algorithm.size
+    after_next = search.evaluations + search.size
     if budget.evaluations is not None and after_next > budget.evaluations:
         return StopReason.EVALUATIONS
     if budget.seconds is not None and seconds >= budget.seconds:
@@ -314,8 +375,8 @@ def _used_up(search: Search, budget: Budget, seconds: float) -> StopReason | Non
 def _require_one_generation(search: Search, budget: Budget) -> None:
     if _used_up(search, budget, seconds=0.0) is StopReason.EVALUATIONS:
         raise InvalidBudgetError(
-            f"evaluations must be at least {search.evaluations + search.algorithm.size}"
-            f" (one generation of {search.algorithm.size} after {search.evaluations} "
+            f"evaluations must be at least {search.evaluations + search.size}"
+            f" (one generation of {search.size} after {search.evaluations} "
             f"evaluations so far), got {budget.evaluations}",
             budget,
         )

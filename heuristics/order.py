@@ -10,14 +10,22 @@ Feasibility first (Deb 2000), with feasible meaning violation <= tolerance:
                           or a feasible and b not,
                           or both infeasible and violation_a < violation_b
 
+Epsilon level (Takahama and Sakai 2006): feasibility first, with a tolerance that
+shrinks to the final one during the search. With v_0 the violation of a quantile of the
+initial population and p the fraction of the budget used,
+
+    epsilon = max(tolerance, v_0 (1 - p / p_c)^c)   for p < p_c,  tolerance after
+
 An individual whose cost or violation is not finite ranks last under every order.
 
-An `Order` is plain numbers, so that compiled code takes it. A new rule is one more
-constant, one function that builds it, and one branch in `better` and in `merits`. An
-epsilon level is `feasibility_first` with a tolerance that shrinks during the search.
+An `Order` is plain numbers; a search runs it with the level it has reached. A new rule
+is one more constant, one function that builds it, and one branch in `better` and in
+`merits`.
 
 Source: Deb (2000), An efficient constraint handling method for genetic algorithms,
-Computer Methods in Applied Mechanics and Engineering 186.
+Computer Methods in Applied Mechanics and Engineering 186; Takahama and Sakai (2006),
+Constrained optimization by the epsilon constrained differential evolution with
+gradient-based mutation and feasible elites, IEEE Congress on Evolutionary Computation.
 """
 
 import math
@@ -30,35 +38,67 @@ from swarmstart.heuristics.kernel import Array, kernel
 
 STATIC_PENALTY = 0
 FEASIBILITY_FIRST = 1
+EPSILON_LEVEL = 2
 
 
 class InvalidOrderError(SwarmstartError, ValueError):
-    """A parameter of an order is not a finite number of at least 0.
+    """A parameter of an order is out of its range.
 
     Attributes:
         name: The parameter.
         value: What was given.
     """
 
-    def __init__(self, name: str, value: float) -> None:
+    def __init__(
+        self, name: str, value: float, allowed: str = "finite and at least 0"
+    ) -> None:
         """Keep name and value beside the message."""
-        super().__init__(f"{name} must be finite and at least 0, got {value}")
+        super().__init__(f"{name} must be {allowed}, got {value}")
         self.name = name
         self.value = value
 
 
 class Order(NamedTuple):
-    """How individuals are ordered; built by `static_penalty`, `feasibility_first`.
+    """How individuals are ordered.
+
+    Built by `static_penalty`, `feasibility_first` or `epsilon_level`.
 
     Attributes:
-        rule: STATIC_PENALTY or FEASIBILITY_FIRST.
+        rule: STATIC_PENALTY, FEASIBILITY_FIRST or EPSILON_LEVEL.
         weight: Cost per unit of violation; static penalty only.
-        tolerance: Largest violation of a feasible individual; feasibility first only.
+        tolerance: Largest violation of a feasible individual.
+        quantile: Part of the initial population that is below the first level.
+        control: Fraction of the budget p_c after which the level is the tolerance.
+        power: The level's exponent c.
     """
 
     rule: int
     weight: float
     tolerance: float
+    quantile: float = 0.0
+    control: float = 1.0
+    power: float = 1.0
+
+    def running(self) -> "RunningOrder":
+        """Return the order with a level of its own, at the beginning of a search."""
+        return RunningOrder(*self, level=np.array([self.tolerance, 0.0]))
+
+
+class RunningOrder(NamedTuple):
+    """An order as kernels take it: the fields of `Order`, and the level reached.
+
+    Attributes:
+        level: The largest violation that counts as feasible now, and the one that the
+            search began with, shape (2,).
+    """
+
+    rule: int
+    weight: float
+    tolerance: float
+    quantile: float
+    control: float
+    power: float
+    level: Array
 
 
 def static_penalty(weight: float) -> Order:
@@ -95,9 +135,72 @@ def feasibility_first(tolerance: float = 0.0) -> Order:
     return Order(rule=FEASIBILITY_FIRST, weight=0.0, tolerance=float(tolerance))
 
 
+def epsilon_level(
+    tolerance: float = 0.0,
+    *,
+    quantile: float = 0.2,
+    control: float = 0.8,
+    power: float = 5.0,
+) -> Order:
+    """Order feasibility first, with a tolerance that shrinks during the search.
+
+    Args:
+        tolerance: Largest violation that counts as feasible in the end, at least 0.
+        quantile: Part of the initial population that is below the first level, in
+            [0, 1].
+        control: Fraction of the budget after which the level is the tolerance, in
+            (0, 1].
+        power: How fast the level falls, at least 0.
+
+    Returns:
+        The order.
+
+    Raises:
+        InvalidOrderError: If a number is out of its range.
+
+    Source: Takahama and Sakai (2006).
+    """
+    for name, value in (("tolerance", tolerance), ("power", power)):
+        _require_nonnegative(name, value)
+    if not 0.0 <= quantile <= 1.0:
+        raise InvalidOrderError("quantile", quantile, "in [0, 1]")
+    if not 0.0 < control <= 1.0:
+        raise InvalidOrderError("control", control, "in (0, 1]")
+    return Order(
+        rule=EPSILON_LEVEL,
+        weight=0.0,
+        tolerance=float(tolerance),
+        quantile=float(quantile),
+        control=float(control),
+        power=float(power),
+    )
+
+
+@kernel
+def begin_level(order: RunningOrder, violation: Array) -> None:
+    """Take the first level from the violations of the initial population, (size,)."""
+    known = np.sort(violation[np.isfinite(violation)])
+    if known.size:
+        order.level[1] = known[int(order.quantile * (known.size - 1))]
+
+
+@kernel
+def set_level(order: RunningOrder, progress: float) -> None:
+    """Move the level to where it is at a fraction of the budget.
+
+    Args:
+        order: The order, whose level is changed in place; nothing for the other rules.
+        progress: Fraction of the budget used.
+    """
+    if order.rule == EPSILON_LEVEL:
+        left = 1.0 - progress / order.control
+        level = order.level[1] * left**order.power if left > 0.0 else 0.0
+        order.level[0] = max(order.tolerance, level)
+
+
 @kernel
 def better(
-    order: Order,
+    order: RunningOrder,
     cost_a: float,
     violation_a: float,
     cost_b: float,
@@ -115,6 +218,19 @@ def better(
     Returns:
         True if a is strictly better; False on a tie.
     """
+    return better_at(order, order.level[0], cost_a, violation_a, cost_b, violation_b)
+
+
+@kernel
+def better_at(
+    order: RunningOrder,
+    level: float,
+    cost_a: float,
+    violation_a: float,
+    cost_b: float,
+    violation_b: float,
+) -> bool:
+    """Whether a is strictly better than b, up to `level` counting as feasible."""
     if not is_finite(cost_a, violation_a):
         return False
     if not is_finite(cost_b, violation_b):
@@ -122,8 +238,8 @@ def better(
     if order.rule == STATIC_PENALTY:
         penalised_a = cost_a + order.weight * violation_a
         return penalised_a < cost_b + order.weight * violation_b
-    feasible_a = violation_a <= order.tolerance
-    feasible_b = violation_b <= order.tolerance
+    feasible_a = violation_a <= level
+    feasible_b = violation_b <= level
     if feasible_a and feasible_b:
         return cost_a < cost_b
     if feasible_a or feasible_b:
@@ -132,7 +248,7 @@ def better(
 
 
 @kernel
-def merits(order: Order, cost: Array, violation: Array, out: Array) -> None:
+def merits(order: RunningOrder, cost: Array, violation: Array, out: Array) -> None:
     """One number for each individual of a population; the smaller, the better.
 
     Static penalty: cost + weight * violation. Feasibility first: the cost of a feasible
@@ -154,18 +270,18 @@ def merits(order: Order, cost: Array, violation: Array, out: Array) -> None:
             out[i] = np.inf
         elif order.rule == STATIC_PENALTY:
             out[i] = cost[i] + order.weight * violation[i]
-        elif violation[i] <= order.tolerance:
+        elif violation[i] <= order.level[0]:
             out[i] = cost[i]
         else:
             out[i] = worst + violation[i]
 
 
 @kernel
-def worst_feasible_cost(order: Order, cost: Array, violation: Array) -> float:
-    """The largest finite cost with violation <= tolerance; 0 if there is none."""
+def worst_feasible_cost(order: RunningOrder, cost: Array, violation: Array) -> float:
+    """The largest finite cost that counts as feasible; 0 if there is none."""
     worst = -np.inf
     for i in range(cost.size):
-        if is_finite(cost[i], violation[i]) and violation[i] <= order.tolerance:
+        if is_finite(cost[i], violation[i]) and violation[i] <= order.level[0]:
             worst = max(worst, cost[i])
     return worst if worst > -np.inf else 0.0
 

@@ -2,12 +2,11 @@
 
 Equation (2.11) (see `swarm`) with w = 0.7298 and c1 = c2 = 1.496, the constriction of
 Clerc and Kennedy (2002), IEEE Transactions on Evolutionary Computation 6(1). Particles
-start with half the way to another random point as velocity, and stop at the bounds
-(Clerc, Standard PSO 2007).
+start with half the way to another random point as velocity (Clerc, Standard PSO 2007).
 """
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,15 +14,15 @@ from swarmstart.heuristics.algorithm import (
     Kernels,
     common_fields,
     require,
+    require_bounds,
     require_size,
 )
+from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.kernel import Array, Count, kernel
-from swarmstart.heuristics.order import Order
+from swarmstart.heuristics.order import RunningOrder
 from swarmstart.heuristics.sampling import sample_uniform
 from swarmstart.heuristics.swarm import fly, remember, require_accelerations
-
-Bounds = Literal["absorb", "clip"]
 
 
 class ParticleSwarmSettings(NamedTuple):
@@ -31,12 +30,12 @@ class ParticleSwarmSettings(NamedTuple):
 
     lower: Array
     upper: Array
-    order: Order
+    order: RunningOrder
     inertia: float
     cognitive: float
     social: float
     velocity_max: Array
-    absorb: bool
+    bounds: int
 
 
 class ParticleSwarmState(NamedTuple):
@@ -48,6 +47,9 @@ class ParticleSwarmState(NamedTuple):
     best_cost: Array
     best_violation: Array
     nonfinite: Count
+    size: Count
+    evaluations: Count
+    improved: Count
     position: Array
     velocity: Array
     personal: Array
@@ -79,8 +81,7 @@ class ParticleSwarm:
         social: Acceleration c2 towards the swarm's best, at least 0.
         velocity_max: Largest speed in each coordinate, as a fraction of the width of
             the box; None means no limit.
-        bounds: A particle that would leave the box stops on the boundary. "absorb":
-            that component of its velocity becomes zero; "clip": it is kept.
+        bounds: What happens to a particle that would leave the box; see `bounds`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -91,7 +92,7 @@ class ParticleSwarm:
     cognitive: float = 1.496
     social: float = 1.496
     velocity_max: float | None = None
-    bounds: Bounds = "absorb"
+    bounds: Bounds = "reflect"
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -102,15 +103,19 @@ class ParticleSwarm:
         ok = self.velocity_max is None or 0.0 < self.velocity_max < np.inf
         allowed = "None or finite and above 0"
         require("velocity_max", self.velocity_max, ok=ok, allowed=allowed)
-        ok = self.bounds in get_args(Bounds)
-        require("bounds", self.bounds, ok=ok, allowed="'absorb' or 'clip'")
+        require_bounds(self.bounds)
 
     @property
     def kernels(self) -> Kernels:
         """The two compiled functions."""
         return Kernels(propose=propose, accept=remember)
 
-    def kernel_settings(self, box: Box, order: Order) -> ParticleSwarmSettings:
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        """Number of individuals of every generation."""
+        del box, evaluations
+        return self.size
+
+    def kernel_settings(self, box: Box, order: RunningOrder) -> ParticleSwarmSettings:
         """The settings as numbers and arrays."""
         fraction = np.inf if self.velocity_max is None else self.velocity_max
         return ParticleSwarmSettings(
@@ -121,7 +126,7 @@ class ParticleSwarm:
             cognitive=float(self.cognitive),
             social=float(self.social),
             velocity_max=fraction * box.width,
-            absorb=self.bounds == "absorb",
+            bounds=CODES[self.bounds],
         )
 
     def start(

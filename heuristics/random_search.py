@@ -16,7 +16,7 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.box import Box, between
 from swarmstart.heuristics.kernel import Array, Count, kernel
-from swarmstart.heuristics.order import Order
+from swarmstart.heuristics.order import RunningOrder
 
 
 class RandomSearchSettings(NamedTuple):
@@ -24,7 +24,7 @@ class RandomSearchSettings(NamedTuple):
 
     lower: Array
     upper: Array
-    order: Order
+    order: RunningOrder
 
 
 class RandomSearchState(NamedTuple):
@@ -40,6 +40,9 @@ class RandomSearchState(NamedTuple):
     best_cost: Array
     best_violation: Array
     nonfinite: Count
+    size: Count
+    evaluations: Count
+    improved: Count
     population: Array
 
 
@@ -94,7 +97,12 @@ class RandomSearch:
         """The two compiled functions."""
         return Kernels(propose=propose, accept=accept)
 
-    def kernel_settings(self, box: Box, order: Order) -> RandomSearchSettings:
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        """Number of individuals of every generation."""
+        del box, evaluations
+        return self.size
+
+    def kernel_settings(self, box: Box, order: RunningOrder) -> RandomSearchSettings:
         """The settings as numbers and arrays."""
         return RandomSearchSettings(lower=box.lower, upper=box.upper, order=order)
 

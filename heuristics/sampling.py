@@ -1,5 +1,10 @@
 """Initial populations.
 
+uniform          independent in every variable
+latin_hypercube  of n points, one in each n-th of every variable (McKay et al. 1979)
+smooth           correlated in time
+half_smooth      the first half smooth, the rest uniform
+
 Smooth in time: where the variables are a sequence, step after step, independent draws
 make sequences that jitter; a sequence that turns one way all the time, say, hardly
 occurs among them. Smooth draws have the same distribution in each variable (uniform),
@@ -11,6 +16,7 @@ with n_k standard normal and Phi its distribution: correlated over the whole seq
 """
 
 import math
+from typing import Literal
 
 import numpy as np
 
@@ -31,6 +37,50 @@ def sample_uniform(box: Box, size: int, *, rng: np.random.Generator) -> Array:
     """
     points = box.lower[:, None] + box.width[:, None] * rng.random((box.dim, size))
     return np.minimum(points, box.upper[:, None])  # rounding may step over
+
+
+Sampling = Literal["uniform", "latin_hypercube", "smooth", "half_smooth"]
+
+
+def sample(
+    box: Box, size: int, *, sampling: Sampling, rng: np.random.Generator
+) -> Array:
+    """Draw an initial population.
+
+    Args:
+        box: The box; smooth ones ask for `per_step`.
+        size: Number of points.
+        sampling: See the head of this module.
+        rng: Source of randomness.
+
+    Returns:
+        The points as columns, shape (dim, size), a new array.
+    """
+    if sampling == "uniform":
+        return sample_uniform(box, size, rng=rng)
+    if sampling == "latin_hypercube":
+        fractions = latin_hypercube((box.dim, size), rng=rng)
+    else:
+        smooth = size if sampling == "smooth" else size // 2
+        shape = (box.dim, smooth)
+        fractions = smooth_fractions(shape, per_step=box.per_step or box.dim, rng=rng)
+    points = box.lower[:, None] + box.width[:, None] * fractions
+    points = np.minimum(points, box.upper[:, None])  # rounding may step over
+    rest = sample_uniform(box, size - points.shape[1], rng=rng)
+    return np.concatenate([points, rest], axis=1)
+
+
+def latin_hypercube(shape: tuple[int, int], *, rng: np.random.Generator) -> Array:
+    """Draw points of a Latin hypercube in (0, 1).
+
+    Args:
+        shape: (dim, size), the shape of the result.
+        rng: Source of randomness.
+    """
+    dim, size = shape
+    strata = np.tile(np.arange(size), (dim, 1))
+    points: Array = (rng.permuted(strata, axis=1) + rng.random(shape)) / size
+    return points
 
 
 def smooth_fractions(

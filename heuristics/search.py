@@ -5,24 +5,35 @@ was found is `search.best`.
 """
 
 import copy
-from typing import NamedTuple
+import json
+from collections.abc import Mapping
+from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.algorithm import Algorithm, InvalidSettingsError, State
-from swarmstart.heuristics.box import Box, InvalidPointsError
+from swarmstart.heuristics.archive import collect, new_archive
+from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.compiled_loop import (
     CompiledObjective,
     Work,
     loop_of,
     new_work,
 )
+from swarmstart.heuristics.initial import Initial, Values, initial_population
 from swarmstart.heuristics.interrupts import put_off
 from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.order import Order, feasibility_first
-from swarmstart.heuristics.sampling import sample_uniform
+from swarmstart.heuristics.stopping import GOES_ON, Limits, finished
+
+ROOM = 4
+"""An archive keeps this many times the basins asked for: members that a better point
+takes in leave room that nobody could fill later."""
+
+Snapshot = Mapping[str, NDArray[np.generic]]
+"""All that a search knows, as arrays: np.savez(file, **snapshot) keeps it."""
 
 
 class AskTellError(SwarmstartError, RuntimeError):
@@ -40,6 +51,10 @@ class InvalidEvaluationError(SwarmstartError, ValueError):
         """Keep the name beside the message."""
         super().__init__(message)
         self.name = name
+
+
+class InvalidSnapshotError(SwarmstartError, ValueError):
+    """A snapshot is not of a search with the same arguments."""
 
 
 class Individual(NamedTuple):
@@ -61,58 +76,82 @@ class Search:
 
     Attributes:
         algorithm: Settings of the algorithm.
-        box: The box that all points lie in.
+        box: The box that is searched.
         order: How individuals are ordered.
         rng: Source of randomness; the search advances it.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what a search can be told, by name
         self,
         algorithm: Algorithm,
         box: Box,
         *,
         rng: np.random.Generator,
         order: Order | None = None,
-        initial: ArrayLike | None = None,
-        state: State | None = None,
+        initial: Initial | ArrayLike | None = None,
+        evaluations: int | None = None,
+        basins: int = 0,
+        radius: float = 0.1,
+        snapshot: Snapshot | None = None,
     ) -> None:
-        """Draw the initial population, or continue from a state.
+        """Draw the initial population, or continue from a snapshot.
 
         Args:
             algorithm: Settings of the algorithm.
             box: The box to search.
             rng: Source of randomness, kept and advanced.
             order: How individuals are ordered; None means `feasibility_first()`.
-            initial: Points that become the first columns of the initial population,
-                shape (dim, k), k at most algorithm.size, in the box; copied. The others
-                are drawn uniformly in the box. None means all are.
-            state: State of a search with the same arguments, to continue from; copied.
-                With `rng` in the state it had then, it continues bit for bit. Excludes
-                `initial`.
+            initial: How the initial population is made, or points that become its first
+                columns, shape (dim, k), in the box; copied. None means `Initial()`.
+            evaluations: The budget, for algorithms whose population depends on it; None
+                where it is not known.
+            basins: How many of the best distinct basins are kept (`archive`).
+            radius: Least distance of two of them, a fraction of the box's widths.
+            snapshot: Of a search with the same arguments, to continue from, bit for
+                bit: the state of `rng` is set too. Excludes `initial`.
 
         Raises:
             InvalidPointsError: If initial points do not fit.
-            InvalidSettingsError: If the settings do not fit the box, rng is no
-                Generator, or both `initial` and `state` are given.
+            InvalidSettingsError: If the settings do not fit the box, or rng is no
+                Generator, or both `initial` and `snapshot` are given.
+            InvalidSnapshotError: If the snapshot is of another search.
         """
         if not isinstance(rng, np.random.Generator):
             raise InvalidSettingsError("rng", rng, "a numpy.random.Generator")
-        if initial is not None and state is not None:
-            allowed = "None where state is given"
+        if initial is not None and snapshot is not None:
+            allowed = "None where snapshot is given"
             raise InvalidSettingsError("initial", initial, allowed)
+        if basins < 0 or not radius > 0.0:
+            value = (basins, radius)
+            raise InvalidSettingsError("basins, radius", value, "at least 0, above 0")
         self.algorithm = algorithm
         self.box = box
         self.order = feasibility_first() if order is None else order
         self.rng = rng
-        self._settings = algorithm.kernel_settings(box, self.order)
-        if state is None:
-            population = _initial_population(algorithm, box, initial, rng=rng)
-            with put_off():
-                self._state = algorithm.start(box, population, rng=rng)
-        else:
-            self._state = copy.deepcopy(state)
-        self._asked = np.empty((box.dim, algorithm.size))
-        self._waiting = False
+        self._order = self.order.running()
+        self._settings = algorithm.kernel_settings(box, self._order)
+        self._basins = basins
+        self._archive = new_archive(box, room=ROOM * basins, radius=radius)
+        self._known: Values | None = None
+        self._asked: Array | None = None
+        size = algorithm.first_size(box, evaluations)
+        if snapshot is not None:
+            blank = np.zeros((box.dim, size))
+            template = algorithm.start(box, blank, rng=copy.deepcopy(rng))
+            self._state = self._restored(snapshot, template)
+            return
+        given = initial if isinstance(initial, Initial) else Initial(points=initial)
+        population, self._known = initial_population(box, size, given, rng=rng)
+        with put_off():
+            self._state = algorithm.start(box, population, rng=rng)
+        if self._known is not None and self._known[0].size == size:
+            self.ask()
+            self.tell([], [])
+
+    @property
+    def state(self) -> State:
+        """A copy of the algorithm's state, a NamedTuple of plain arrays."""
+        return copy.deepcopy(self._state)
 
     @property
     def best(self) -> Individual:
@@ -125,6 +164,29 @@ class Search:
         )
 
     @property
+    def basins(self) -> tuple[Individual, ...]:
+        """The best distinct basins met so far, the best first; see `archive`."""
+        kept = self._archive
+        return tuple(
+            Individual(
+                x=kept.points[:, k].copy(),
+                cost=float(kept.cost[k]),
+                violation=float(kept.violation[k]),
+            )
+            for k in range(min(int(kept.members[0]), self._basins))
+        )
+
+    @property
+    def size(self) -> int:
+        """Number of individuals of the next generation that are to be evaluated."""
+        return int(self._state.size[0]) - self._known_count
+
+    @property
+    def _known_count(self) -> int:
+        """Number of individuals of the next generation whose costs are known."""
+        return 0 if self._known is None else self._known[0].size
+
+    @property
     def generations(self) -> int:
         """Number of generations told."""
         return int(self._state.generation[0])
@@ -132,43 +194,46 @@ class Search:
     @property
     def evaluations(self) -> int:
         """Number of individuals told."""
-        return self.generations * self.algorithm.size
+        return int(self._state.evaluations[0])
 
     @property
     def nonfinite(self) -> int:
         """Number of individuals told whose cost or violation was not finite."""
         return int(self._state.nonfinite[0])
 
-    @property
-    def state(self) -> State:
-        """A copy of the state, a NamedTuple of plain arrays, to save and continue."""
-        return copy.deepcopy(self._state)
+    def finished(self, limits: Limits) -> int:
+        """Return why the search ends here, a code of `stopping`."""
+        if not self.generations:
+            return GOES_ON
+        return finished(self._order, self._state, limits)
 
     def ask(self, *, progress: float | None = None) -> Array:
         """The next generation to evaluate.
 
         Args:
-            progress: Fraction of the budget used, in [0, 1]; falling inertia depends on
-                it. None leaves it as it was; it starts at 0.
+            progress: Fraction of the budget used, in [0, 1]; falling inertia and
+                shrinking populations depend on it. None leaves it as it was; it starts
+                at 0.
 
         Returns:
-            The points as columns, shape (dim, size): a new array, read-only.
+            The points as columns, shape (dim, size): a new array, read-only. Of the
+            initial population those whose costs are not known.
 
         Raises:
             AskTellError: If the generation asked before was not told yet.
             InvalidSettingsError: If progress is not in [0, 1].
         """
-        if self._waiting:
+        if self._asked is not None:
             raise AskTellError("ask() before tell(): a generation is not evaluated yet")
         if progress is not None:
             if not 0.0 <= progress <= 1.0:
                 raise InvalidSettingsError("progress", progress, "in [0, 1]")
             self._state.progress[0] = progress
         propose = self.algorithm.kernels.propose
+        self._asked = np.empty((self.box.dim, int(self._state.size[0])))
         with put_off():
             propose(self.rng, self._settings, self._state, self._asked)
-        self._waiting = True
-        points = self._asked.copy()
+        points = self._asked[:, self._known_count :].copy()
         points.setflags(write=False)
         return points
 
@@ -183,10 +248,15 @@ class Search:
             AskTellError: If no generation was asked.
             InvalidEvaluationError: If a shape is wrong or a violation is negative.
         """
-        if not self._waiting:
+        if self._asked is None:
             raise AskTellError("tell() before ask(): there is nothing to evaluate")
-        cost = _evaluations("cost", cost, self.algorithm.size)
-        violation = _evaluations("violation", violation, self.algorithm.size)
+        known = self._known_count
+        size = self._asked.shape[1] - known
+        cost = _evaluations("cost", cost, size)
+        violation = _evaluations("violation", violation, size)
+        if self._known is not None:
+            cost = np.concatenate([self._known[0], cost])
+            violation = np.concatenate([self._known[1], violation])
         if np.any(violation < 0.0):
             raise InvalidEvaluationError(
                 f"violation must be at least 0, got {np.nanmin(violation)}",
@@ -195,71 +265,112 @@ class Search:
         accept = self.algorithm.kernels.accept
         with put_off():
             accept(self._settings, self._state, self._asked, cost, violation)
-        self._waiting = False
+            collect(self._order, self._archive, self._asked, cost, violation)
+        self._state.evaluations[0] -= known
+        self._asked = self._known = None
 
     def loop(
-        self, objective: CompiledObjective, *, generations: int, last: int
+        self, objective: CompiledObjective, *, generations: int, limits: Limits
     ) -> Work | None:
         """Ask, evaluate and tell several generations in compiled code.
 
         Args:
             objective: A compiled objective.
-            generations: How many.
-            last: Number of the last generation that the budget allows; progress is the
-                generation's number divided by it.
+            generations: How many at most.
+            limits: What ends the search.
 
         Returns:
-            The best after each generation, and the last generation; None, and nothing
-            is done, where the objective cannot be called from compiled code.
+            What the loop wrote; None, and nothing is done, where the objective cannot
+            be called from compiled code, or costs of the initial population are known.
 
         Raises:
             AskTellError: If the generation asked before was not told yet.
         """
-        if self._waiting:
+        if self._asked is not None:
             raise AskTellError(
                 "loop() before tell(): a generation is not evaluated yet"
             )
-        work = new_work(self.box.dim, self.algorithm.size, generations)
+        if self._known is not None:
+            return None
+        work = new_work(self.box.dim, self.size, generations)
         pointers = objective.attach(work.asked, work.cost, work.violation)
         if pointers is None:
             return None
         loop = loop_of(self.algorithm.kernels)
+        searched = (self._state, self._archive)
         with put_off():
-            loop(self.rng, self._settings, self._state, work, pointers, last)
+            loop(self.rng, self._settings, searched, work, pointers, limits)
         return work
 
+    def snapshot(self) -> dict[str, NDArray[np.generic]]:
+        """Return copies of all that the search knows, to save and continue from.
 
-def _initial_population(
-    algorithm: Algorithm,
-    box: Box,
-    initial: ArrayLike | None,
-    *,
-    rng: np.random.Generator,
-) -> Array:
-    """Initial points first, the others uniform in the box, shape (dim, size)."""
-    population = sample_uniform(box, algorithm.size, rng=rng)
-    if initial is None:
-        return population
-    points = np.asarray(initial, dtype=np.float64)
-    if points.ndim != 2 or points.shape[0] != box.dim:  # noqa: PLR2004
-        raise InvalidPointsError(
-            f"initial must have shape ({box.dim}, k), got {points.shape}",
-            shape=points.shape,
-        )
-    given = points.shape[1]
-    if given > algorithm.size:
-        raise InvalidPointsError(
-            f"initial has {given} points, the population only {algorithm.size}",
-            shape=points.shape,
-        )
-    outside = np.flatnonzero(~box.contains(points))
-    if outside.size:
-        raise InvalidPointsError(
-            f"initial must lie in the box, columns {outside.tolist()} do not",
-            shape=points.shape,
-        )
-    population[:, :given] = points
-    return population
+        Raises:
+            AskTellError: If a generation was asked and not told yet, or costs of the
+                initial population are known and it was not asked yet.
+        """
+        if self._asked is not None or self._known is not None:
+            raise AskTellError("snapshot() before tell(): a generation is under way")
+        rng = json.dumps(self.rng.bit_generator.state, default=np.ndarray.tolist)
+        return {
+            **{f"arguments.{n}": np.array(a) for n, a in self._arguments().items()},
+            **{f"state.{name}": a.copy() for name, a in _fields(self._state).items()},
+            **{f"basins.{n}": a.copy() for n, a in _fields(self._archive).items()},
+            "order.level": self._order.level.copy(),
+            "rng": np.array(rng),
+        }
+
+    def _restored(self, snapshot: Snapshot, template: State) -> State:
+        """Take over what a snapshot holds; return the state."""
+        try:
+            for name, own in self._arguments().items():
+                kept = str(snapshot[f"arguments.{name}"])
+                if kept != own:
+                    raise ValueError(f"{name} is {own}, that of the snapshot {kept}")
+            state = _filled(template, "state", snapshot)
+            self._archive = _filled(self._archive, "basins", snapshot)
+            self._order.level[:] = snapshot["order.level"]
+            self.rng.bit_generator.state = json.loads(str(snapshot["rng"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidSnapshotError(
+                f"snapshot must be of a search with the same arguments: {error}"
+            ) from error
+        return state
+
+    def _arguments(self) -> dict[str, str]:
+        """Return what a search has in common with its snapshots, as text."""
+        return {
+            "algorithm": repr(self.algorithm),
+            "box": repr((self.box.lower.tolist(), self.box.upper.tolist())),
+            "order": repr(self.order),
+            "basins": repr(self._basins),
+            "radius": repr(float(self._archive.radius[0])),
+        }
+
+
+def _fields(record: object) -> dict[str, Array]:
+    """Return the arrays of a NamedTuple by name."""
+    arrays: dict[str, Array] = record._asdict()  # type: ignore[attr-defined]
+    return arrays
+
+
+Record = TypeVar("Record")
+
+
+def _filled(template: Record, prefix: str, snapshot: Snapshot) -> Record:
+    """Return a record of the template's kind with the snapshot's arrays.
+
+    Raises:
+        KeyError: If one is missing.
+        ValueError: If one is of another kind, or of another number of dimensions.
+    """
+    arrays = {}
+    for name, like in _fields(template).items():
+        array = np.array(snapshot[f"{prefix}.{name}"], order="C")
+        if array.dtype != like.dtype or array.ndim != like.ndim:
+            raise ValueError(f"{prefix}.{name} is {array.dtype}, {array.shape}")
+        arrays[name] = array
+    return type(template)(**arrays)
 
 
 def _evaluations(name: str, values: ArrayLike, size: int) -> Array:

@@ -16,9 +16,10 @@ from typing import Protocol
 import numpy as np
 
 from swarmstart.heuristics.algorithm import State, require, take_generation
+from swarmstart.heuristics.bounds import repair, turned
 from swarmstart.heuristics.box import clip
 from swarmstart.heuristics.kernel import Array, kernel
-from swarmstart.heuristics.order import Order, better
+from swarmstart.heuristics.order import RunningOrder, better
 
 
 class SwarmSettings(Protocol):
@@ -33,7 +34,7 @@ class SwarmSettings(Protocol):
         """Upper bounds of the box, shape (dim,)."""
 
     @property
-    def order(self) -> Order:
+    def order(self) -> RunningOrder:
         """How individuals are ordered."""
 
     @property
@@ -49,8 +50,8 @@ class SwarmSettings(Protocol):
         """Largest speed of each coordinate v_max, shape (dim,); may be infinite."""
 
     @property
-    def absorb(self) -> bool:
-        """Whether the bounds stop a particle, or only its position."""
+    def bounds(self) -> int:
+        """What happens at the bounds, a code of `bounds`."""
 
 
 class SwarmState(State, Protocol):
@@ -84,10 +85,7 @@ def fly(
     settings: SwarmSettings,
     state: SwarmState,
 ) -> None:
-    """Move every particle by (2.11); its position is clipped to the box.
-
-    With `settings.absorb` a velocity that led out of the box becomes zero in that
-    coordinate; else it is kept.
+    """Move every particle by (2.11), and back into the box by `settings.bounds`.
 
     Args:
         rng: Source of r1 and r2.
@@ -107,11 +105,9 @@ def fly(
                 + settings.social * r2 * (state.best[d] - x)
             )
             v = clip(v, -settings.velocity_max[d], settings.velocity_max[d])
-            inside = clip(x + v, settings.lower[d], settings.upper[d])
-            if settings.absorb and inside != x + v:
-                v = 0.0
-            state.position[d, i] = inside
-            state.velocity[d, i] = v
+            low, high = settings.lower[d], settings.upper[d]
+            state.position[d, i] = repair(rng, settings.bounds, x + v, x, low, high)
+            state.velocity[d, i] = turned(settings.bounds, v, x + v, low, high)
 
 
 @kernel

@@ -14,12 +14,15 @@ from swarmstart.heuristics import (
     Algorithm,
     Box,
     Budget,
+    Initial,
     Order,
+    Sampling,
     minimize,
     static_penalty,
 )
+from swarmstart.ocp.basins import guesses, polish_basins
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import NOTHING, Fitness, Known, flatten, unflatten
+from swarmstart.ocp.fitness import NOTHING, Fitness, Known, flatten
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.polish import IpoptOptions, Polisher, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -48,18 +51,30 @@ class SearchSettings:
         order: How two individuals are ordered.
         warm_start: How much of the first population is the guess: "all", "one" or
             "none" of it; the rest is drawn at random.
+        sampling: How it is drawn, as in `heuristics.Initial`.
+        basins: How many of the best distinct basins are kept for the polish, which
+            starts from each of them besides the best point; 0: from that alone.
+        radius: Least distance of two basins, a fraction of the bounds' widths.
     """
 
     algorithm: Algorithm
     budget: Budget
     order: Order = field(default_factory=lambda: static_penalty(1e4))
     warm_start: WarmStart = "one"
+    sampling: Sampling | None = None
+    basins: int = 0
+    radius: float = 0.1
 
     def __post_init__(self) -> None:
         """Refuse an unknown kind of warm start."""
         if self.warm_start not in ("all", "one", "none"):
             raise InvalidProblemError(
                 f"warm_start must be all, one or none, got {self.warm_start!r}"
+            )
+        if self.basins < 0 or not self.radius > 0:
+            raise InvalidProblemError(
+                "basins must be at least 0 and radius above 0, "
+                f"got {self.basins} and {self.radius}"
             )
 
 
@@ -148,10 +163,12 @@ class Planner:
         """
         if guess is not None:
             guess = bounded_controls(self.problem, guess)
-        plan = self._searched(x0, guess, known, rng)
+        plan, starts = self._searched(x0, guess, known, rng)
         if self._polisher is None:
             return plan
-        polished = self._polisher(plan.controls, x0, known)
+        polished, evaluations = polish_basins(
+            self._polisher, starts, x0, known, tolerance=self.problem.tolerance
+        )
         return self._plan(
             polished.controls,
             x0,
@@ -159,7 +176,7 @@ class Planner:
             value=(polished.cost, polished.violation),
             source=Source.POLISH if polished.improved else plan.source,
             search_value=(plan.search_cost, plan.search_violation),
-            evaluations=plan.evaluations + polished.evaluations,
+            evaluations=plan.evaluations + evaluations,
             polish_status=polished.status,
         )
 
@@ -188,24 +205,31 @@ class Planner:
         guess: Array | None,
         known: Known,
         rng: np.random.Generator,
-    ) -> Plan:
-        """Return the search's answer; the guess, or zero controls, without a search."""
+    ) -> tuple[Plan, list[Array]]:
+        """Return the search's answer, and the controls to polish from, the best first.
+
+        Without a search these are the guess, or zero controls.
+        """
         search = self._search
         if search is None or self._box is None:
             controls = zero_controls(self.problem) if guess is None else guess
-            return self.evaluated(controls, x0, known=known, source=Source.GUESS)
+            plan = self.evaluated(controls, x0, known=known, source=Source.GUESS)
+            return plan, [controls]
         result = minimize(
             self.fitness.objective(x0, known),
             self._box,
             algorithm=search.algorithm,
             budget=search.budget,
             order=search.order,
-            initial=_first_population(search, guess),
+            initial=_first_population(search, self._box, guess),
+            basins=search.basins if self._polisher else 0,
+            radius=search.radius,
             rng=rng,
         )
+        starts = guesses(result, self.problem.model.nu)
         value = (result.cost, result.violation)
-        return self._plan(
-            unflatten(result.x, self.problem.model.nu),
+        plan = self._plan(
+            starts[0],
             x0,
             known,
             value=value,
@@ -213,6 +237,7 @@ class Planner:
             search_value=value,
             evaluations=result.evaluations,
         )
+        return plan, starts
 
     def _plan(  # noqa: PLR0913 - all that one plan records
         self,
@@ -256,9 +281,11 @@ def _control_box(problem: OptimalControlProblem) -> Box:
     )
 
 
-def _first_population(search: SearchSettings, guess: Array | None) -> Array | None:
-    """Return the given part of the first population, shape (nu * N, k)."""
+def _first_population(search: SearchSettings, box: Box, guess: Array | None) -> Initial:
+    """Return how the first population is made."""
     if guess is None or search.warm_start == "none":
-        return None
-    copies = search.algorithm.size if search.warm_start == "all" else 1
-    return np.repeat(flatten(guess)[:, None], copies, axis=1)
+        return Initial(sampling=search.sampling)
+    size = search.algorithm.first_size(box, search.budget.evaluations)
+    copies = size if search.warm_start == "all" else 1
+    points = np.repeat(flatten(guess)[:, None], copies, axis=1)
+    return Initial(sampling=search.sampling, points=points)

@@ -26,21 +26,23 @@ def test_the_keys_of_a_search_are_its_settings_with_their_defaults(name: str) ->
     settings = load(SEARCHES[name].settings)
     part = search_part(name).model_validate({"name": name})
     fields = {field.name for field in dataclasses.fields(settings)}
-    assert set(type(part).model_fields) == {"name", "warm_start", *fields}
+    assert set(type(part).model_fields) == {"name", "warm_start", "sampling", *fields}
     assert part.algorithm() == settings()
     assert part.warm_start == SEARCHES[name].warm_start
+    assert part.sampling == SEARCHES[name].sampling
 
 
 @pytest.mark.parametrize("name", WITH_SETTINGS)
 def test_every_setting_of_a_search_reaches_its_algorithm(name: str) -> None:
     algorithm = search_part(name).model_validate({"name": name, "size": 37}).algorithm()
-    assert algorithm is not None and algorithm.size == 37
+    assert algorithm is not None
+    assert algorithm == load(SEARCHES[name].settings)(size=37)
 
 
 def test_no_search_is_no_algorithm_and_has_no_settings() -> None:
     part = search_part("none").model_validate({"name": "none"})
     assert part.algorithm() is None
-    assert set(type(part).model_fields) == {"name", "warm_start"}
+    assert set(type(part).model_fields) == {"name", "warm_start", "sampling"}
 
 
 def test_a_setting_may_be_an_expression_or_a_list() -> None:
@@ -54,6 +56,14 @@ def test_a_setting_may_be_an_expression_or_a_list() -> None:
 def test_a_setting_out_of_range_is_refused_with_its_name() -> None:
     with pytest.raises(ValidationError, match="size must be an integer of at least 2"):
         search_part("cpso").model_validate({"name": "cpso", "size": 1})
+
+
+def test_a_sampling_is_one_of_those_of_the_library() -> None:
+    for sampling in (None, "uniform", "latin_hypercube", "smooth", "half_smooth"):
+        part = search_part("de").model_validate({"name": "de", "sampling": sampling})
+        assert part.sampling == sampling
+    with pytest.raises(ValidationError, match="'latin_hypercube'"):
+        search_part("de").model_validate({"name": "de", "sampling": "sobol"})
 
 
 @pytest.mark.parametrize("value", [True, None, "", "pi/", float("nan"), float("inf")])

@@ -76,7 +76,7 @@ def test_none_never_reseeds() -> None:
 
 def test_swarm_reseeds_only_below_the_threshold() -> None:
     algorithm = ChaoticPSO(size=2, search_length=None, diversity_threshold=0.25)
-    settings = algorithm.kernel_settings(BOX, feasibility_first())
+    settings = algorithm.kernel_settings(BOX, feasibility_first().running())
     for distance, reseeds in ((4.99, 1), (5.0, 0)):  # D = distance / 20, the width
         rng = np.random.default_rng(4)
         points = np.zeros((4, 2))
@@ -114,6 +114,11 @@ def test_velocity_max_must_fit_the_box() -> None:
         ({"reseed": "tent"}, "reseed must be one of .*logistic.*, got 'tent'"),
         ({"diversity_threshold": -1.0}, "diversity_threshold must be at least 0"),
         ({"search_length": 0.0}, "search_length must be None or finite and above 0"),
+        ({"bounds": "stick"}, "bounds must be one of clip, .*none, got 'stick'"),
+        (
+            {"initial_velocity": "zero"},
+            "initial_velocity must be independent or smooth",
+        ),
     ],
 )
 def test_refuses_settings_out_of_range(setting: dict[str, float], message: str) -> None:

@@ -1,7 +1,9 @@
 """The loop in compiled code: the same bits as the loop in Python."""
 
-import ctypes
-from typing import cast
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,118 +14,168 @@ from swarmstart.heuristics import (
     AskTellError,
     Box,
     Budget,
-    ChaoticPSO,
-    DifferentialEvolution,
-    GeneticAlgorithm,
+    Initial,
+    Order,
     ParticleSwarm,
-    Pointers,
-    RandomSearch,
     Search,
+    SearchResult,
     StopReason,
     minimize,
-    static_penalty,
+    run,
 )
 from swarmstart.heuristics.compiled_loop import CHUNK
+
+if TYPE_CHECKING:
+    from swarmstart.tests.heuristics.conftest import Compiled, Refusing
 
 Array = NDArray[np.float64]
 DIM, SIZE = 6, 12
 BOX = Box(lower=np.full(DIM, -3.0), upper=np.full(DIM, 2.0))
-ALGORITHMS: tuple[Algorithm, ...] = (
-    ChaoticPSO(size=SIZE),
-    ParticleSwarm(size=SIZE),
-    DifferentialEvolution(size=SIZE),
-    GeneticAlgorithm(size=SIZE),
-    RandomSearch(size=SIZE),
-)
-KERNEL = ctypes.CFUNCTYPE(
-    None,
-    ctypes.POINTER(ctypes.POINTER(ctypes.c_double)),
-    ctypes.POINTER(ctypes.POINTER(ctypes.c_double)),
-    ctypes.c_int64,
-)
+EVALUATIONS = (CHUNK + 7) * SIZE + 5  # No whole number of chunks nor generations.
 
 
 def values(population: Array) -> tuple[Array, Array]:
-    return (population**2).sum(axis=0), np.maximum(1.0 - population[0], 0.0)
+    cost = (population**2).sum(axis=0)
+    cost[population[1] > 1.5] = np.nan
+    return cost, np.maximum(1.0 - population[0], 0.0)
 
 
-class Compiled:
-    """An objective whose machine code, here a callback, works on raw memory."""
-
-    def __init__(self) -> None:
-        self.calls_from_python = 0
-        self._function = KERNEL(self._evaluate)
-
-    def __call__(self, population: Array) -> tuple[Array, Array]:
-        self.calls_from_python += 1
-        return values(population)
-
-    def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
-        double = ctypes.POINTER(ctypes.c_double)
-        self._in = (double * 1)(asked.ctypes.data_as(double))
-        self._out = (double * 2)(*(a.ctypes.data_as(double) for a in (cost, violation)))
-        address = ctypes.cast(self._function, ctypes.c_void_p).value
-        return Pointers(
-            address or 0, ctypes.addressof(self._in), ctypes.addressof(self._out)
-        )
-
-    def _evaluate(self, inputs, outputs, size: int) -> None:  # type: ignore[no-untyped-def]
-        population = np.ctypeslib.as_array(inputs[0], (DIM, size))
-        cost, violation = values(population)
-        np.ctypeslib.as_array(outputs[0], (size,))[:] = cost
-        np.ctypeslib.as_array(outputs[1], (size,))[:] = violation
+def assert_same(one: SearchResult, other: SearchResult) -> None:
+    for name in ("x", "history_cost", "history_violation"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for name in ("cost", "violation", "evaluations", "generations", "nonfinite"):
+        assert getattr(one, name) == getattr(other, name)
+    assert one.stopped is other.stopped
+    assert len(one.basins) == len(other.basins)
+    assert one.snapshot.keys() == other.snapshot.keys()
+    for name in one.snapshot:
+        expected = other.snapshot[name]
+        np.testing.assert_array_equal(one.snapshot[name], expected, err_msg=name)
 
 
-class Refusing(Compiled):
-    def attach(self, asked: Array, cost: Array, violation: Array) -> None:
-        return None
-
-
-@pytest.mark.parametrize("algorithm", ALGORITHMS, ids=lambda a: type(a).__name__)
-def test_both_loops_give_the_same_bits(algorithm: Algorithm) -> None:
-    # Not a whole number of chunks, and a budget that no whole generation fills.
-    budget = Budget(evaluations=(CHUNK + 7) * SIZE + 5)
-    compiled = Compiled()
-    results = [
+def both(
+    compiled: type[Compiled],
+    algorithm: Algorithm,
+    budget: Budget,
+    *,
+    order: Order | None = None,
+    initial: Initial | None = None,
+) -> SearchResult:
+    """The result of the compiled loop, after that of Python was seen to be the same."""
+    objective = compiled(values, DIM)
+    python, loop = (
         minimize(
-            objective,
+            function,
             BOX,
             algorithm=algorithm,
             budget=budget,
-            order=static_penalty(10.0),
+            order=order,
             rng=np.random.default_rng(3),
+            initial=initial,
+            basins=4,
+            radius=0.2,
         )
-        for objective in (values, compiled)
-    ]
-    assert compiled.calls_from_python == 0
-    python, loop = results
-    np.testing.assert_array_equal(python.x, loop.x)
-    np.testing.assert_array_equal(python.history_cost, loop.history_cost)
-    np.testing.assert_array_equal(python.history_violation, loop.history_violation)
-    assert python.generations == loop.generations == CHUNK + 7
-    assert loop.stopped is StopReason.EVALUATIONS
-    states = cast(tuple[Array, ...], python.state), cast(tuple[Array, ...], loop.state)
-    for one, other in zip(*states, strict=True):
-        np.testing.assert_array_equal(one, other)
+        for function in (values, objective)
+    )
+    assert objective.calls_from_python == (initial is not None)
+    assert_same(python, loop)
+    return loop
 
 
-def test_an_objective_that_cannot_attach_is_called_from_python() -> None:
-    refusing = Refusing()
+def test_both_loops_give_the_same_bits(
+    compiled: type[Compiled], algorithm: Algorithm, order: Order
+) -> None:
+    result = both(compiled, algorithm, Budget(evaluations=EVALUATIONS), order=order)
+    assert result.stopped is StopReason.EVALUATIONS
+    assert result.generations > CHUNK
+    assert 1 <= len(result.basins) <= 4 and result.nonfinite > 0
+
+
+def test_both_loops_stop_at_the_same_target(
+    compiled: type[Compiled], algorithm: Algorithm, order: Order
+) -> None:
+    whole = both(compiled, algorithm, Budget(evaluations=EVALUATIONS), order=order)
+    feasible = whole.history_violation <= order.tolerance
+    costs = whole.history_cost[feasible]
+    target = float(costs[costs.size // 2]) if costs.size else 1.0
+    budget = Budget(evaluations=EVALUATIONS, target=target)
+    result = both(compiled, algorithm, budget, order=order)
+    if costs.size:  # With a penalty the best may be infeasible all the time.
+        assert result.stopped is StopReason.TARGET
+        assert result.cost <= target
+    else:
+        assert_same(result, whole)
+
+
+def test_both_loops_stop_at_the_same_stagnation(
+    compiled: type[Compiled], algorithm: Algorithm, order: Order
+) -> None:
+    for stagnation in (1, 4):
+        budget = Budget(evaluations=10**5, stagnation=stagnation)
+        result = both(compiled, algorithm, budget, order=order)
+        assert result.stopped is StopReason.STAGNATION
+
+
+def test_both_loops_give_the_same_bits_from_costs_known_before(
+    compiled: type[Compiled], algorithm: Algorithm
+) -> None:
+    points = np.linspace(-1.0, 1.5, 3 * DIM).reshape(DIM, 3)
+    cost, violation = values(points)
+    initial = Initial(points=points, cost=cost, violation=violation)
+    both(compiled, algorithm, Budget(evaluations=EVALUATIONS), initial=initial)
+
+
+def test_a_search_continues_from_its_chunk_bit_for_bit(
+    compiled: type[Compiled], algorithm: Algorithm, order: Order
+) -> None:
+    budget = Budget(evaluations=EVALUATIONS)
+    whole = both(compiled, algorithm, budget, order=order)
+
+    def new_search(seed: int, part: SearchResult | None = None) -> Search:
+        return Search(
+            algorithm,
+            BOX,
+            order=order,
+            rng=np.random.default_rng(seed),
+            evaluations=EVALUATIONS,
+            basins=4,
+            radius=0.2,
+            snapshot=None if part is None else part.snapshot,
+        )
+
+    objective = compiled(values, DIM)
+    part = run(new_search(3), objective, budget=replace(budget, seconds=1e-9))
+    assert part.stopped is StopReason.SECONDS
+    assert 1 <= part.generations <= CHUNK
+    for continued in (objective, values):
+        rest = run(new_search(8, part), continued, budget=budget)
+        joined = np.append(part.history_cost, rest.history_cost)
+        np.testing.assert_array_equal(joined, whole.history_cost)
+        for name, array in whole.snapshot.items():
+            np.testing.assert_array_equal(rest.snapshot[name], array, err_msg=name)
+
+
+def test_an_objective_that_cannot_attach_is_called_from_python(
+    refusing: type[Refusing],
+) -> None:
+    objective = refusing(values, DIM)
     budget = Budget(evaluations=5 * SIZE)
     result = minimize(
-        refusing,
+        objective,
         BOX,
         algorithm=ParticleSwarm(size=SIZE),
         budget=budget,
         rng=np.random.default_rng(4),
     )
-    assert refusing.calls_from_python == result.generations == 5
+    assert objective.calls_from_python == result.generations == 5
 
 
-def test_a_callback_is_called_after_every_generation_of_a_compiled_objective() -> None:
+def test_a_callback_is_called_after_every_generation_of_a_compiled_objective(
+    compiled: type[Compiled],
+) -> None:
     seen: list[int] = []
     minimize(
-        Compiled(),
+        compiled(values, DIM),
         BOX,
         algorithm=ParticleSwarm(size=SIZE),
         budget=Budget(evaluations=4 * SIZE),
@@ -133,9 +185,11 @@ def test_a_callback_is_called_after_every_generation_of_a_compiled_objective() -
     assert seen == [0, 1, 2, 3]
 
 
-def test_seconds_end_a_compiled_search_after_its_chunk() -> None:
+def test_seconds_end_a_compiled_search_after_its_chunk(
+    compiled: type[Compiled],
+) -> None:
     result = minimize(
-        Compiled(),
+        compiled(values, DIM),
         BOX,
         algorithm=ParticleSwarm(size=SIZE),
         budget=Budget(evaluations=10**7, seconds=1e-9),
@@ -145,8 +199,9 @@ def test_seconds_end_a_compiled_search_after_its_chunk() -> None:
     assert result.generations == CHUNK
 
 
-def test_loop_before_tell_is_refused() -> None:
+def test_loop_before_tell_is_refused(compiled: type[Compiled]) -> None:
     search = Search(ParticleSwarm(size=SIZE), BOX, rng=np.random.default_rng(7))
     search.ask()
+    limits = Budget(evaluations=SIZE).limits()
     with pytest.raises(AskTellError, match="before tell"):
-        search.loop(Compiled(), generations=1, last=0)
+        search.loop(compiled(values, DIM), generations=1, limits=limits)

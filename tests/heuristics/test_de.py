@@ -163,7 +163,7 @@ def test_needs_as_many_evaluations_as_its_peers_for_the_sphere() -> None:
         ({"size": 3}, "size must be an integer of at least 4, got 3"),
         ({"F": 0.0}, r"F must be in \(0, 2.0\], got 0.0"),
         ({"CR": 1.5}, r"CR must be in \[0, 1\], got 1.5"),
-        ({"bounds": "redraw"}, "bounds must be 'midpoint' or 'clip', got 'redraw'"),
+        ({"bounds": "stick"}, "bounds must be one of clip, .*none, got 'stick'"),
     ],
 )
 def test_refuses_settings_out_of_range(setting: dict[str, float], message: str) -> None:

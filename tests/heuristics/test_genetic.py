@@ -43,7 +43,8 @@ def test_without_elitism_the_population_can_worsen() -> None:
 
 def weights(cost: list[float], violation: list[float]) -> NDArray[np.float64]:
     weight = np.empty(len(cost))
-    roulette_weights(feasibility_first(), np.array(cost), np.array(violation), weight)
+    order = feasibility_first().running()
+    roulette_weights(order, np.array(cost), np.array(violation), weight)
     return weight
 
 

@@ -58,7 +58,7 @@ def test_seconds_stop_a_search_after_its_first_generation_at_the_earliest() -> N
     assert result.generations == 1
     result = run(new_search(), sphere, budget=Budget(seconds=0.05))
     assert result.stopped is StopReason.SECONDS
-    assert 0.0 < result.state.progress[0] <= 1.0
+    assert 0.0 < result.snapshot["state.progress"][0] <= 1.0
 
 
 def test_callback_stops_a_search_which_then_continues_as_if_it_had_not() -> None:

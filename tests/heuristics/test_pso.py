@@ -37,7 +37,7 @@ def test_solves_the_sphere(seed: int) -> None:
         ({"inertia": 1.1}, r"inertia must be in \[0, 1\], got 1.1"),
         ({"cognitive": np.inf}, "cognitive must be finite"),
         ({"velocity_max": 0.0}, "velocity_max must be None or finite and above 0"),
-        ({"bounds": "reflect"}, "bounds must be 'absorb' or 'clip', got 'reflect'"),
+        ({"bounds": "stick"}, "bounds must be one of clip, .*none, got 'stick'"),
     ],
 )
 def test_refuses_settings_out_of_range(setting: dict[str, float], message: str) -> None:

@@ -1,5 +1,7 @@
 """Ask and tell."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
@@ -7,11 +9,18 @@ from numpy.typing import ArrayLike
 from swarmstart.heuristics import (
     AskTellError,
     Box,
+    ChaoticPSO,
+    DifferentialEvolution,
+    GeneticAlgorithm,
     InvalidEvaluationError,
     InvalidPointsError,
     InvalidSettingsError,
+    InvalidSnapshotError,
     RandomSearch,
     Search,
+    epsilon_level,
+    feasibility_first,
+    static_penalty,
 )
 
 BOX = Box(lower=np.full(2, -1.0), upper=np.full(2, 1.0))
@@ -102,11 +111,137 @@ def test_refuses_arguments_out_of_range() -> None:
         search.ask(progress=1.5)
     with pytest.raises(InvalidSettingsError, match="rng must be a numpy"):
         Search(RandomSearch(), BOX, rng=7)  # type: ignore[arg-type]
-    with pytest.raises(InvalidSettingsError, match="initial must be None where state"):
+    with pytest.raises(InvalidSettingsError, match="initial must be None where snap"):
         Search(
             RandomSearch(size=4),
             BOX,
             rng=np.random.default_rng(0),
             initial=np.zeros((2, 1)),
-            state=search.state,
+            snapshot=new_search().snapshot(),
         )
+    for basins, radius in ((-1, 0.1), (1, 0.0), (1, np.nan)):
+        with pytest.raises(InvalidSettingsError, match="at least 0, above 0"):
+            Search(
+                RandomSearch(),
+                BOX,
+                rng=np.random.default_rng(0),
+                basins=basins,
+                radius=radius,
+            )
+
+
+def test_snapshot_is_a_copy() -> None:
+    search = new_search()
+    kept = search.snapshot()
+    search.tell(search.ask().sum(axis=0), np.zeros(4))
+    assert kept["state.generation"][0] == 0
+    kept = search.snapshot()
+    kept["state.best_cost"].fill(-1.0)
+    continued = Search(
+        RandomSearch(size=4),
+        BOX,
+        rng=np.random.default_rng(1),
+        snapshot=search.snapshot(),
+    )
+    continued.tell(continued.ask().sum(axis=0) - 9.0, np.zeros(4))
+    assert search.best.cost > -9.0 > continued.best.cost - 3.0
+    assert search.generations == 1
+
+
+def test_no_snapshot_while_a_generation_is_under_way() -> None:
+    search = new_search()
+    search.ask()
+    with pytest.raises(AskTellError, match=r"snapshot\(\) before tell\(\)"):
+        search.snapshot()
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        np.random.PCG64,
+        np.random.PCG64DXSM,
+        np.random.MT19937,
+        np.random.Philox,
+        np.random.SFC64,
+    ],
+)
+def test_every_source_of_randomness_continues(
+    kind: type[np.random.BitGenerator],
+) -> None:
+    search = Search(RandomSearch(size=4), BOX, rng=np.random.Generator(kind(1)))
+    search.tell(search.ask().sum(axis=0), np.zeros(4))
+    other = Search(
+        RandomSearch(size=4),
+        BOX,
+        rng=np.random.Generator(kind(2)),
+        snapshot=search.snapshot(),
+    )
+    np.testing.assert_array_equal(search.ask(), other.ask())
+
+
+def kept(**other: Any) -> Search:
+    """A search of these arguments, new or from a snapshot of the defaults."""
+    arguments: dict[str, Any] = {
+        "algorithm": DifferentialEvolution(size=8),
+        "box": BOX,
+        "order": feasibility_first(),
+        "basins": 2,
+        "rng": np.random.default_rng(3),
+    }
+    return Search(**(arguments | other))
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        ({"algorithm": GeneticAlgorithm(size=8)}, "algorithm is GeneticAlg.* Differ"),
+        ({"algorithm": DifferentialEvolution(size=9)}, "algorithm is .*size=9.*size=8"),
+        ({"algorithm": DifferentialEvolution(size=8, F=0.7)}, "algorithm is .*F=0.7"),
+        ({"algorithm": ChaoticPSO(size=8)}, "algorithm is ChaoticPSO"),
+        ({"box": Box(lower=[-1.0, -1.0], upper=[1.0, 2.0])}, r"box is .*2\.0"),  # type: ignore[arg-type]
+        ({"box": Box(lower=-np.ones(3), upper=np.ones(3))}, "box is "),
+        ({"order": static_penalty(3.0)}, r"order is .*weight=3\.0"),
+        ({"order": epsilon_level()}, "order is .*rule=2.* rule=1|order is .*rule=2"),
+        ({"order": feasibility_first(0.5)}, r"order is .*tolerance=0\.5"),
+        ({"basins": 3}, "basins is 3, that of the snapshot 2"),
+        ({"radius": 0.2}, r"radius is 0\.2, that of the snapshot 0\.1"),
+        (
+            {"rng": np.random.Generator(np.random.MT19937(0))},
+            "must be of a search with the same arguments: .*MT19937|PCG64",
+        ),
+    ],
+)
+def test_refuses_the_snapshot_of_another_search(
+    other: dict[str, Any], message: str
+) -> None:
+    search = kept()
+    search.tell(search.ask().sum(axis=0), np.zeros(8))
+    snapshot = search.snapshot()
+    assert kept(snapshot=snapshot).generations == 1
+    with pytest.raises(InvalidSnapshotError, match="with the same arguments") as caught:
+        kept(snapshot=snapshot, **other)
+    assert caught.match(message)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "message"),
+    [
+        ("state.cost", None, "state.cost"),
+        ("rng", None, "rng"),
+        ("basins.cost", None, "basins.cost"),
+        ("state.cost", np.zeros((2, 2)), r"state.cost is float64, \(2, 2\)"),
+        ("state.generation", np.zeros(1), "state.generation is float64"),
+        ("rng", np.array("{"), "same arguments"),
+        ("order.level", np.zeros(3), "same arguments"),
+    ],
+)
+def test_refuses_what_is_no_snapshot(
+    name: str, array: np.ndarray | None, message: str
+) -> None:
+    snapshot = kept().snapshot()
+    if array is None:
+        del snapshot[name]
+    else:
+        snapshot[name] = array
+    with pytest.raises(InvalidSnapshotError, match=message):
+        kept(snapshot=snapshot)

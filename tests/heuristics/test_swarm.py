@@ -39,7 +39,12 @@ def advance(search: Search, generations: int) -> None:
 def test_chaotic_swarm_flies_by_2_11_with_the_inertia_of_5_19() -> None:
     box = Box(lower=np.full(DIM, -2.0), upper=np.full(DIM, 2.0))
     algorithm = ChaoticPSO(
-        size=SIZE, cognitive=0.5, social=1.5, velocity_max=0.8, reseed="none"
+        size=SIZE,
+        cognitive=0.5,
+        social=1.5,
+        velocity_max=0.8,
+        reseed="none",
+        bounds="clip",
     )
     search = Search(algorithm, box, rng=np.random.default_rng(5))
     advance(search, 3)
@@ -73,6 +78,36 @@ def test_swarm_stops_at_the_bounds(bounds: str) -> None:
     assert isinstance(state, ParticleSwarmState)
     kept = velocity if bounds == "clip" else np.where(outside, 0.0, velocity)
     np.testing.assert_array_equal(state.velocity, kept)
+
+
+def test_swarm_is_reflected_at_the_bounds_by_default() -> None:
+    box = Box(lower=np.full(DIM, -0.75), upper=np.full(DIM, 0.25))  # optimum outside
+    algorithms: tuple[ParticleSwarm | ChaoticPSO, ...] = (
+        ParticleSwarm(size=SIZE, cognitive=0.5, social=1.5, velocity_max=3.0),
+        ChaoticPSO(
+            size=SIZE, cognitive=0.5, social=1.5, velocity_max=3.0, reseed="none"
+        ),
+    )
+    furthest = 0.0
+    for algorithm, inertia in zip(algorithms, (0.7298, 1.2), strict=True):
+        assert algorithm.bounds == "reflect"
+        search = Search(algorithm, box, rng=np.random.default_rng(6))
+        advance(search, 2)
+        position, velocity = flown(search, inertia, velocity_max=3.0)
+        asked = search.ask()
+        # Reflected as if the box were repeated, every second time mirrored.
+        cell = np.floor(position + 0.75)
+        mirrored = cell % 2 == 1
+        inside = position - cell
+        inside = np.where(mirrored, -0.5 - inside, inside)
+        assert mirrored.any()
+        furthest = max(furthest, float(np.abs(cell).max()))
+        np.testing.assert_allclose(asked, inside, rtol=0.0, atol=1e-14)
+        state = search.state
+        assert isinstance(state, ChaoticPSOState | ParticleSwarmState)
+        kept = np.where(mirrored, -velocity, velocity)
+        np.testing.assert_array_equal(state.velocity, kept)
+    assert furthest > 1  # Some were reflected more than once.
 
 
 def test_particles_remember_their_best_points() -> None:

@@ -1,12 +1,15 @@
 """One planning problem: guess, search, polish, and what a plan says of itself."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.heuristics import Budget, ChaoticPSO, RandomSearch
+from swarmstart.heuristics import Box, Budget, ChaoticPSO, RandomSearch, Sampling
+from swarmstart.heuristics.sampling import sample
 from swarmstart.ocp import (
     Fitness,
     InvalidProblemError,
@@ -81,6 +84,25 @@ def test_warm_start_says_how_much_of_the_first_population_is_the_guess(
     np.testing.assert_array_equal(planned("none", best.controls), cold)
     np.testing.assert_array_equal(planned("one", best.controls), best.controls)
     assert not np.array_equal(cold, best.controls)
+
+
+def test_sampling_says_how_the_rest_of_the_first_population_is_drawn(
+    crossing: Posed,
+) -> None:
+    problem, x0, known = crossing
+    lower, upper = problem.control_limits
+    box = Box(lower=np.tile(lower, 3), upper=np.tile(upper, 3), per_step=2)
+
+    def planned(sampling: Sampling | None) -> Array:
+        search = replace(one_generation("one", size=1), sampling=sampling)
+        plan = Planner(problem, search=search).plan(x0, known=known, rng=rng())
+        return plan.controls.ravel(order="F")
+
+    for sampling in get_args(Sampling):
+        (expected,) = sample(box, 1, sampling=sampling, rng=rng()).T
+        np.testing.assert_array_equal(planned(sampling), expected)
+    np.testing.assert_array_equal(planned(None), planned("half_smooth"))
+    assert not np.array_equal(planned("uniform"), planned("smooth"))
 
 
 def test_guess_outside_the_bounds_is_searched_from_the_nearest_inside(

@@ -1,0 +1,94 @@
+"""What happens to a coordinate that leaves the box.
+
+clip      onto the bound it crossed; a particle keeps its velocity, as in the chapter
+absorb    onto the bound; a particle's velocity becomes zero (Clerc, SPSO 2007)
+reflect   as far inside of the bound as it was outside, as often as it takes; a
+          particle's velocity turns round with each reflection
+midpoint  half the way from where it came from to the bound; a velocity becomes zero
+redraw    uniform between the bounds; a velocity becomes zero
+none      it stays outside (for published results that had no bounds)
+
+With any but none, what comes out lies in the box. `absorb` differs from `clip` in the
+velocity alone.
+"""
+
+import math
+from typing import Literal, get_args
+
+import numpy as np
+
+from swarmstart.heuristics.box import clip
+from swarmstart.heuristics.kernel import kernel
+
+Bounds = Literal["clip", "absorb", "reflect", "midpoint", "redraw", "none"]
+NAMES: tuple[str, ...] = get_args(Bounds)
+CLIP, ABSORB, REFLECT, MIDPOINT, REDRAW, NONE = range(6)
+CODES = {name: code for code, name in enumerate(NAMES)}
+
+
+@kernel
+def repair(
+    rng: np.random.Generator,
+    rule: int,
+    value: float,
+    origin: float,
+    lower: float,
+    upper: float,
+) -> float:
+    """Bring a coordinate back into [lower, upper].
+
+    Args:
+        rng: Source of what `redraw` draws; asked for nothing else.
+        rule: A code of CODES.
+        value: The coordinate; NaN is taken for a bound.
+        origin: Where it came from, in [lower, upper].
+        lower: Lower bound.
+        upper: Upper bound.
+    """
+    if rule == NONE or lower <= value <= upper:
+        return value
+    if rule == REFLECT:
+        return reflected(value, lower, upper)
+    if rule == REDRAW:
+        return min(lower + (upper - lower) * rng.random(), upper)
+    inside = clip(value, lower, upper) if not math.isnan(value) else lower
+    if rule == MIDPOINT:
+        return origin + 0.5 * (inside - origin)
+    return inside
+
+
+@kernel
+def turned(
+    rule: int, velocity: float, value: float, lower: float, upper: float
+) -> float:
+    """The velocity of a particle whose coordinate was repaired by a rule.
+
+    Args:
+        rule: A code of CODES.
+        velocity: Its velocity before.
+        value: The coordinate before the repair.
+        lower: Lower bound.
+        upper: Upper bound.
+    """
+    if lower <= value <= upper or rule in (CLIP, NONE):
+        return velocity
+    beyond = max(value - upper, lower - value)
+    if rule == REFLECT and math.isfinite(beyond):
+        crossed = np.ceil(beyond / (upper - lower))
+        return velocity if crossed % 2.0 == 0.0 else -velocity
+    return 0.0
+
+
+@kernel
+def reflected(value: float, lower: float, upper: float) -> float:
+    """The coordinate after all reflections at the bounds: a triangular wave.
+
+    Where the distance overflows or is NaN, it is the lower bound.
+    """
+    width = upper - lower
+    if not math.isfinite(value - lower) or not math.isfinite(2.0 * width):
+        return lower
+    beyond = (value - lower) % (2.0 * width)
+    if beyond > width:
+        beyond = 2.0 * width - beyond
+    return clip(lower + beyond, lower, upper)

@@ -1,0 +1,59 @@
+"""When a search has come to its end, as both loops see it after each generation.
+
+target      the best point is feasible and its cost at most the target
+stagnation  so many generations without a better point; which of two points is better
+            does not change with a constant added to the cost
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmstart.heuristics.algorithm import State
+from swarmstart.heuristics.kernel import kernel
+from swarmstart.heuristics.order import RunningOrder
+
+GOES_ON, AT_TARGET, STAGNANT = 0, 1, 2
+UNLIMITED = np.iinfo(np.int64).max
+
+
+class Limits(NamedTuple):
+    """What ends a search, as plain numbers.
+
+    Attributes:
+        evaluations: Largest number of individuals.
+        target: Cost at which the search ends; minus infinity for none.
+        stagnation: Generations without a better point after which it ends; 0 for none.
+    """
+
+    evaluations: int
+    target: float
+    stagnation: int
+
+
+@kernel
+def finished(order: RunningOrder, state: State, limits: Limits) -> int:
+    """Why a search ends after a generation: GOES_ON, AT_TARGET or STAGNANT."""
+    feasible = state.best_violation[0] <= order.tolerance
+    if feasible and state.best_cost[0] <= limits.target:
+        return AT_TARGET
+    idle = state.generation[0] - state.improved[0]
+    if limits.stagnation > 0 and idle >= limits.stagnation:
+        return STAGNANT
+    return GOES_ON
+
+
+@kernel
+def progress_of(evaluations: int, size: int, budget: int) -> float:
+    """Fraction of the budget used before a generation, in [0, 1].
+
+    0 for the initial population, 1 for the last generation that fits: with generations
+    of one size it is iter_k / iter_max of (5.19).
+
+    Args:
+        evaluations: Individuals evaluated so far.
+        size: Individuals of the generation.
+        budget: Individuals that may be evaluated.
+    """
+    before_last = budget - budget % size - size
+    return min(evaluations / before_last, 1.0) if before_last > 0 else 0.0
