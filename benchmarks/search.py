@@ -24,6 +24,7 @@ from swarmstart.benchmarks.searches import (
     Parts,
     Row,
     Step,
+    box_of,
     evolution_case,
     measure_case,
     measure_step,
@@ -49,8 +50,9 @@ class Bar(NamedTuple):
 def measure(effort: Effort) -> tuple[list[str], list[Bar]]:
     """Run everything; return the tables and the bars. Called in a worker process."""
     settings = scenario_search()
-    size, evaluations = settings.algorithm.size, settings.budget.evaluations or 0
-    swarm_task = task_of(one_uav(), size, evaluations // size)
+    swarm, evaluations = one_uav(), settings.budget.evaluations or 0
+    size = settings.algorithm.first_size(box_of(swarm), evaluations)
+    swarm_task = task_of(swarm, size, evaluations // size)
     cases = [
         evolution_case("A1.", task_of(one_uav(), 20, 200)),
         evolution_case("A2.", task_of(shorter_uav(5), 100, 100)),

@@ -154,6 +154,13 @@ def _extent(task: Task) -> str:
     )
 
 
+def box_of(instance: Instance) -> Box:
+    """Return the box of an instance's control sequences."""
+    problem = instance.problem
+    lower, upper = (np.tile(v, problem.intervals) for v in problem.control_limits)
+    return Box(lower=lower, upper=upper, per_step=problem.model.nu)
+
+
 def our_search(case: Case, *, in_python: bool = False) -> Search:
     """Return our search of a case.
 
@@ -162,8 +169,8 @@ def our_search(case: Case, *, in_python: bool = False) -> Search:
         in_python: Whether the objective hides that it is compiled, so that the loop
             over generations runs in Python.
     """
-    task, (lower, upper) = case.task, case.task.bounds
-    box = Box(lower=lower, upper=upper, per_step=task.instance.problem.model.nu)
+    task = case.task
+    box = box_of(task.instance)
     budget, order = (
         Budget(evaluations=task.size * task.generations),
         static_penalty(WEIGHT),

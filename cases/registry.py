@@ -38,6 +38,11 @@ SEARCHES = {
         "swarmstart.heuristics:DifferentialEvolution",
         "one",
     ),
+    "cma": SearchEntry(
+        "covariance matrix adaptation, restarted with twice the population (IPOP)",
+        "swarmstart.heuristics:CMAES",
+        "one",
+    ),
     "ga": SearchEntry(
         "real-coded genetic algorithm, started at random as the chapter's",
         "swarmstart.heuristics:GeneticAlgorithm",

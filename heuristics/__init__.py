@@ -11,6 +11,7 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.box import Box, InvalidBoxError, InvalidPointsError
 from swarmstart.heuristics.chaotic_pso import ChaoticPSO
+from swarmstart.heuristics.cma import CMAES
 from swarmstart.heuristics.compiled_loop import CompiledObjective, Pointers
 from swarmstart.heuristics.de import DifferentialEvolution
 from swarmstart.heuristics.genetic import GeneticAlgorithm
@@ -45,6 +46,7 @@ from swarmstart.heuristics.search import (
 )
 
 __all__ = [
+    "CMAES",
     "Algorithm",
     "AskTellError",
     "Box",

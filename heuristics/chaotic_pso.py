@@ -35,7 +35,12 @@ from swarmstart.heuristics.chaos import draw_seeds, leave_traps, logistic
 from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, better
 from swarmstart.heuristics.sampling import smooth_fractions
-from swarmstart.heuristics.swarm import fly, remember, require_accelerations
+from swarmstart.heuristics.swarm import (
+    fly,
+    remember,
+    require_accelerations,
+    swarm_best,
+)
 
 Reseed = Literal["logistic", "uniform", "none"]
 InitialVelocity = Literal["independent", "smooth"]
@@ -101,7 +106,7 @@ def propose(
     if state.generation[0] > 0:
         if settings.reseed != NONE and has_converged(settings, state):  # step 6
             place_worse_half(rng, settings, state)  # step 7
-        fly(rng, inertia(settings, state), settings, state)  # step 5
+        fly(rng, inertia(settings, state), swarm_best(state), settings, state)  # step 5
     asked[:] = state.position
 
 
@@ -208,8 +213,9 @@ class ChaoticPSO:
         inertia_min: Inertia weight w_min at its end, in [0, inertia_max].
         cognitive: Acceleration c1 towards the particle's own best, at least 0.
         social: Acceleration c2 towards the swarm's best, at least 0.
-        velocity_max: Largest speed, above 0, in the units of the variables: one number,
-            or one for each variable, shape (dim,) (kept as a tuple).
+        velocity_max: Largest speed, above 0, in the units of the variables (as in the
+            text; that of `ParticleSwarm` is a fraction of the box): one number, or one
+            for each variable, shape (dim,) (kept as a tuple).
         initial_velocity: "independent", or "smooth" in time, which asks for a box whose
             variables are a sequence (`Box.per_step`).
         reseed: Where the numbers that place particles come from: "logistic" (5.17),

@@ -230,8 +230,8 @@ class GeneticAlgorithm:
         crossover: Probability p_c that a pair is crossed, in [0, 1].
         mutation: Probability p_m that a coordinate is drawn anew, in [0, 1]; None means
             1 / dim.
-        elitism: 1: the best parent replaces the worst child if it is better; 0: parents
-            die. The best point ever seen is reported either way.
+        elitism: Whether the best parent replaces the worst child if it is better; if
+            not, parents die. The best point ever seen is reported either way.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -240,7 +240,7 @@ class GeneticAlgorithm:
     size: int = 20
     crossover: float = 0.8
     mutation: float | None = None
-    elitism: int = 1
+    elitism: bool = True
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -249,7 +249,8 @@ class GeneticAlgorithm:
         require("crossover", self.crossover, ok=ok, allowed="in [0, 1]")
         ok = self.mutation is None or 0.0 <= self.mutation <= 1.0
         require("mutation", self.mutation, ok=ok, allowed="None or in [0, 1]")
-        require("elitism", self.elitism, ok=self.elitism in (0, 1), allowed="0 or 1")
+        ok = isinstance(self.elitism, bool)
+        require("elitism", self.elitism, ok=ok, allowed="True or False")
 
     @property
     def kernels(self) -> Kernels:
@@ -271,7 +272,7 @@ class GeneticAlgorithm:
             order=order,
             crossover=float(self.crossover),
             mutation=float(1.0 / box.dim if self.mutation is None else self.mutation),
-            elitism=bool(self.elitism),
+            elitism=self.elitism,
         )
 
     def start(

@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.kernel import Array, kernel
+from swarmstart.heuristics.kernel import Array, Count, kernel
 
 STATIC_PENALTY = 0
 FEASIBILITY_FIRST = 1
@@ -245,6 +245,44 @@ def better_at(
     if feasible_a or feasible_b:
         return feasible_a
     return violation_a < violation_b
+
+
+@kernel
+def ranking(order: RunningOrder, cost: Array, violation: Array) -> Count:
+    """Indices of a population from the best to the worst, by `better` (merge sort).
+
+    Individuals that tie keep their order; those that are not finite come last.
+
+    Args:
+        order: The order.
+        cost: Costs, shape (size,).
+        violation: Violations, shape (size,).
+
+    Returns:
+        The indices, shape (size,).
+    """
+    size = cost.size
+    rank = np.arange(size)
+    merged = np.empty_like(rank)
+    length = 1  # of the runs that are sorted
+    while length < size:
+        for first in range(0, size, 2 * length):
+            middle, end = min(first + length, size), min(first + 2 * length, size)
+            i, j = first, middle
+            for k in range(first, end):
+                a, b = rank[min(i, size - 1)], rank[min(j, size - 1)]
+                if j == end or (
+                    i < middle
+                    and not better(order, cost[b], violation[b], cost[a], violation[a])
+                ):
+                    merged[k] = a
+                    i += 1
+                else:
+                    merged[k] = b
+                    j += 1
+        rank, merged = merged, rank
+        length *= 2
+    return rank
 
 
 @kernel

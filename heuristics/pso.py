@@ -1,10 +1,26 @@
-"""Particle swarm with one neighbourhood (gbest) and constant inertia.
+"""Particle swarm with constant coefficients, of one neighbourhood or on a ring.
 
-Equation (2.11) (see `swarm`) with w = 0.7298 and c1 = c2 = 1.496, the constriction of
-Clerc and Kennedy (2002), IEEE Transactions on Evolutionary Computation 6(1). Particles
+With r1, r2 uniform in [0, 1), drawn anew for each coordinate of each particle,
+
+    v <- w v + c1 r1 (p - x) + c2 r2 (g - x),    |v| <= v_max                (2.11)
+    x <- x + v
+
+p the particle's best point, g the best point of its neighbourhood (see `swarm`). The
+coefficients may be given as inertia and accelerations, or by constriction (Clerc and
+Kennedy), which is the same update with both derived from phi = phi1 + phi2 > 4,
+
+    v <- chi (v + phi/2 r1 (p - x) + phi/2 r2 (g - x))
+    chi = 2 / (phi - 2 + sqrt(phi^2 - 4 phi)),    w = chi,  c1 = c2 = chi phi / 2
+
+The defaults, w = 0.7298 and c1 = c2 = 1.496, are those of phi = 4.1, rounded. Particles
 start with half the way to another random point as velocity (Clerc, Standard PSO 2007).
+
+Source: Clerc and Kennedy (2002), The particle swarm - explosion, stability, and
+convergence in a multidimensional complex space, IEEE Transactions on Evolutionary
+Computation 6(1), type 1'' with kappa = 1.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,7 +38,16 @@ from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder
 from swarmstart.heuristics.sampling import sample_uniform
-from swarmstart.heuristics.swarm import fly, remember, require_accelerations
+from swarmstart.heuristics.swarm import (
+    fly,
+    remember,
+    require_accelerations,
+    ring_best,
+    swarm_best,
+)
+
+PHI_LEAST = 4.0
+"""Sum of accelerations at which constriction begins (Clerc and Kennedy 2002)."""
 
 
 class ParticleSwarmSettings(NamedTuple):
@@ -36,6 +61,7 @@ class ParticleSwarmSettings(NamedTuple):
     social: float
     velocity_max: Array
     bounds: int
+    neighbours: int
 
 
 class ParticleSwarmState(NamedTuple):
@@ -66,7 +92,11 @@ def propose(
 ) -> None:
     """Fly by (2.11), except in generation 0."""
     if state.generation[0] > 0:
-        fly(rng, settings.inertia, settings, state)
+        if settings.neighbours > 0:
+            attractor = ring_best(settings.order, state, settings.neighbours)
+        else:
+            attractor = swarm_best(state)
+        fly(rng, settings.inertia, attractor, settings, state)
     asked[:] = state.position
 
 
@@ -78,9 +108,12 @@ class ParticleSwarm:
         size: Number of particles, at least 1.
         inertia: Inertia weight w, in [0, 1].
         cognitive: Acceleration c1 towards the particle's own best, at least 0.
-        social: Acceleration c2 towards the swarm's best, at least 0.
+        social: Acceleration c2 towards the neighbourhood's best, at least 0.
+        neighbours: On a ring, how many others a particle looks at, half of them on each
+            side: even, at least 2, below size. None means the whole swarm (gbest).
         velocity_max: Largest speed in each coordinate, as a fraction of the width of
-            the box; None means no limit.
+            the box (that of `ChaoticPSO` is in the units of the variables); None means
+            no limit.
         bounds: What happens to a particle that would leave the box; see `bounds`.
 
     Raises:
@@ -91,6 +124,7 @@ class ParticleSwarm:
     inertia: float = 0.7298
     cognitive: float = 1.496
     social: float = 1.496
+    neighbours: int | None = None
     velocity_max: float | None = None
     bounds: Bounds = "reflect"
 
@@ -100,10 +134,36 @@ class ParticleSwarm:
         ok = 0.0 <= self.inertia <= 1.0
         require("inertia", self.inertia, ok=ok, allowed="in [0, 1]")
         require_accelerations(self.cognitive, self.social)
+        k = self.neighbours
+        ok = k is None or (isinstance(k, int) and k % 2 == 0 and 2 <= k < self.size)  # noqa: PLR2004
+        allowed = f"None or even, at least 2 and below size = {self.size}"
+        require("neighbours", k, ok=ok, allowed=allowed)
         ok = self.velocity_max is None or 0.0 < self.velocity_max < np.inf
         allowed = "None or finite and above 0"
         require("velocity_max", self.velocity_max, ok=ok, allowed=allowed)
         require_bounds(self.bounds)
+
+    @classmethod
+    def constricted(cls, phi: float = 4.1) -> "ParticleSwarm":
+        """The settings whose coefficients are those of constriction.
+
+        Args:
+            phi: Sum of the two accelerations before constriction, above 4.
+
+        Returns:
+            w = chi, c1 = c2 = chi phi / 2, all else as by default; change that with
+            `dataclasses.replace`.
+
+        Raises:
+            InvalidSettingsError: If phi is not finite and above 4.
+
+        Source: Clerc and Kennedy (2002).
+        """
+        ok = PHI_LEAST < phi < math.inf
+        require("phi", phi, ok=ok, allowed=f"finite and above {PHI_LEAST:g}")
+        chi = 2.0 / (phi - 2.0 + math.sqrt(phi * phi - 4.0 * phi))
+        each = 0.5 * chi * phi
+        return cls(inertia=chi, cognitive=each, social=each)
 
     @property
     def kernels(self) -> Kernels:
@@ -127,6 +187,7 @@ class ParticleSwarm:
             social=float(self.social),
             velocity_max=fraction * box.width,
             bounds=CODES[self.bounds],
+            neighbours=self.neighbours or 0,
         )
 
     def start(

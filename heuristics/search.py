@@ -229,6 +229,7 @@ class Search:
             if not 0.0 <= progress <= 1.0:
                 raise InvalidSettingsError("progress", progress, "in [0, 1]")
             self._state.progress[0] = progress
+        self._state = _with_room(self._state)
         propose = self.algorithm.kernels.propose
         self._asked = np.empty((self.box.dim, int(self._state.size[0])))
         with put_off():
@@ -292,6 +293,7 @@ class Search:
             )
         if self._known is not None:
             return None
+        self._state = _with_room(self._state)
         work = new_work(self.box.dim, self.size, generations)
         pointers = objective.attach(work.asked, work.cost, work.violation)
         if pointers is None:
@@ -355,6 +357,21 @@ def _fields(record: object) -> dict[str, Array]:
 
 
 Record = TypeVar("Record")
+
+
+def _with_room(state: State) -> State:
+    """Return the state with room for the next generation in its array `sampled`.
+
+    Kernels cannot replace an array. So what a state keeps of each individual from
+    propose to accept, if anything, grows here: shape (dim, at least the size), its
+    contents lost. The compiled loop comes back before it needs more room.
+    """
+    kept, size = _fields(state).get("sampled"), int(state.size[0])
+    if kept is None or kept.shape[1] >= size:
+        return state
+    grown = np.zeros((kept.shape[0], size))
+    replaced: State = state._replace(sampled=grown)  # type: ignore[attr-defined]
+    return replaced
 
 
 def _filled(template: Record, prefix: str, snapshot: Snapshot) -> Record:

@@ -48,12 +48,14 @@ def progress_of(evaluations: int, size: int, budget: int) -> float:
     """Fraction of the budget used before a generation, in [0, 1].
 
     0 for the initial population, 1 for the last generation that fits: with generations
-    of one size it is iter_k / iter_max of (5.19).
+    of one size it is iter_k / iter_max of (5.19). Where sizes change, the generations
+    left are taken to have this one, and a growing one may end the search before 1.
 
     Args:
         evaluations: Individuals evaluated so far.
         size: Individuals of the generation.
         budget: Individuals that may be evaluated.
     """
-    before_last = budget - budget % size - size
+    left = (budget - evaluations) // size
+    before_last = evaluations + (left - 1) * size
     return min(evaluations / before_last, 1.0) if before_last > 0 else 0.0

@@ -5,10 +5,13 @@ With r1, r2 uniform in [0, 1), drawn anew for each coordinate of each particle,
     v <- w v + c1 r1 (p - x) + c2 r2 (g - x),    |v| <= v_max                (2.11)
     x <- x + v
 
-p is the best point the particle has seen, g the best point any particle has seen.
+p is the best point the particle has seen, g what attracts it besides: the best point
+any particle has seen (gbest), or the best p among itself and its nearest k particles on
+a ring, k/2 on each side (lbest). All particles move before any is evaluated.
 
 Source: chapter 2, eq. (2.11); Shi and Eberhart (1998), A modified particle swarm
-optimizer, IEEE International Conference on Evolutionary Computation.
+optimizer, IEEE International Conference on Evolutionary Computation; the ring is that
+of Kennedy (1999), Small worlds and mega-minds, Congress on Evolutionary Computation.
 """
 
 from typing import Protocol
@@ -43,7 +46,7 @@ class SwarmSettings(Protocol):
 
     @property
     def social(self) -> float:
-        """Acceleration c2 towards the swarm's best."""
+        """Acceleration c2 towards the attractor g."""
 
     @property
     def velocity_max(self) -> Array:
@@ -79,9 +82,46 @@ class SwarmState(State, Protocol):
 
 
 @kernel
+def swarm_best(state: SwarmState) -> Array:
+    """The attractor of each particle is the best point seen, shape (dim, size)."""
+    attractor = np.empty_like(state.position)
+    for d in range(attractor.shape[0]):
+        attractor[d, :] = state.best[d]
+    return attractor
+
+
+@kernel
+def ring_best(order: RunningOrder, state: SwarmState, neighbours: int) -> Array:
+    """The attractor of each particle is the best personal best nearby on the ring.
+
+    Of personal bests that tie, the particle's own counts, then the first from below.
+
+    Args:
+        order: The order.
+        state: State of the swarm.
+        neighbours: Number k of neighbours, even, below the number of particles.
+
+    Returns:
+        The attractors, shape (dim, size).
+    """
+    size = state.position.shape[1]
+    cost, violation = state.personal_cost, state.personal_violation
+    attractor = np.empty_like(state.position)
+    for i in range(size):
+        best = i
+        for step in range(-(neighbours // 2), neighbours // 2 + 1):
+            j = (i + step) % size
+            if better(order, cost[j], violation[j], cost[best], violation[best]):
+                best = j
+        attractor[:, i] = state.personal[:, best]
+    return attractor
+
+
+@kernel
 def fly(
     rng: np.random.Generator,
     inertia: float,
+    attractor: Array,
     settings: SwarmSettings,
     state: SwarmState,
 ) -> None:
@@ -90,6 +130,7 @@ def fly(
     Args:
         rng: Source of r1 and r2.
         inertia: Inertia weight w.
+        attractor: The g of each particle, shape (dim, size).
         settings: Kernel settings of the swarm.
         state: State of the swarm; position and velocity are changed in place.
     """
@@ -102,7 +143,7 @@ def fly(
             v = (  # (2.11)
                 inertia * state.velocity[d, i]
                 + settings.cognitive * r1 * (state.personal[d, i] - x)
-                + settings.social * r2 * (state.best[d] - x)
+                + settings.social * r2 * (attractor[d, i] - x)
             )
             v = clip(v, -settings.velocity_max[d], settings.velocity_max[d])
             low, high = settings.lower[d], settings.upper[d]

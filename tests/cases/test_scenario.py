@@ -81,7 +81,7 @@ def test_another_search_comes_with_its_defaults_and_the_same_keeps_its_settings(
     search = resolved(search="ga", assignments=["search.size=30"]).settings["search"]
     assert search == {
         **{"name": "ga", "warm_start": "none", "sampling": "uniform", "size": 30},
-        **{"crossover": 0.8, "mutation": None, "elitism": 1},
+        **{"crossover": 0.8, "mutation": None, "elitism": True},
     }
 
 

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.heuristics import (
+    CMAES,
     Algorithm,
     Box,
     ChaoticPSO,
@@ -83,6 +84,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     DifferentialEvolution(size=SIZE),
     GeneticAlgorithm(size=SIZE),
     RandomSearch(size=SIZE),
+    CMAES(size=SIZE),
     Breathing(),
 )
 ORDERS = (feasibility_first(), static_penalty(2.0), epsilon_level(0.125, quantile=0.9))

@@ -20,7 +20,7 @@ from swarmstart.heuristics.genetic import (
 BOX = Box(lower=np.full(3, -1.0), upper=np.full(3, 2.0))
 
 
-def population_costs(elitism: int) -> NDArray[np.float64]:
+def population_costs(elitism: bool) -> NDArray[np.float64]:
     """Best cost within the population, generation after generation."""
     algorithm = GeneticAlgorithm(size=6, elitism=elitism, mutation=0.5)
     search = Search(algorithm, BOX, rng=np.random.default_rng(0))
@@ -34,11 +34,11 @@ def population_costs(elitism: int) -> NDArray[np.float64]:
 
 
 def test_elitism_keeps_the_best() -> None:
-    assert (np.diff(population_costs(elitism=1)) <= 0.0).all()
+    assert (np.diff(population_costs(elitism=True)) <= 0.0).all()
 
 
 def test_without_elitism_the_population_can_worsen() -> None:
-    assert (np.diff(population_costs(elitism=0)) > 0.0).any()
+    assert (np.diff(population_costs(elitism=False)) > 0.0).any()
 
 
 def weights(cost: list[float], violation: list[float]) -> NDArray[np.float64]:
@@ -117,7 +117,7 @@ def test_mutation_redraws_one_coordinate_in_dim_over_the_whole_box() -> None:
         ({"size": 1}, "size must be an integer of at least 2, got 1"),
         ({"crossover": -0.1}, r"crossover must be in \[0, 1\], got -0.1"),
         ({"mutation": 2.0}, r"mutation must be None or in \[0, 1\], got 2.0"),
-        ({"elitism": 2}, "elitism must be 0 or 1, got 2"),
+        ({"elitism": 1}, "elitism must be True or False, got 1"),
     ],
 )
 def test_refuses_settings_out_of_range(setting: dict[str, float], message: str) -> None:

@@ -187,3 +187,11 @@ def test_refuses_what_ends_no_search(
 def test_target_and_stagnation_alone_are_no_budget() -> None:
     with pytest.raises(InvalidBudgetError, match="needs evaluations or seconds"):
         Budget(target=0.0, stagnation=3)
+
+
+@pytest.mark.parametrize("evaluations", [81, 85, 90])
+def test_progress_is_1_in_the_last_generation_after_others_of_another_size(
+    evaluations: int,
+) -> None:
+    assert progress_of(evaluations, 10, 100) == 1.0
+    assert progress_of(evaluations - 11, 10, 100) < 1.0
