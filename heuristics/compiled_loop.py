@@ -116,7 +116,9 @@ def loop_of(kernels: Kernels) -> Callable[..., None]:
         (rng, settings, searched, work, pointers, limits) -> None, as `_loop`.
     """
     names = {**globals(), "propose": kernels.propose, "accept": kernels.accept}
-    loop = FunctionType(_loop.__code__, names, f"loop_{_fingerprint()}")
+    # Of two algorithms with the same types Numba would find the other's loop.
+    whose = "_".join(f"{k.__module__}.{k.__name__}" for k in kernels).replace(".", "_")
+    loop = FunctionType(_loop.__code__, names, f"loop_{whose}_{_fingerprint()}")
     loop.__qualname__ = loop.__name__
     return kernel(loop)
 
