@@ -34,8 +34,18 @@ SEARCHES = {
         "standard particle swarm", "swarmstart.heuristics:ParticleSwarm", "all"
     ),
     "de": SearchEntry(
-        "differential evolution, rand/1/bin",
+        "differential evolution",
         "swarmstart.heuristics:DifferentialEvolution",
+        "one",
+    ),
+    "jde": SearchEntry(
+        "differential evolution that adapts its own parameters",
+        "swarmstart.heuristics:SelfAdaptiveDE",
+        "one",
+    ),
+    "lshade": SearchEntry(
+        "L-SHADE: adaptive differential evolution of a shrinking population",
+        "swarmstart.heuristics:LSHADE",
         "one",
     ),
     "ga": SearchEntry(

@@ -282,7 +282,8 @@ class Scenario(Part):
         """Yield what one part of the scenario makes wrong in another."""
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
-        size, evaluations = getattr(self.search, "size", 1), self.budget.evaluations
+        size = getattr(self.search, "size", None) or 1  # None: the budget decides.
+        evaluations = self.budget.evaluations
         if evaluations is not None and evaluations < size:
             yield (
                 ("budget", "evaluations"),

@@ -15,6 +15,8 @@ from swarmstart.heuristics.compiled_loop import CompiledObjective, Pointers
 from swarmstart.heuristics.de import DifferentialEvolution
 from swarmstart.heuristics.genetic import GeneticAlgorithm
 from swarmstart.heuristics.initial import Initial
+from swarmstart.heuristics.jde import SelfAdaptiveDE
+from swarmstart.heuristics.lshade import LSHADE
 from swarmstart.heuristics.minimize import (
     Budget,
     GenerationEvent,
@@ -45,6 +47,7 @@ from swarmstart.heuristics.search import (
 )
 
 __all__ = [
+    "LSHADE",
     "Algorithm",
     "AskTellError",
     "Box",
@@ -72,6 +75,7 @@ __all__ = [
     "Sampling",
     "Search",
     "SearchResult",
+    "SelfAdaptiveDE",
     "Snapshot",
     "State",
     "StopReason",
