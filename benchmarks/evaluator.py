@@ -266,7 +266,7 @@ def _spread(timing: Timing) -> str:
 
 def _number(value: float) -> str:
     """Return three digits, or all before the point."""
-    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"  # noqa: PLR2004
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
 
 
 def _has_avx512(target: Machine) -> bool:

@@ -327,7 +327,7 @@ def _paired_verdict(ratios: list[float], claim: Any) -> str:
     """Judge by the median ratio; a difference must show in a paired test as well."""
     p = float(wilcoxon([r - 1.0 for r in ratios]).pvalue)
     test = f"{len(ratios)} pairs, Wilcoxon p = {p:.2g}"
-    if p > 0.05:  # noqa: PLR2004 - the usual level, stated in the table's head
+    if p > 0.05:  # the usual level, stated in the table's head
         return f"no difference shown ({test})"
     kept = holds(statistics.median(ratios), claim.relation, claim.bound)
     return f"{'holds' if kept else 'does not hold'} ({test})"

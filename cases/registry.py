@@ -34,13 +34,23 @@ SEARCHES = {
         "standard particle swarm", "swarmstart.heuristics:ParticleSwarm", "all"
     ),
     "de": SearchEntry(
-        "differential evolution, rand/1/bin",
+        "differential evolution",
         "swarmstart.heuristics:DifferentialEvolution",
         "one",
     ),
     "cma": SearchEntry(
         "covariance matrix adaptation, restarted with twice the population (IPOP)",
         "swarmstart.heuristics:CMAES",
+        "one",
+    ),
+    "jde": SearchEntry(
+        "differential evolution that adapts its own parameters",
+        "swarmstart.heuristics:SelfAdaptiveDE",
+        "one",
+    ),
+    "lshade": SearchEntry(
+        "L-SHADE: adaptive differential evolution of a shrinking population",
+        "swarmstart.heuristics:LSHADE",
         "one",
     ),
     "ga": SearchEntry(

@@ -283,7 +283,7 @@ class Scenario(Part):
         """Yield what one part of the scenario makes wrong in another."""
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
-        size = getattr(self.search, "size", None) or 1
+        size = getattr(self.search, "size", None) or 1  # None: the budget decides.
         evaluations = self.budget.evaluations
         if evaluations is not None and evaluations < size:
             yield (

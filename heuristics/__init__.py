@@ -16,6 +16,8 @@ from swarmstart.heuristics.compiled_loop import CompiledObjective, Pointers
 from swarmstart.heuristics.de import DifferentialEvolution
 from swarmstart.heuristics.genetic import GeneticAlgorithm
 from swarmstart.heuristics.initial import Initial
+from swarmstart.heuristics.jde import SelfAdaptiveDE
+from swarmstart.heuristics.lshade import LSHADE
 from swarmstart.heuristics.minimize import (
     Budget,
     GenerationEvent,
@@ -47,6 +49,7 @@ from swarmstart.heuristics.search import (
 
 __all__ = [
     "CMAES",
+    "LSHADE",
     "Algorithm",
     "AskTellError",
     "Box",
@@ -74,6 +77,7 @@ __all__ = [
     "Sampling",
     "Search",
     "SearchResult",
+    "SelfAdaptiveDE",
     "Snapshot",
     "State",
     "StopReason",

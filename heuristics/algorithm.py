@@ -228,7 +228,16 @@ def require_bounds(name: str) -> None:
     Raises:
         InvalidSettingsError: If so.
     """
-    require("bounds", name, ok=name in NAMES, allowed=f"one of {', '.join(NAMES)}")
+    require_name("bounds", name, NAMES)
+
+
+def require_name(name: str, value: str, names: tuple[str, ...]) -> None:
+    """Refuse a setting that is none of the names.
+
+    Raises:
+        InvalidSettingsError: If so.
+    """
+    require(name, value, ok=value in names, allowed=f"one of {', '.join(names)}")
 
 
 def require_size(size: int, *, at_least: int) -> None:

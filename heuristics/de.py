@@ -1,11 +1,20 @@
-"""Differential evolution, DE/rand/1/bin.
+"""Differential evolution: DE/rand/1, DE/best/1, DE/current-to-best/1; bin and exp.
 
-For each individual x_i, with r1, r2, r3 distinct and none of them i, k a random
-coordinate and r uniform in [0, 1),
+For each individual x_i, with r1, r2, r3 distinct and none of them i, and best the best
+of the population,
 
-    v   = x_r1 + F (x_r2 - x_r3)                                     (mutation)
-    u_d = v_d if r_d < CR or d = k, else x_id                        (crossover)
-    x_i <- u if u is not worse than x_i                              (selection)
+    v = x_r1   + F (x_r2 - x_r3)                                     (rand/1)
+    v = x_best + F (x_r1 - x_r2)                                     (best/1)
+    v = x_i    + F (x_best - x_i) + F (x_r1 - x_r2)                  (current-to-best/1)
+
+Crossover, with k a random coordinate and r uniform in [0, 1):
+
+    u_d = v_d if r_d < CR or d = k, else x_id                        (bin)
+    u_d = v_d for d = k, k + 1, ... as long as r < CR, at most once round, else x_id
+                                                                     (exp)
+Selection:
+
+    x_i <- u if u is not worse than x_i
 
 All trials of a generation are built from the generation before it (synchronous).
 
@@ -15,7 +24,7 @@ Optimization 11.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -24,13 +33,31 @@ from swarmstart.heuristics.algorithm import (
     common_fields,
     require,
     require_bounds,
+    require_name,
     require_size,
     take_generation,
 )
-from swarmstart.heuristics.bounds import CODES, Bounds, repair
+from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.kernel import Array, Count, kernel
-from swarmstart.heuristics.order import RunningOrder, better
+from swarmstart.heuristics.order import RunningOrder, best_index
+from swarmstart.heuristics.trials import (
+    Plan,
+    cross_binomially,
+    cross_exponentially,
+    draw_three_others,
+    draw_two_others,
+    fill_trials,
+    new_plan,
+    select,
+)
+
+Strategy = Literal["rand/1", "best/1", "current-to-best/1"]
+Crossover = Literal["bin", "exp"]
+STRATEGIES: tuple[str, ...] = get_args(Strategy)
+CROSSOVERS: tuple[str, ...] = get_args(Crossover)
+RAND, BEST, CURRENT_TO_BEST = range(3)
+BIN, EXP = range(2)
 
 F_MAX = 2.0
 """Largest weight of the difference (Storn and Price 1997)."""
@@ -44,6 +71,8 @@ class DifferentialEvolutionSettings(NamedTuple):
     order: RunningOrder
     F: float
     CR: float
+    strategy: int
+    crossover: int
     bounds: int
 
 
@@ -78,19 +107,35 @@ def propose(
     asked: Array,
 ) -> None:
     """One trial for each individual: mutation and crossover."""
-    asked[:] = state.population
     if state.generation[0] == 0:
+        asked[:] = state.population
         return
     dim, size = asked.shape
-    x = state.population
+    plan = new_plan(dim, size)
+    best = best_index(settings.order, state.cost, state.violation)
     for i in range(size):
-        r1, r2, r3 = draw_three_others(rng, size, i)
-        k = draw_index(rng, dim)
-        for d in range(dim):
-            if rng.random() < settings.CR or d == k:  # crossover
-                v = x[d, r1] + settings.F * (x[d, r2] - x[d, r3])  # mutation
-                low, high = settings.lower[d], settings.upper[d]
-                asked[d, i] = repair(rng, settings.bounds, v, x[d, i], low, high)
+        draw_donors(rng, settings.strategy, plan, i, best)
+        plan.F[i] = settings.F
+        if settings.crossover == BIN:
+            cross_binomially(rng, settings.CR, plan.mutated, i)
+        else:
+            cross_exponentially(rng, settings.CR, plan.mutated, i)
+    fill_trials(rng, settings, state.population, plan, asked)
+
+
+@kernel
+def draw_donors(
+    rng: np.random.Generator, strategy: int, plan: Plan, i: int, best: int
+) -> None:
+    """Choose the donors of individual i's trial."""
+    if strategy == RAND:
+        r1, r2, r3 = draw_three_others(rng, plan.base.size, i)
+        plan.base[i], plan.lead[i], plan.plus[i], plan.minus[i] = r1, r1, r2, r3
+        return
+    size = plan.base.size
+    plan.plus[i], plan.minus[i] = draw_two_others(rng, size, i, size)
+    plan.base[i] = best if strategy == BEST else i
+    plan.lead[i] = best
 
 
 @kernel
@@ -101,52 +146,23 @@ def accept(
     cost: Array,
     violation: Array,
 ) -> None:
-    """A trial replaces its parent if it is not worse: selection.
-
-    Before generation 0 the costs are infinite, so that its individuals are taken.
-    """
-    for i in range(cost.size):
-        worse = better(
-            settings.order, state.cost[i], state.violation[i], cost[i], violation[i]
-        )
-        if not worse:
-            state.population[:, i] = asked[:, i]
-            state.cost[i] = cost[i]
-            state.violation[i] = violation[i]
+    """A trial replaces its parent if it is not worse: selection."""
+    parents = (state.population, state.cost, state.violation)
+    select(settings.order, parents, asked, cost, violation)
     take_generation(settings.order, state, asked, cost, violation)
-
-
-@kernel
-def draw_three_others(
-    rng: np.random.Generator, size: int, i: int
-) -> tuple[int, int, int]:
-    """Three distinct individuals, none of them i, all triples equally likely."""
-    r1 = i
-    while r1 == i:
-        r1 = draw_index(rng, size)
-    r2 = i
-    while r2 in (i, r1):
-        r2 = draw_index(rng, size)
-    r3 = i
-    while r3 in (i, r1, r2):
-        r3 = draw_index(rng, size)
-    return r1, r2, r3
-
-
-@kernel
-def draw_index(rng: np.random.Generator, number: int) -> int:
-    """A random index below number."""
-    return int(rng.random() * number)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DifferentialEvolution:
-    """Settings of DE/rand/1/bin.
+    """Settings of differential evolution.
 
     Attributes:
         size: Number of individuals NP, at least 4.
         F: Weight of the difference, in (0, 2].
-        CR: Probability that a coordinate comes from the mutant, in [0, 1].
+        CR: Probability that a coordinate comes from the mutant (bin), or that the run
+            goes on (exp), in [0, 1].
+        strategy: What the mutant is made of.
+        crossover: What the trial takes of the mutant.
         bounds: What happens to a coordinate that leaves the box; see `bounds`.
 
     Raises:
@@ -156,6 +172,8 @@ class DifferentialEvolution:
     size: int = 50
     F: float = 0.5
     CR: float = 0.9
+    strategy: Strategy = "rand/1"
+    crossover: Crossover = "bin"
     bounds: Bounds = "midpoint"
 
     def __post_init__(self) -> None:
@@ -163,6 +181,8 @@ class DifferentialEvolution:
         require_size(self.size, at_least=4)
         require("F", self.F, ok=0.0 < self.F <= F_MAX, allowed=f"in (0, {F_MAX}]")
         require("CR", self.CR, ok=0.0 <= self.CR <= 1.0, allowed="in [0, 1]")
+        require_name("strategy", self.strategy, STRATEGIES)
+        require_name("crossover", self.crossover, CROSSOVERS)
         require_bounds(self.bounds)
 
     @property
@@ -185,6 +205,8 @@ class DifferentialEvolution:
             order=order,
             F=float(self.F),
             CR=float(self.CR),
+            strategy=STRATEGIES.index(self.strategy),
+            crossover=CROSSOVERS.index(self.crossover),
             bounds=CODES[self.bounds],
         )
 

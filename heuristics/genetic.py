@@ -27,7 +27,13 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.box import Box, between
 from swarmstart.heuristics.kernel import Array, Count, kernel
-from swarmstart.heuristics.order import RunningOrder, better, merits
+from swarmstart.heuristics.order import (
+    RunningOrder,
+    best_index,
+    better,
+    merits,
+    worst_index,
+)
 
 
 class GeneticAlgorithmSettings(NamedTuple):
@@ -138,26 +144,6 @@ def accept(
         state.cost[worst] = elite_cost
         state.violation[worst] = elite_violation
     take_generation(settings.order, state, asked, cost, violation)
-
-
-@kernel
-def best_index(order: RunningOrder, cost: Array, violation: Array) -> int:
-    """Index of the first of the best individuals."""
-    best = 0
-    for i in range(1, cost.size):
-        if better(order, cost[i], violation[i], cost[best], violation[best]):
-            best = i
-    return best
-
-
-@kernel
-def worst_index(order: RunningOrder, cost: Array, violation: Array) -> int:
-    """Index of the first of the worst individuals."""
-    worst = 0
-    for i in range(1, cost.size):
-        if better(order, cost[worst], violation[worst], cost[i], violation[i]):
-            worst = i
-    return worst
 
 
 @kernel

@@ -325,6 +325,26 @@ def worst_feasible_cost(order: RunningOrder, cost: Array, violation: Array) -> f
 
 
 @kernel
+def best_index(order: RunningOrder, cost: Array, violation: Array) -> int:
+    """Index of the first of the best individuals."""
+    best = 0
+    for i in range(1, cost.size):
+        if better(order, cost[i], violation[i], cost[best], violation[best]):
+            best = i
+    return best
+
+
+@kernel
+def worst_index(order: RunningOrder, cost: Array, violation: Array) -> int:
+    """Index of the first of the worst individuals."""
+    worst = 0
+    for i in range(1, cost.size):
+        if better(order, cost[worst], violation[worst], cost[i], violation[i]):
+            worst = i
+    return worst
+
+
+@kernel
 def is_finite(cost: float, violation: float) -> bool:
     """Whether both numbers are finite."""
     return math.isfinite(cost) and math.isfinite(violation)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from swarmstart.heuristics import (
     CMAES,
+    LSHADE,
     Algorithm,
     Box,
     ChaoticPSO,
@@ -21,6 +22,7 @@ from swarmstart.heuristics import (
     ParticleSwarm,
     Pointers,
     RandomSearch,
+    SelfAdaptiveDE,
     compiled_loop,
     epsilon_level,
     feasibility_first,
@@ -84,6 +86,8 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     DifferentialEvolution(size=SIZE),
     GeneticAlgorithm(size=SIZE),
     RandomSearch(size=SIZE),
+    SelfAdaptiveDE(size=SIZE),
+    LSHADE(size=SIZE),
     CMAES(size=SIZE),
     Breathing(),
 )

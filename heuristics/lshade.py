@@ -1,0 +1,352 @@
+"""L-SHADE: DE with a memory of what worked, an archive, and a shrinking population.
+
+Trial of each individual x_i, with h a random slot of the memory:
+
+    CR_i = N(M_CR,h, 0.1) cut to [0, 1]; 0 where M_CR,h is terminal
+    F_i  = Cauchy(M_F,h, 0.1), drawn again while <= 0; 1 where above 1
+    v    = x_i + F_i (x_pbest - x_i) + F_i (x_r1 - x_r2)      (current-to-pbest/1)
+    u_d  = v_d if r_d < CR_i or d = k, else x_id              (bin)
+
+x_pbest is one of the max(2, round(p N)) best, r1 an individual other than i, r2 one of
+the population or of the archive other than both. A trial that is not worse replaces its
+parent; a parent that lost to a better trial goes to the archive, and with it F_i and
+CR_i of the trial to S_F and S_CR. The archive holds at most round(r_arc N); what is too
+much is deleted at random. After a generation with S_F not empty, with the improvements
+D_k and w_k = D_k / sum D, one slot h of the memory (the next in turn) becomes
+
+    M_F,h  = sum w_k F_k^2 / sum w_k F_k                      (weighted Lehmer mean)
+    M_CR,h = sum w_k CR_k^2 / sum w_k CR_k; terminal, for ever, once max S_CR = 0
+
+The population loses its worst individuals, down to
+
+    N = round(N_0 + (N_min - N_0) E / E_max)
+
+with E the evaluations so far. Published: H = 6, M_F = M_CR = 0.5 at first, p = 0.11,
+r_arc = 2.6, N_0 = 18 dim, N_min = 4.
+
+Where this differs from the paper, or the paper is silent:
+E_max    is not known to the kernels; what is, is the fraction used before a generation,
+         (E - n) / (E_max - n) with n its size and E_max cut to whole generations. It is
+         solved for E_max. Generation 0 has fraction 0 and never shrinks. Where the
+         budget is in seconds, E_max is what the pace so far leads to.
+D_k      is |cost(u) - cost(x)| where both count as feasible, and the difference of
+         the violations where not; under a static penalty that of the penalised costs.
+         None of them changes with a constant added to the cost.
+x_i      whose cost was not finite goes neither to the archive nor into the means.
+N_0      is by default clip(E_max / 80, 40, 200): small budgets cannot feed 18 dim.
+
+Source: Tanabe and Fukunaga (2014), Improving the search performance of SHADE using
+linear population size reduction, IEEE Congress on Evolutionary Computation.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmstart.heuristics.algorithm import (
+    Kernels,
+    common_fields,
+    require,
+    require_bounds,
+    require_size,
+    take_generation,
+)
+from swarmstart.heuristics.bounds import CODES, Bounds
+from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.kernel import Array, Count, kernel
+from swarmstart.heuristics.order import RunningOrder, better, worst_index
+from swarmstart.heuristics.success_history import (
+    FIRST_MEMORY,
+    draw_parameters,
+    measure_improvements,
+    remember,
+)
+from swarmstart.heuristics.trials import (
+    cross_binomially,
+    draw_index,
+    draw_two_others,
+    fill_trials,
+    new_plan,
+    select,
+)
+
+LEAST_SIZE = 4
+"""A trial needs two others and two leaders."""
+
+EVALUATIONS_EACH = 80
+SMALLEST_FIRST, LARGEST_FIRST, FIRST_OF_UNKNOWN_BUDGET = 40, 200, 100
+"""N_0 = clip(E_max / 80, 40, 200); 100 where E_max is not known."""
+
+PUBLISHED_SIZE = 18
+"""N_0 per dimension in the paper."""
+
+
+class LSHADESettings(NamedTuple):
+    """What the kernels read; fields as in `LSHADE`."""
+
+    lower: Array
+    upper: Array
+    order: RunningOrder
+    smallest: int
+    archive: float
+    greediness: float
+    bounds: int
+
+
+class LSHADEState(NamedTuple):
+    """State of an `LSHADE`; first fields as in `State`.
+
+    Attributes:
+        pool: Individuals in the first columns, as many as `size` says; from column N_0
+            on the archive. Shape (dim, N_0 + room of the archive).
+        cost: Costs of the individuals, shape (N_0,).
+        violation: Their violations, shape (N_0,).
+        archived: Number of columns in the archive, int64, shape (1,).
+        F_memory: M_F, shape (H,).
+        CR_memory: M_CR, shape (H,).
+        slot: The slot of the memory that is next, int64, shape (1,).
+        F_trial: Weights of the trials asked last, shape (N_0,).
+        CR_trial: Their crossover rates, shape (N_0,).
+    """
+
+    generation: Count
+    progress: Array
+    best: Array
+    best_cost: Array
+    best_violation: Array
+    nonfinite: Count
+    size: Count
+    evaluations: Count
+    improved: Count
+    pool: Array
+    cost: Array
+    violation: Array
+    archived: Count
+    F_memory: Array
+    CR_memory: Array
+    slot: Count
+    F_trial: Array
+    CR_trial: Array
+
+
+@kernel
+def propose(
+    rng: np.random.Generator,
+    settings: LSHADESettings,
+    state: LSHADEState,
+    asked: Array,
+) -> None:
+    """One trial for each individual, with parameters drawn around the memory."""
+    dim, size = asked.shape
+    if state.generation[0] == 0:
+        asked[:] = state.pool[:, :size]
+        return
+    trim_archive(rng, settings, state)
+    plan = new_plan(dim, size)
+    leaders = np.empty(max(2, rounded(settings.greediness * size)), dtype=np.int64)
+    find_leaders(settings.order, state, leaders)
+    for i in range(size):
+        draw_parameters(rng, state, i)
+        plan.base[i] = i
+        plan.lead[i] = leaders[draw_index(rng, leaders.size)]
+        r1, r2 = draw_two_others(rng, size, i, size + state.archived[0])
+        plan.plus[i] = r1
+        plan.minus[i] = r2 if r2 < size else r2 - size + state.cost.size
+        plan.F[i] = state.F_trial[i]
+        cross_binomially(rng, state.CR_trial[i], plan.mutated, i)
+    fill_trials(rng, settings, state.pool, plan, asked)
+
+
+@kernel
+def find_leaders(order: RunningOrder, state: LSHADEState, leaders: Count) -> None:
+    """Fill leaders with the indices of the best individuals, the best first."""
+    cost, violation = state.cost, state.violation
+    last = leaders.size - 1
+    for i in range(state.size[0]):
+        k = min(i, last + 1)
+        while k > 0:
+            j = leaders[k - 1]
+            if not better(order, cost[i], violation[i], cost[j], violation[j]):
+                break
+            if k <= last:
+                leaders[k] = j
+            k -= 1
+        if k <= last:
+            leaders[k] = i
+
+
+@kernel
+def trim_archive(
+    rng: np.random.Generator, settings: LSHADESettings, state: LSHADEState
+) -> None:
+    """Delete random members as long as there are too many."""
+    room = rounded(settings.archive * state.size[0])
+    first = state.cost.size
+    while state.archived[0] > room:
+        k = draw_index(rng, state.archived[0])
+        state.archived[0] -= 1
+        state.pool[:, first + k] = state.pool[:, first + state.archived[0]]
+
+
+@kernel
+def accept(
+    settings: LSHADESettings,
+    state: LSHADEState,
+    asked: Array,
+    cost: Array,
+    violation: Array,
+) -> None:
+    """Selection, archive, memory, and the size of the next generation."""
+    improvement = np.empty(cost.size)
+    measure_improvements(settings.order, state, cost, violation, improvement)
+    remember(state, improvement)
+    keep_losers(state, improvement)
+    parents = (state.pool, state.cost, state.violation)
+    select(settings.order, parents, asked, cost, violation)
+    before = state.evaluations[0]
+    take_generation(settings.order, state, asked, cost, violation)
+    fraction = fraction_after(state.progress[0], before, cost.size)
+    first = state.cost.size
+    size = rounded(first + (settings.smallest - first) * fraction)
+    remove_worst(settings.order, state, max(size, settings.smallest))
+
+
+@kernel
+def keep_losers(state: LSHADEState, improvement: Array) -> None:
+    """Append the parents that lost to the archive."""
+    begin = state.cost.size + state.archived[0]
+    for d in range(state.pool.shape[0]):
+        row, k = state.pool[d], begin
+        for i in range(improvement.size):
+            if improvement[i] > 0.0:
+                row[k] = row[i]
+                k += 1
+    state.archived[0] += (improvement > 0.0).sum()
+
+
+@kernel
+def fraction_after(progress: float, before: int, size: int) -> float:
+    """Fraction of the budget used after a generation, in [0, 1].
+
+    Args:
+        progress: Fraction before the generation; 0 where it is not known.
+        before: Evaluations before the generation.
+        size: Its size.
+    """
+    if progress <= 0.0 or before <= 0:
+        return 0.0
+    return min((before + size) / (before / progress + size), 1.0)
+
+
+@kernel
+def remove_worst(order: RunningOrder, state: LSHADEState, size: int) -> None:
+    """Remove the worst individuals until there are at most `size`."""
+    while state.size[0] > size:
+        n = state.size[0]
+        worst = worst_index(order, state.cost[:n], state.violation[:n])
+        state.size[0] = last = n - 1
+        state.pool[:, worst] = state.pool[:, last]
+        state.cost[worst] = state.cost[last]
+        state.violation[worst] = state.violation[last]
+
+
+@kernel
+def rounded(value: float) -> int:
+    """The nearest integer of a number above 0; of two, the larger."""
+    return math.floor(value + 0.5)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LSHADE:
+    """Settings of L-SHADE.
+
+    Attributes:
+        size: Number of individuals N_0 of the first generation, at least `smallest`;
+            None means one for 80 evaluations of the budget, at least 40, at most 200,
+            and 100 where the budget in evaluations is not known.
+        smallest: Number of individuals N_min at the end, at least 4.
+        memory: Number of slots H of the memory, at least 1.
+        archive: Size r_arc of the archive, in populations, at least 0.
+        greediness: Part p of the population that leads, in (0, 1].
+        bounds: What happens to a coordinate that leaves the box; see `bounds`.
+
+    Raises:
+        InvalidSettingsError: If a value is out of its range.
+    """
+
+    size: int | None = None
+    smallest: int = LEAST_SIZE
+    memory: int = 6
+    archive: float = 2.6
+    greediness: float = 0.11
+    bounds: Bounds = "midpoint"
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        ok = isinstance(self.smallest, int) and self.smallest >= LEAST_SIZE
+        allowed = f"an integer of at least {LEAST_SIZE}"
+        require("smallest", self.smallest, ok=ok, allowed=allowed)
+        if self.size is not None:
+            require_size(self.size, at_least=self.smallest)
+        ok = isinstance(self.memory, int) and self.memory >= 1
+        require("memory", self.memory, ok=ok, allowed="an integer of at least 1")
+        ok = 0.0 <= self.archive < math.inf
+        require("archive", self.archive, ok=ok, allowed="finite and at least 0")
+        ok = 0.0 < self.greediness <= 1.0
+        require("greediness", self.greediness, ok=ok, allowed="in (0, 1]")
+        require_bounds(self.bounds)
+
+    @classmethod
+    def as_published(cls, dim: int) -> "LSHADE":
+        """The settings of the paper, for a box of `dim` dimensions."""
+        return cls(size=PUBLISHED_SIZE * dim)
+
+    @property
+    def kernels(self) -> Kernels:
+        """The two compiled functions."""
+        return Kernels(propose=propose, accept=accept)
+
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        """Number of individuals N_0 of the first generation; see `size`."""
+        del box
+        if self.size is not None:
+            return self.size
+        size = FIRST_OF_UNKNOWN_BUDGET
+        if evaluations is not None:
+            size = evaluations // EVALUATIONS_EACH
+        return max(self.smallest, min(max(size, SMALLEST_FIRST), LARGEST_FIRST))
+
+    def kernel_settings(self, box: Box, order: RunningOrder) -> LSHADESettings:
+        """The settings as numbers and arrays."""
+        return LSHADESettings(
+            lower=box.lower,
+            upper=box.upper,
+            order=order,
+            smallest=self.smallest,
+            archive=float(self.archive),
+            greediness=float(self.greediness),
+            bounds=CODES[self.bounds],
+        )
+
+    def start(
+        self, box: Box, population: Array, *, rng: np.random.Generator
+    ) -> LSHADEState:
+        """The state before generation 0; arguments as in `Algorithm.start`."""
+        del rng
+        first = population.shape[1]
+        pool = np.zeros((box.dim, 2 * first + math.floor(self.archive * first + 0.5)))
+        pool[:, :first] = population
+        return LSHADEState(
+            *common_fields(population),
+            pool=pool,
+            cost=np.full(first, np.inf),
+            violation=np.full(first, np.inf),
+            archived=np.zeros(1, dtype=np.int64),
+            F_memory=np.full(self.memory, FIRST_MEMORY),
+            CR_memory=np.full(self.memory, FIRST_MEMORY),
+            slot=np.zeros(1, dtype=np.int64),
+            F_trial=np.zeros(first),
+            CR_trial=np.zeros(first),
+        )

@@ -1,0 +1,226 @@
+"""Trials made of differences of individuals, shared by DE, jDE and L-SHADE.
+
+For each individual x_i, with the donors b, l, p, m and the weight F_i,
+
+    v   = x_b + F_i (x_l - x_b) + F_i (x_p - x_m)                    (mutation)
+    u_d = v_d where the crossover takes it from the mutant, else x_id
+    x_i <- u if u is not worse than x_i                              (selection)
+
+The random numbers of a generation are drawn first, individual by individual; then the
+trials are computed coordinate by coordinate, along the rows of the arrays.
+
+Source: Storn and Price (1997), Differential evolution - a simple and efficient
+heuristic for global optimization over continuous spaces, Journal of Global
+Optimization 11.
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.heuristics.bounds import repair
+from swarmstart.heuristics.kernel import Array, Count, kernel
+from swarmstart.heuristics.order import RunningOrder, better
+
+Mask = NDArray[np.bool_]
+
+
+class TrialSettings(Protocol):
+    """What the kernels here read of an algorithm's settings."""
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds, shape (dim,)."""
+
+    @property
+    def upper(self) -> Array:
+        """Upper bounds, shape (dim,)."""
+
+    @property
+    def order(self) -> RunningOrder:
+        """How individuals are ordered."""
+
+    @property
+    def bounds(self) -> int:
+        """A code of `bounds`."""
+
+
+class Plan(NamedTuple):
+    """What was drawn for the trials of a generation.
+
+    Attributes:
+        base: Index b of each trial, shape (size,).
+        lead: Index l; where it is b, nothing pulls.
+        plus: Index p.
+        minus: Index m.
+        F: Weight of the differences, shape (size,).
+        mutated: Whether a coordinate comes from the mutant, shape (dim, size).
+    """
+
+    base: Count
+    lead: Count
+    plus: Count
+    minus: Count
+    F: Array
+    mutated: Mask
+
+
+@kernel
+def new_plan(dim: int, size: int) -> Plan:
+    """Return a plan to be filled, in which no coordinate is mutated."""
+    return Plan(
+        np.empty(size, dtype=np.int64),
+        np.empty(size, dtype=np.int64),
+        np.empty(size, dtype=np.int64),
+        np.empty(size, dtype=np.int64),
+        np.empty(size),
+        np.zeros((dim, size), dtype=np.bool_),
+    )
+
+
+@kernel
+def draw_index(rng: np.random.Generator, number: int) -> int:
+    """A random index below number."""
+    return int(rng.random() * number)
+
+
+@kernel
+def draw_three_others(
+    rng: np.random.Generator, size: int, i: int
+) -> tuple[int, int, int]:
+    """Three distinct individuals, none of them i, all triples equally likely."""
+    r1 = i
+    while r1 == i:
+        r1 = draw_index(rng, size)
+    r2 = i
+    while r2 in (i, r1):
+        r2 = draw_index(rng, size)
+    r3 = i
+    while r3 in (i, r1, r2):
+        r3 = draw_index(rng, size)
+    return r1, r2, r3
+
+
+@kernel
+def draw_two_others(
+    rng: np.random.Generator, size: int, i: int, room: int
+) -> tuple[int, int]:
+    """Two distinct individuals, none of them i, all pairs equally likely.
+
+    Without rejection: an index is drawn among those left, and counted past the others.
+
+    Args:
+        rng: Source of randomness.
+        size: The first is below it.
+        i: An index below size.
+        room: The second is below it; at least size.
+    """
+    r1 = draw_index(rng, size - 1)
+    r1 += int(r1 >= i)
+    r2 = draw_index(rng, room - 2)
+    r2 += int(r2 >= min(i, r1))
+    r2 += int(r2 >= max(i, r1))
+    return r1, r2
+
+
+@kernel
+def cross_binomially(
+    rng: np.random.Generator, CR: float, mutated: Mask, i: int
+) -> None:
+    """Take each coordinate from the mutant with probability CR, and a random one."""
+    dim = mutated.shape[0]
+    k = draw_index(rng, dim)
+    for d in range(dim):
+        mutated[d, i] = rng.random() < CR
+    mutated[k, i] = True
+
+
+@kernel
+def cross_exponentially(
+    rng: np.random.Generator, CR: float, mutated: Mask, i: int
+) -> None:
+    """Take a circular run from the mutant, from a random coordinate on.
+
+    After each coordinate the run goes on with probability CR. The mask must be False.
+    """
+    dim = mutated.shape[0]
+    d = draw_index(rng, dim)
+    for _ in range(dim):
+        mutated[d, i] = True
+        d = d + 1 if d + 1 < dim else 0
+        if rng.random() >= CR:
+            break
+
+
+@kernel
+def fill_trials(
+    rng: np.random.Generator,
+    settings: TrialSettings,
+    x: Array,
+    plan: Plan,
+    asked: Array,
+) -> None:
+    """Compute the trials.
+
+    Args:
+        rng: Source of what the rule `redraw` draws.
+        settings: Settings of the algorithm.
+        x: Individuals as columns, those with a trial first, shape (dim, any).
+        plan: What was drawn.
+        asked: Filled, shape (dim, size).
+    """
+    dim, size = asked.shape
+    base, lead, plus, minus = plan.base, plan.lead, plan.plus, plan.minus
+    for d in range(dim):
+        row, out, mutated = x[d], asked[d], plan.mutated[d]
+        low, high = settings.lower[d], settings.upper[d]
+        for i in range(size):
+            value = row[base[i]]
+            pull = row[lead[i]] - value
+            value += plan.F[i] * pull
+            value += plan.F[i] * (row[plus[i]] - row[minus[i]])
+            out[i] = value if mutated[i] else row[i]
+        for i in range(size):
+            if not low <= out[i] <= high and mutated[i]:
+                out[i] = repair(rng, settings.bounds, out[i], row[i], low, high)
+
+
+@kernel
+def select(
+    order: RunningOrder,
+    parents: tuple[Array, Array, Array],
+    asked: Array,
+    cost: Array,
+    violation: Array,
+) -> Mask:
+    """Let a trial replace its parent if it is not worse.
+
+    Before generation 0 the costs are infinite, so that its individuals are taken.
+
+    Args:
+        order: The order.
+        parents: Their points, (dim, at least size), costs and violations, changed in
+            place.
+        asked: Trials, shape (dim, size).
+        cost: Their costs, shape (size,).
+        violation: Their violations, shape (size,).
+
+    Returns:
+        Which were replaced, shape (size,).
+    """
+    points, parent_cost, parent_violation = parents
+    dim, size = asked.shape
+    replaced = np.empty(size, dtype=np.bool_)
+    for i in range(size):
+        replaced[i] = not better(
+            order, parent_cost[i], parent_violation[i], cost[i], violation[i]
+        )
+        if replaced[i]:
+            parent_cost[i] = cost[i]
+            parent_violation[i] = violation[i]
+    for d in range(dim):
+        row, trial = points[d], asked[d]
+        for i in range(size):
+            row[i] = trial[i] if replaced[i] else row[i]
+    return replaced
