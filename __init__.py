@@ -9,13 +9,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from swarmstart.errors import SwarmstartError
     from swarmstart.heuristics import (
+        CMAES,
+        LSHADE,
+        Box,
         Budget,
         ChaoticPSO,
         DifferentialEvolution,
         GeneticAlgorithm,
         ParticleSwarm,
         RandomSearch,
+        SelfAdaptiveDE,
+        epsilon_level,
         feasibility_first,
+        minimize,
         static_penalty,
     )
     from swarmstart.ocp import (
@@ -46,8 +52,11 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "CMAES",
+    "LSHADE",
     "Agent",
     "Bounds",
+    "Box",
     "Budget",
     "ChaoticPSO",
     "DifferentialEvolution",
@@ -64,6 +73,7 @@ __all__ = [
     "RecedingHorizon",
     "Reference",
     "SearchSettings",
+    "SelfAdaptiveDE",
     "Separation",
     "Solution",
     "SolutionStatus",
@@ -74,7 +84,9 @@ __all__ = [
     "Trajectory",
     "compile_batch",
     "disc",
+    "epsilon_level",
     "feasibility_first",
+    "minimize",
     "sampled_terminal_set",
     "simulate",
     "solve",

@@ -38,11 +38,6 @@ SEARCHES = {
         "swarmstart.heuristics:DifferentialEvolution",
         "one",
     ),
-    "cma": SearchEntry(
-        "covariance matrix adaptation, restarted with twice the population (IPOP)",
-        "swarmstart.heuristics:CMAES",
-        "one",
-    ),
     "jde": SearchEntry(
         "differential evolution that adapts its own parameters",
         "swarmstart.heuristics:SelfAdaptiveDE",
@@ -58,6 +53,11 @@ SEARCHES = {
         "swarmstart.heuristics:GeneticAlgorithm",
         "none",
         "uniform",
+    ),
+    "cma": SearchEntry(
+        "covariance matrix adaptation, restarted with twice the population (IPOP)",
+        "swarmstart.heuristics:CMAES",
+        "one",
     ),
     "random": SearchEntry("random search", "swarmstart.heuristics:RandomSearch", "one"),
     "none": SearchEntry("no search: the polish alone", "", "one"),

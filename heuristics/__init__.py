@@ -14,6 +14,7 @@ from swarmstart.heuristics.chaotic_pso import ChaoticPSO
 from swarmstart.heuristics.cma import CMAES
 from swarmstart.heuristics.compiled_loop import CompiledObjective, Pointers
 from swarmstart.heuristics.de import DifferentialEvolution
+from swarmstart.heuristics.default import default_algorithm
 from swarmstart.heuristics.genetic import GeneticAlgorithm
 from swarmstart.heuristics.initial import Initial
 from swarmstart.heuristics.jde import SelfAdaptiveDE
@@ -81,6 +82,7 @@ __all__ = [
     "Snapshot",
     "State",
     "StopReason",
+    "default_algorithm",
     "epsilon_level",
     "feasibility_first",
     "minimize",

@@ -13,6 +13,7 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.algorithm import Algorithm
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.compiled_loop import CHUNK, CompiledObjective, can_loop
+from swarmstart.heuristics.default import default_algorithm
 from swarmstart.heuristics.initial import Initial
 from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.order import Order
@@ -191,7 +192,7 @@ def minimize(  # noqa: PLR0913
     objective: Objective,
     box: Box,
     *,
-    algorithm: Algorithm,
+    algorithm: Algorithm | None = None,
     budget: Budget,
     rng: np.random.Generator,
     order: Order | None = None,
@@ -206,7 +207,7 @@ def minimize(  # noqa: PLR0913
         objective: Population, shape (dim, size) -> (cost, violation), each (size,). The
             population is read-only and stays as it is; what is returned is copied.
         box: The box to search.
-        algorithm: Settings of the algorithm.
+        algorithm: Settings of the algorithm; None means `default_algorithm`.
         budget: When to stop.
         rng: Source of randomness. The same state of it gives the same bits, unless the
             budget has seconds only, or seconds end the search.
@@ -226,7 +227,7 @@ def minimize(  # noqa: PLR0913
         InvalidSettingsError: If the settings do not fit the box.
     """
     search = Search(
-        algorithm,
+        algorithm or default_algorithm(budget.evaluations),
         box,
         rng=rng,
         order=order,

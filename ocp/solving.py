@@ -1,9 +1,17 @@
 """The one-call way through: search, polish, verify."""
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.heuristics import Algorithm, Budget, Order, static_penalty
+from swarmstart.heuristics import (
+    Algorithm,
+    Budget,
+    Order,
+    default_algorithm,
+    static_penalty,
+)
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.planner import Planner, SearchSettings
@@ -18,7 +26,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     problem: OptimalControlProblem,
     x0: ArrayLike,
     *,
-    search: Algorithm | None,
+    search: Algorithm | Literal["default"] | None = "default",
     budget: Budget | None = None,
     order: Order | None = None,
     polish: IpoptOptions | None = None,
@@ -32,7 +40,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     Args:
         problem: The problem.
         x0: Initial state, shape (nx,).
-        search: Settings of a population search; None means none.
+        search: Settings of a population search; "default" means what
+            `heuristics.default_algorithm` takes for the budget, None means none.
         budget: What the search may cost; None means 20,000 evaluations.
         order: How individuals are ordered; None means a static penalty of 1e4 per
             unit of violation.
@@ -48,17 +57,17 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     """
     if search is None and polish is None:
         raise InvalidProblemError("solve needs a search, a polish or both, got neither")
-    planner = Planner(
-        problem,
-        search=None
-        if search is None
-        else SearchSettings(
-            algorithm=search,
-            budget=budget or Budget(evaluations=20_000),
+    settings = None
+    if search is not None:
+        budget = budget or Budget(evaluations=20_000)
+        settings = SearchSettings(
+            algorithm=default_algorithm(budget.evaluations)
+            if search == "default"
+            else search,
+            budget=budget,
             order=order or static_penalty(1e4),
-        ),
-        polish=polish,
-    )
+        )
+    planner = Planner(problem, search=settings, polish=polish)
     known = Known(parameters=parameters, signals=signals)
     plan = planner.plan(x0, known=known, guess=guess, rng=rng)
     return verified(problem, plan, x0, known)
