@@ -14,7 +14,7 @@ import statistics
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import wilcoxon
@@ -27,13 +27,17 @@ from swarmstart.benchmarks.problems import (
     reactor,
 )
 from swarmstart.cases.registry import SEARCHES, load
-from swarmstart.heuristics import Budget
+from swarmstart.heuristics import Algorithm, Budget
 from swarmstart.ocp import IpoptOptions, Planner, SearchSettings
 
-BUDGETS = (500, 1000, 2000, 4000, 20000)
+BUDGETS = (100, 200, 400, 1000, 4000, 20000)
 WEIGHT = 1e4
 REFERENCE = "lshade"
 ALPHA = 0.05
+VARIANTS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "cpso, c1 = c2 = 1.496": ("cpso", {"cognitive": 1.496, "social": 1.496}),
+    "pso, ring": ("pso", {"neighbours": 4}),
+}
 PROBLEMS: Mapping[str, Callable[[], Instance]] = {
     "UAV 3 and the obstacle": lambda: formation("formation_obstacle")[2],
     "passing side": passing,
@@ -90,8 +94,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def searches() -> list[str]:
-    """Return the names of all searches."""
-    return [name for name, entry in SEARCHES.items() if entry.settings]
+    """Return the names of all searches, and of other settings of one."""
+    return [*(name for name, entry in SEARCHES.items() if entry.settings), *VARIANTS]
+
+
+def algorithm(name: str) -> Algorithm:
+    """Return a search's settings: its defaults, or a variant of them."""
+    known, settings = VARIANTS.get(name, (name, {}))
+    made: Algorithm = load(SEARCHES[known].settings)(**settings)
+    return made
 
 
 _PLANNERS: dict[tuple[str, str, int], tuple[Instance, Planner]] = {}
@@ -103,7 +114,7 @@ def _run(job: Job) -> tuple[Job, Found]:
     if key not in _PLANNERS:
         instance = PROBLEMS[job.problem]()
         settings = SearchSettings(
-            algorithm=load(SEARCHES[job.search].settings)(),
+            algorithm=algorithm(job.search),
             budget=Budget(evaluations=job.evaluations),
         )
         planner = Planner(instance.problem, search=settings, polish=IpoptOptions())
