@@ -6,10 +6,9 @@ The plant is integrated finer than the controller's model, by classical Runge-Ku
 """
 
 import time as clock
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -72,34 +71,53 @@ class Plant:
         substeps: Steps of the integrator in it.
     """
 
-    def __init__(self, model: Model, *, dt: float, substeps: int) -> None:
+    def __init__(
+        self,
+        model: Model,
+        *,
+        dt: float,
+        substeps: int,
+        parameters: Callable[[Array], Array] | None = None,
+    ) -> None:
         """Compile the plant.
 
         Args:
-            model: The model, without parameters.
+            model: The model.
             dt: Length of a control interval [s].
             substeps: Steps of the integrator in it, at least 1.
+            parameters: Times (n,) [s] -> the model's parameters (np, n), each held over
+                one step of the integrator; None where the model has none.
 
         Raises:
-            InvalidProblemError: If the model has parameters, or a number is none.
+            InvalidProblemError: If the model has parameters that nobody gives, or a
+                number is none.
         """
-        if model.np:
+        if model.np and parameters is None:
             raise InvalidProblemError(
-                f"a plant's model must have no parameters, got {model.np}"
+                f"the model of a plant has {model.np} parameters: expected a function "
+                "of time for them, got none"
             )
         require_count("substeps", substeps)
         if not dt > 0:
             raise InvalidProblemError(f"dt must be positive, got {dt}")
         self.model, self.dt, self.substeps = model, dt, substeps
-        one = held_step(model, dt / substeps)
-        x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
-        simple = ca.Function("plant_step", [x, u], [one(x, u, ca.SX(0, 1))])
-        self._interval = simple.mapaccum("plant", substeps)
+        self._parameters = parameters
+        self._interval = held_step(model, dt / substeps).mapaccum("plant", substeps)
 
-    def __call__(self, state: Array, control: Array) -> Array:
-        """Return the states after each step of the interval, shape (nx, substeps)."""
+    def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
+        """Return the states after each step of the interval, shape (nx, substeps).
+
+        Args:
+            state: At its beginning, shape (nx,).
+            control: Held over it, shape (nu,).
+            time: Of its beginning [s].
+        """
         held = np.repeat(control[:, None], self.substeps, axis=1)
-        return np.array(self._interval(state, held))
+        known = np.empty((0, self.substeps))
+        if self._parameters is not None:
+            steps = np.arange(self.substeps) / self.substeps
+            known = self._parameters(time + self.dt * steps)
+        return np.array(self._interval(state, held, known))
 
 
 def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
@@ -140,7 +158,7 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         began = clock.perf_counter()
         decision = controller.decide(number * plant.dt, state, previous, rng=rng)
         seconds = clock.perf_counter() - began
-        dense = plant(state, decision.control)
+        dense = plant(state, decision.control, number * plant.dt)
         yield Step(
             number=number,
             state=state,

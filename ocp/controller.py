@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.fitness import Known
-from swarmstart.ocp.guess import shifted_controls
+from swarmstart.ocp.guess import Appended, shifted_controls
 from swarmstart.ocp.planner import Plan, Planner, Source
 from swarmstart.ocp.polish import is_better
 
@@ -84,11 +84,16 @@ class RecedingHorizon:
         planner: Plans from one state.
         reference: The problem's first signals; None where it has none.
         parameters: Time [s] -> parameters (np,) of the plan made then; None: none.
+        candidates: Time [s] -> controls (nu, N, k) that a search looks at besides the
+            last plan; None: none.
+        append: What the last plan, shifted, ends with.
     """
 
     planner: Planner
     reference: Reference | None = None
     parameters: Callable[[float], Array] | None = None
+    candidates: Callable[[float], Array] | None = None
+    append: Appended = "zero"
 
     @property
     def dt(self) -> float:
@@ -143,8 +148,16 @@ class RecedingHorizon:
         """
         known = self.known(time, seen)
         problem = self.planner.problem
-        guess = None if last is None else shifted_controls(problem, last.controls)
-        plan = self.planner.plan(state, known=known, guess=guess, rng=rng)
+        guess = None
+        if last is not None:
+            guess = shifted_controls(problem, last.controls, self.append)
+        plan = self.planner.plan(
+            state,
+            known=known,
+            guess=guess,
+            candidates=None if self.candidates is None else self.candidates(time),
+            rng=rng,
+        )
         if plan.feasible or guess is None:
             return plan
         return self._fallback(plan, guess, state, known)

@@ -1,5 +1,7 @@
 """First guesses of a control sequence, shape (nu, N)."""
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -38,11 +40,19 @@ def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
     return np.clip(controls, lower[:, None], upper[:, None])
 
 
-def shifted_controls(problem: OptimalControlProblem, controls: Array) -> Array:
-    """Return a plan one interval later: the first interval dropped, zeros appended.
+Appended = Literal["zero", "last"]
+"""What a shifted plan ends with: zero controls, or its own last ones."""
+
+
+def shifted_controls(
+    problem: OptimalControlProblem, controls: Array, append: Appended = "zero"
+) -> Array:
+    """Return a plan one interval later: the first interval dropped, one appended.
 
     Args:
         problem: The problem the plan was made for.
         controls: The last plan, shape (nu, N); not changed.
+        append: What is appended.
     """
-    return np.hstack([controls[:, 1:], zero_controls(problem)[:, :1]])
+    end = controls[:, -1:] if append == "last" else zero_controls(problem)[:, :1]
+    return np.hstack([controls[:, 1:], end])

@@ -3,6 +3,7 @@
 A planner is built once for a problem; planning rebuilds nothing.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal
@@ -146,6 +147,7 @@ class Planner:
         *,
         known: Known = NOTHING,
         guess: Array | None = None,
+        candidates: Array | None = None,
         rng: np.random.Generator,
     ) -> Plan:
         """Return the best plan found from an initial state.
@@ -156,6 +158,8 @@ class Planner:
             guess: Controls to start from, shape (nu, N), clipped to the bounds; None
                 means none is known: the search starts at random, the polish alone at
                 zero controls.
+            candidates: Controls that the search looks at besides, shape (nu, N, k),
+                clipped to the bounds; None means none. First in its first population.
             rng: Source of all randomness.
 
         Raises:
@@ -163,7 +167,11 @@ class Planner:
         """
         if guess is not None:
             guess = bounded_controls(self.problem, guess)
-        plan, starts = self._searched(x0, guess, known, rng)
+        first = []
+        if candidates is not None:
+            columns = np.moveaxis(candidates, -1, 0)
+            first = [bounded_controls(self.problem, one) for one in columns]
+        plan, starts = self._searched(x0, guess, first, known, rng)
         if self._polisher is None:
             return plan
         polished, evaluations = polish_basins(
@@ -203,6 +211,7 @@ class Planner:
         self,
         x0: ArrayLike,
         guess: Array | None,
+        first: Sequence[Array],
         known: Known,
         rng: np.random.Generator,
     ) -> tuple[Plan, list[Array]]:
@@ -221,7 +230,7 @@ class Planner:
             algorithm=search.algorithm,
             budget=search.budget,
             order=search.order,
-            initial=_first_population(search, self._box, guess),
+            initial=_first_population(search, self._box, guess, first),
             basins=search.basins if self._polisher else 0,
             radius=search.radius,
             rng=rng,
@@ -281,11 +290,15 @@ def _control_box(problem: OptimalControlProblem) -> Box:
     )
 
 
-def _first_population(search: SearchSettings, box: Box, guess: Array | None) -> Initial:
-    """Return how the first population is made."""
-    if guess is None or search.warm_start == "none":
-        return Initial(sampling=search.sampling)
+def _first_population(
+    search: SearchSettings, box: Box, guess: Array | None, first: Sequence[Array]
+) -> Initial:
+    """Return how the first population is made: candidates, guesses, the rest drawn."""
     size = search.algorithm.first_size(box, search.budget.evaluations)
-    copies = size if search.warm_start == "all" else 1
-    points = np.repeat(flatten(guess)[:, None], copies, axis=1)
-    return Initial(sampling=search.sampling, points=points)
+    given = [flatten(controls) for controls in first]
+    if guess is not None and search.warm_start != "none":
+        copies = size - len(given) if search.warm_start == "all" else 1
+        given += [flatten(guess)] * copies
+    if not given:
+        return Initial(sampling=search.sampling)
+    return Initial(sampling=search.sampling, points=np.stack(given[:size], axis=1))

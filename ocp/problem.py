@@ -15,8 +15,9 @@ from the problem, not part of it. Signals are what is known to change over the h
 (a reference, the plans of others): a value at each of the N * checks + 1 nodes, linear
 in between.
 
-The stage cost is integrated with the model (`quadrature="integral"`), or summed at the
-beginning of each interval, dt * L(x_k, u_k), as the chapter does (`quadrature="left"`).
+The stage cost is integrated with the model (`quadrature="integral"`), or summed, as the
+chapter does, at the beginning of each interval, dt * L(x_k, u_k) (`quadrature="left"`,
+5.2), or at its end, dt * L(x_k+1, u_k) (`quadrature="right"`, 5.3).
 """
 
 from collections.abc import Sequence
@@ -55,7 +56,7 @@ class OptimalControlProblem:
         constraints: Path constraints, as in constraints.py.
         terminal: Terminal constraints; a bare expression means expression = 0.
         signals: Symbols of the known signals, shape (ns, 1).
-        quadrature: "integral" or "left".
+        quadrature: "integral", "left" or "right".
         integrator: A key of INTEGRATORS.
         substeps: Steps of the integrator from one check to the next.
         checks: Number of checks in an interval.
@@ -75,7 +76,7 @@ class OptimalControlProblem:
     constraints: Sequence[Constraint] = ()
     terminal: Sequence[ca.SX | TerminalConstraint] = ()
     signals: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
-    quadrature: Literal["integral", "left"] = "integral"
+    quadrature: Literal["integral", "left", "right"] = "integral"
     integrator: str = "rk4"
     substeps: int = 4
     checks: int = 1
@@ -111,9 +112,9 @@ class OptimalControlProblem:
         for role in ("intervals", "checks"):
             require_count(role, getattr(self, role))
         require_integrator(self.integrator, self.substeps)
-        if self.quadrature not in ("integral", "left"):
+        if self.quadrature not in ("integral", "left", "right"):
             raise InvalidProblemError(
-                f"quadrature must be integral or left, got {self.quadrature!r}"
+                f"quadrature must be integral, left or right, got {self.quadrature!r}"
             )
         if not self.tolerance >= 0:
             raise InvalidProblemError(

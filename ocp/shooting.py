@@ -55,6 +55,8 @@ def stage(problem: OptimalControlProblem) -> ca.Function:
             )
         cost, state = cost + spent, after
         states.append(after)
+    if problem.quadrature == "right":
+        cost = problem.dt * stage_cost(state, u, p, signals[:, -1])
     return ca.Function(
         "stage",
         [x, u, p, signals],
@@ -93,7 +95,7 @@ def _check(
     """Return the state after one check, and the integral of the stage cost over it."""
     f = right_hand_side(problem.model)
     duration = problem.dt / problem.checks
-    if problem.quadrature == "left":
+    if problem.quadrature != "integral":
         held = integrate(
             problem.integrator,
             lambda _, y: f(y, u, p),

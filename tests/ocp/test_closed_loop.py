@@ -179,10 +179,20 @@ def test_refuses_what_is_no_plant(
         Plant(pendulum, dt=dt, substeps=substeps)
 
 
-def test_refuses_a_plant_with_parameters() -> None:
+def test_a_plants_parameters_are_held_over_each_of_its_steps() -> None:
+    """x' = p: the integral of a staircase."""
+    x, p = ca.SX.sym("x"), ca.SX.sym("p")
+    model = Model(states=x, controls=ca.SX.sym("u"), parameters=p, ode=p)
+    plant = Plant(model, dt=0.5, substeps=5, parameters=lambda t: 10 * t[None])
+    dense = plant(np.array([1.0]), np.zeros(1), 2.0)
+    steps = 10 * (2.0 + 0.1 * np.arange(5)) * 0.1
+    np.testing.assert_allclose(dense[0], 1 + np.cumsum(steps), rtol=1e-14)
+
+
+def test_refuses_a_plant_whose_parameters_nobody_gives() -> None:
     x, p = ca.SX.sym("x"), ca.SX.sym("p")
     model = Model(states=x, controls=ca.SX.sym("u"), parameters=p, ode=p * x)
-    with pytest.raises(InvalidProblemError, match="no parameters, got 1"):
+    with pytest.raises(InvalidProblemError, match="has 1 parameters: expected a func"):
         Plant(model, dt=0.1, substeps=1)
 
 

@@ -28,6 +28,12 @@ def test_shifting_drops_the_first_interval_and_appends_zero_controls() -> None:
     assert plan[0, 0] == 0.1
 
 
+def test_shifting_may_repeat_the_last_controls() -> None:
+    plan = np.array([[0.1, 0.2, 0.3], [3, 4, 5]])
+    shifted = shifted_controls(PROBLEM, plan, "last")
+    np.testing.assert_array_equal(shifted, [[0.2, 0.3, 0.3], [4, 5, 5]])
+
+
 def test_guess_is_clipped_into_a_copy() -> None:
     guess = np.array([[-9.0, 0, 9], [0, 3, 9]])
     inside = bounded_controls(PROBLEM, guess)

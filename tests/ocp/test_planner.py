@@ -115,6 +115,26 @@ def test_guess_outside_the_bounds_is_searched_from_the_nearest_inside(
     np.testing.assert_array_equal(plan.controls, [[5, -5, 0], [0, 0, 0]])
 
 
+def test_candidates_are_looked_at_besides_the_guess(crossing: Posed) -> None:
+    """The best of candidates and guess wins where all of them fill the population."""
+    problem, x0, known = crossing
+    given = rng(3).uniform(-1, 1, (2, 3, 4))
+    planner = Planner(problem, search=one_generation("one"))
+    fitness = Fitness(problem)
+    values = [fitness.value(given[:, :, k], x0, known) for k in range(4)]
+    best = min(range(4), key=lambda k: values[k][0] + 1e4 * values[k][1])
+    for guessed in range(4):
+        others = np.delete(given, guessed, axis=2)
+        plan = planner.plan(
+            x0,
+            known=known,
+            guess=given[:, :, guessed],
+            candidates=np.concatenate([others, others[:, :, :1]], axis=2),
+            rng=rng(),
+        )
+        np.testing.assert_array_equal(plan.controls, given[:, :, best])
+
+
 def test_polish_is_never_worse_than_the_search(passing_side: Posed) -> None:
     problem, x0, known = passing_side
     search = SearchSettings(

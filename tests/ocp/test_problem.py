@@ -75,7 +75,7 @@ def test_lists_of_the_caller_are_not_kept() -> None:
         ({"checks": 0}, "checks must be an integer of at least 1, got 0"),
         ({"substeps": 0}, "substeps must be an integer of at least 1, got 0"),
         ({"integrator": "cvodes"}, "integrator must be one of rk4, euler"),
-        ({"quadrature": "simpson"}, "quadrature must be integral or left"),
+        ({"quadrature": "simpson"}, "quadrature must be integral, left or right"),
         ({"tolerance": -1.0}, "tolerance must be at least 0, got -1.0"),
         ({"stage_cost": X}, "stage_cost must be a scalar"),
         ({"stage_cost": ca.SX.sym("z")}, "stage_cost may depend on .* found z"),

@@ -1,5 +1,7 @@
 """The rollout against scipy, and against a simulation written in NumPy."""
 
+from typing import Literal
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -117,6 +119,28 @@ def test_rollout_is_the_simulation_written_by_hand(
     np.testing.assert_allclose(
         crossing_fitness.states(controls, x0, known), states, rtol=1e-12, atol=1e-12
     )
+
+
+@pytest.mark.parametrize(("quadrature", "first"), [("left", 0), ("right", 1)])
+def test_summed_cost_is_taken_at_one_end_of_each_interval(
+    quadrature: Literal["left", "right"], first: int
+) -> None:
+    """x' = u from 1 with u = 1, 2, 3: L = x u + s at x_k or x_k+1."""
+    x, u, s = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("s")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=1.5,
+        intervals=3,
+        stage_cost=x * u + s,
+        signals=s,
+        quadrature=quadrature,
+    )
+    states, signals = np.array([1.0, 1.5, 2.5, 4.0]), np.array([7.0, 5.0, 3.0, 2.0])
+    controls = np.array([1.0, 2.0, 3.0])
+    ends = slice(first, first + 3)
+    expected = 0.5 * np.sum(states[ends] * controls + signals[ends])
+    cost, _ = rollout(problem)(controls, 1.0, [], signals)
+    assert float(cost) == pytest.approx(expected, rel=1e-14)
 
 
 def test_state_bounds_count_at_every_check(double_integrator: Model) -> None:
