@@ -26,8 +26,8 @@ from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import (
     RunningOrder,
     begin_level,
-    better_at,
     is_finite,
+    precedes,
     set_level,
 )
 
@@ -190,21 +190,18 @@ def take_generation(
         cost: Their costs, shape (size,).
         violation: Their violations, shape (size,).
     """
+    rule, weight, level = order.rule, order.weight, order.tolerance
+    least, least_violation, best = state.best_cost[0], state.best_violation[0], -1
     for i in range(cost.size):
         if not is_finite(cost[i], violation[i]):
             state.nonfinite[0] += 1
-        if better_at(
-            order,
-            order.tolerance,
-            cost[i],
-            violation[i],
-            state.best_cost[0],
-            state.best_violation[0],
-        ):
-            state.best[:] = asked[:, i]
-            state.best_cost[0] = cost[i]
-            state.best_violation[0] = violation[i]
-            state.improved[0] = state.generation[0] + 1
+        if precedes(rule, weight, level, cost[i], violation[i], least, least_violation):
+            least, least_violation, best = cost[i], violation[i], i
+    if best >= 0:
+        state.best[:] = asked[:, best]
+        state.best_cost[0] = least
+        state.best_violation[0] = least_violation
+        state.improved[0] = state.generation[0] + 1
     state.generation[0] += 1
     state.evaluations[0] += cost.size
     if state.generation[0] == 1:

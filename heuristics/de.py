@@ -42,7 +42,6 @@ from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, best_index
 from swarmstart.heuristics.trials import (
-    Plan,
     cross_binomially,
     cross_exponentially,
     draw_three_others,
@@ -112,30 +111,23 @@ def propose(
         return
     dim, size = asked.shape
     plan = new_plan(dim, size)
-    best = best_index(settings.order, state.cost, state.violation)
+    best = 0
+    if settings.strategy != RAND:
+        best = best_index(settings.order, state.cost, state.violation)
     for i in range(size):
-        draw_donors(rng, settings.strategy, plan, i, best)
+        if settings.strategy == RAND:
+            r1, r2, r3 = draw_three_others(rng, size, i)
+            plan.base[i], plan.lead[i], plan.plus[i], plan.minus[i] = r1, r1, r2, r3
+        else:
+            plan.plus[i], plan.minus[i] = draw_two_others(rng, size, i, size)
+            plan.base[i] = best if settings.strategy == BEST else i
+            plan.lead[i] = best
         plan.F[i] = settings.F
         if settings.crossover == BIN:
             cross_binomially(rng, settings.CR, plan.mutated, i)
         else:
             cross_exponentially(rng, settings.CR, plan.mutated, i)
     fill_trials(rng, settings, state.population, plan, asked)
-
-
-@kernel
-def draw_donors(
-    rng: np.random.Generator, strategy: int, plan: Plan, i: int, best: int
-) -> None:
-    """Choose the donors of individual i's trial."""
-    if strategy == RAND:
-        r1, r2, r3 = draw_three_others(rng, plan.base.size, i)
-        plan.base[i], plan.lead[i], plan.plus[i], plan.minus[i] = r1, r1, r2, r3
-        return
-    size = plan.base.size
-    plan.plus[i], plan.minus[i] = draw_two_others(rng, size, i, size)
-    plan.base[i] = best if strategy == BEST else i
-    plan.lead[i] = best
 
 
 @kernel

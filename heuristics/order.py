@@ -231,13 +231,32 @@ def better_at(
     violation_b: float,
 ) -> bool:
     """Whether a is strictly better than b, up to `level` counting as feasible."""
+    rule, weight = order.rule, order.weight
+    return precedes(rule, weight, level, cost_a, violation_a, cost_b, violation_b)
+
+
+@kernel
+def precedes(  # noqa: PLR0913, PLR0917 - numbers only: see the docstring
+    rule: int,
+    weight: float,
+    level: float,
+    cost_a: float,
+    violation_a: float,
+    cost_b: float,
+    violation_b: float,
+) -> bool:
+    """As `better_at`, for loops over individuals.
+
+    An order holds an array, which compiled code counts the references of at each call:
+    that takes longer than the comparison.
+    """
     if not is_finite(cost_a, violation_a):
         return False
     if not is_finite(cost_b, violation_b):
         return True
-    if order.rule == STATIC_PENALTY:
-        penalised_a = cost_a + order.weight * violation_a
-        return penalised_a < cost_b + order.weight * violation_b
+    if rule == STATIC_PENALTY:
+        penalised_a = cost_a + weight * violation_a
+        return penalised_a < cost_b + weight * violation_b
     feasible_a = violation_a <= level
     feasible_b = violation_b <= level
     if feasible_a and feasible_b:
@@ -327,9 +346,10 @@ def worst_feasible_cost(order: RunningOrder, cost: Array, violation: Array) -> f
 @kernel
 def best_index(order: RunningOrder, cost: Array, violation: Array) -> int:
     """Index of the first of the best individuals."""
-    best = 0
+    rule, weight, level, best = order.rule, order.weight, order.level[0], 0
     for i in range(1, cost.size):
-        if better(order, cost[i], violation[i], cost[best], violation[best]):
+        least, least_violation = cost[best], violation[best]
+        if precedes(rule, weight, level, cost[i], violation[i], least, least_violation):
             best = i
     return best
 

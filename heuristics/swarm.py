@@ -22,7 +22,7 @@ from swarmstart.heuristics.algorithm import State, require, take_generation
 from swarmstart.heuristics.bounds import repair, turned
 from swarmstart.heuristics.box import clip
 from swarmstart.heuristics.kernel import Array, kernel
-from swarmstart.heuristics.order import RunningOrder, better
+from swarmstart.heuristics.order import RunningOrder, better, precedes
 
 
 class SwarmSettings(Protocol):
@@ -146,9 +146,13 @@ def fly(
                 + settings.social * r2 * (attractor[d, i] - x)
             )
             v = clip(v, -settings.velocity_max[d], settings.velocity_max[d])
-            low, high = settings.lower[d], settings.upper[d]
-            state.position[d, i] = repair(rng, settings.bounds, x + v, x, low, high)
-            state.velocity[d, i] = turned(settings.bounds, v, x + v, low, high)
+            low, high, moved = settings.lower[d], settings.upper[d], x + v
+            if not low <= moved <= high:  # Asked here: a call costs ten times as much.
+                rule = settings.bounds
+                moved = repair(rng, rule, x + v, x, low, high)
+                v = turned(rule, v, x + v, low, high)
+            state.position[d, i] = moved
+            state.velocity[d, i] = v
 
 
 @kernel
@@ -168,14 +172,11 @@ def remember(
         cost: Their costs, shape (size,).
         violation: Their violations, shape (size,).
     """
+    order = settings.order
+    rule, weight, level = order.rule, order.weight, order.level[0]
     for i in range(cost.size):
-        if better(
-            settings.order,
-            cost[i],
-            violation[i],
-            state.personal_cost[i],
-            state.personal_violation[i],
-        ):
+        own, own_violation = state.personal_cost[i], state.personal_violation[i]
+        if precedes(rule, weight, level, cost[i], violation[i], own, own_violation):
             state.personal[:, i] = asked[:, i]
             state.personal_cost[i] = cost[i]
             state.personal_violation[i] = violation[i]

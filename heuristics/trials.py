@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from swarmstart.heuristics.bounds import repair
 from swarmstart.heuristics.kernel import Array, Count, kernel
-from swarmstart.heuristics.order import RunningOrder, better
+from swarmstart.heuristics.order import RunningOrder, precedes
 
 Mask = NDArray[np.bool_]
 
@@ -172,15 +172,21 @@ def fill_trials(
     """
     dim, size = asked.shape
     base, lead, plus, minus = plan.base, plan.lead, plan.plus, plan.minus
+    F = plan.F
     for d in range(dim):
         row, out, mutated = x[d], asked[d], plan.mutated[d]
         low, high = settings.lower[d], settings.upper[d]
+        outside = 0
         for i in range(size):
             value = row[base[i]]
             pull = row[lead[i]] - value
-            value += plan.F[i] * pull
-            value += plan.F[i] * (row[plus[i]] - row[minus[i]])
-            out[i] = value if mutated[i] else row[i]
+            value += F[i] * pull
+            value += F[i] * (row[plus[i]] - row[minus[i]])
+            value = value if mutated[i] else row[i]
+            out[i] = value
+            outside += not low <= value <= high
+        if outside == 0:
+            continue
         for i in range(size):
             if not low <= out[i] <= high and mutated[i]:
                 out[i] = repair(rng, settings.bounds, out[i], row[i], low, high)
@@ -212,9 +218,11 @@ def select(
     points, parent_cost, parent_violation = parents
     dim, size = asked.shape
     replaced = np.empty(size, dtype=np.bool_)
+    rule, weight, level = order.rule, order.weight, order.level[0]
     for i in range(size):
-        replaced[i] = not better(
-            order, parent_cost[i], parent_violation[i], cost[i], violation[i]
+        old, old_violation = parent_cost[i], parent_violation[i]
+        replaced[i] = not precedes(
+            rule, weight, level, old, old_violation, cost[i], violation[i]
         )
         if replaced[i]:
             parent_cost[i] = cost[i]

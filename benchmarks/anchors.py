@@ -1,0 +1,97 @@
+"""Rows of published numbers beside what was measured, and the searches behind them."""
+
+import importlib
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.heuristics import (
+    Algorithm,
+    Box,
+    Budget,
+    Objective,
+    SearchResult,
+    StopReason,
+    minimize,
+)
+
+Array = NDArray[np.float64]
+
+
+class Row(NamedTuple):
+    """A published number and what was measured.
+
+    Attributes:
+        name: Which number.
+        measured: What was measured.
+        published: What was published.
+        tolerance: What difference is allowed, and where that comes from.
+        holds: Whether it is within.
+    """
+
+    name: str
+    measured: str
+    published: str
+    tolerance: str
+    holds: bool
+
+
+def within(value: float, published: float, tolerance: float) -> bool:
+    """Whether a number is within a relative tolerance."""
+    return bool(abs(value - published) <= tolerance * published)
+
+
+def cube(dim: int, half_width: float) -> Box:
+    """The box [-half_width, half_width]^dim."""
+    return Box(lower=np.full(dim, -half_width), upper=np.full(dim, half_width))
+
+
+def no_violation(points: Array) -> Array:
+    """Zeros, one for each point."""
+    return np.zeros(points.shape[1])
+
+
+def search_until(
+    objective: Objective,
+    box: Box,
+    algorithm: Algorithm,
+    *,
+    target: float,
+    evaluations: int,
+    seed: int | Sequence[int],
+) -> SearchResult:
+    """Search until a feasible point has the target, or the budget is used up."""
+    return minimize(
+        objective,
+        box,
+        algorithm=algorithm,
+        budget=Budget(evaluations=evaluations, target=target),
+        rng=np.random.default_rng(seed),
+    )
+
+
+def expected_running_time(results: Sequence[SearchResult]) -> tuple[int, float]:
+    """Number of runs that reached the target, and the ERT."""
+    successes = sum(r.stopped is StopReason.TARGET for r in results)
+    total = sum(r.evaluations for r in results)
+    return successes, total / successes if successes else np.inf
+
+
+class PeerMissingError(ImportError):
+    """A package that is compared with is not installed."""
+
+
+def peer(name: str) -> Any:
+    """Import a package that is compared with.
+
+    Raises:
+        PeerMissingError: If it is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise PeerMissingError(
+            f"{name} is not installed, its rows are skipped: pip install {name}"
+        ) from error

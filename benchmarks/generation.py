@@ -1,0 +1,351 @@
+"""What a generation costs apart from the objective, against drawing its random numbers.
+
+python benchmarks/generation.py [--short] [--write docs/generation_speed.md]
+"""
+
+import argparse
+import ctypes
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.benchmarks.timing import timings
+from swarmstart.heuristics import (
+    LSHADE,
+    Algorithm,
+    Box,
+    DifferentialEvolution,
+    ParticleSwarm,
+    Pointers,
+    SelfAdaptiveDE,
+)
+from swarmstart.heuristics.compiled_loop import Work, call_kernel, new_work
+from swarmstart.heuristics.jde import TAU_1, TAU_2
+from swarmstart.heuristics.kernel import kernel
+from swarmstart.heuristics.search import Search
+from swarmstart.heuristics.stopping import UNLIMITED, Limits
+from swarmstart.heuristics.success_history import FIRST_MEMORY, SPREAD
+
+Array = NDArray[np.float64]
+
+carray = numba.carray  # type: ignore[attr-defined]
+
+BAR = 4.0
+"""A generation may cost so many times what drawing its random numbers costs."""
+
+GENERATIONS = 400
+"""Of a measurement; so many more that the swarm has not come to rest in them."""
+
+UNBOUNDED = Limits(evaluations=UNLIMITED, target=-math.inf, stagnation=0)
+"""The budget is never used up: the population of L-SHADE stays as large as it was."""
+
+
+class Shape(NamedTuple):
+    """Number of individuals, and of variables."""
+
+    size: int
+    dim: int
+
+
+SHAPES = (Shape(20, 16), Shape(100, 10), Shape(100, 80))
+
+
+class Draws(NamedTuple):
+    """Random numbers of a generation, on average.
+
+    Attributes:
+        uniforms: In [0, 1).
+        normals: Standard normal.
+        cauchys: Standard Cauchy, made of a uniform one by a tangent.
+    """
+
+    uniforms: float
+    normals: float = 0.0
+    cauchys: float = 0.0
+
+
+def swarm_draws(shape: Shape) -> Draws:
+    """r1 and r2 for each coordinate (`swarm.fly`); reflection draws nothing."""
+    return Draws(2.0 * shape.size * shape.dim)
+
+
+def evolution_draws(shape: Shape) -> Draws:
+    """DE/rand/1/bin, for each individual: donors, coordinates.
+
+    Three others by rejection (`trials.draw_three_others`), in the mean s / (s - 1),
+    s / (s - 2), s / (s - 3) tries of s; the coordinate that is crossed in any case, and
+    one number for each coordinate (`trials.cross_binomially`). Midpoint repair draws
+    nothing.
+    """
+    s = shape.size
+    others = sum(s / (s - k) for k in (1, 2, 3))
+    return Draws(s * (others + 1.0 + shape.dim))
+
+
+def adaptive_draws(shape: Shape) -> Draws:
+    """Those of DE, and whether F and CR change, each, and to what, where they do."""
+    own = 2.0 + TAU_1 + TAU_2
+    return Draws(evolution_draws(shape).uniforms + shape.size * own)
+
+
+def history_draws(shape: Shape) -> Draws:
+    """L-SHADE, for each individual: parameters, donors, coordinates.
+
+    A slot of the memory, a normal number for CR, Cauchy numbers until F > 0
+    (`success_history.draw_parameters`), taken for M_F = 0.5 as at the beginning; a
+    leader and two others without rejection; those of the crossover as in DE. What a
+    full archive draws to delete members, at most one for each individual, is left out.
+    """
+    refused = 0.5 - math.atan(FIRST_MEMORY / SPREAD) / math.pi
+    return Draws(
+        shape.size * (1.0 + 1.0 + 2.0 + 1.0 + shape.dim),
+        normals=shape.size,
+        cauchys=shape.size / (1.0 - refused),
+    )
+
+
+class Kind(NamedTuple):
+    """An algorithm.
+
+    Attributes:
+        name: What the table calls it.
+        settings: From the number of individuals; all else as by default.
+        draws: What a generation draws.
+        bar: Whether the bar is for it.
+    """
+
+    name: str
+    settings: Callable[[int], Algorithm]
+    draws: Callable[[Shape], Draws]
+    bar: bool = True
+
+
+KINDS = (
+    Kind("PSO", lambda size: ParticleSwarm(size=size), swarm_draws),
+    Kind(
+        "PSO on a ring of 4",
+        lambda size: ParticleSwarm(size=size, neighbours=4),
+        swarm_draws,
+    ),
+    Kind("DE", lambda size: DifferentialEvolution(size=size), evolution_draws),
+    Kind("jDE", lambda size: SelfAdaptiveDE(size=size), adaptive_draws),
+    Kind("L-SHADE", lambda size: LSHADE(size=size), history_draws),
+)
+
+
+def sphere_kernel(dim: int) -> Any:
+    """Compile a sum of squares, no violation, as the loop calls it."""
+    pointer = numba.types.CPointer
+    doubles = pointer(pointer(numba.types.float64))  # type: ignore[no-untyped-call]
+
+    @numba.cfunc(numba.types.void(doubles, doubles, numba.types.int64))
+    def evaluate(inputs: Any, outputs: Any, size: int) -> None:
+        x = carray(inputs[0], (dim, size))
+        cost = carray(outputs[0], (size,))
+        violation = carray(outputs[1], (size,))
+        cost[:] = 0.0
+        violation[:] = 0.0
+        for d in range(dim):
+            for i in range(size):
+                cost[i] += x[d, i] * x[d, i]
+
+    return evaluate
+
+
+class Sphere:
+    """A compiled objective, about as cheap as one that reads its points can be."""
+
+    def __init__(self, dim: int) -> None:
+        """Compile it."""
+        self._kernel = sphere_kernel(dim)
+
+    def __call__(self, population: Array) -> tuple[Array, Array]:
+        """Return cost and violation of a population (dim, size)."""
+        return (population**2).sum(axis=0), np.zeros(population.shape[1])
+
+    def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers:
+        """Bind to buffers."""
+        double = ctypes.POINTER(ctypes.c_double)
+        self._buffers = asked, cost, violation
+        self._in = (double * 1)(asked.ctypes.data_as(double))
+        self._out = (double * 2)(*(a.ctypes.data_as(double) for a in (cost, violation)))
+        first, second = ctypes.addressof(self._in), ctypes.addressof(self._out)
+        return Pointers(self._kernel.address, first, second)
+
+
+@kernel
+def draw(
+    rng: np.random.Generator, counts: tuple[int, int, int], numbers: Array, times: int
+) -> None:
+    """Draw the numbers of a generation into an array, so many times.
+
+    They are stored and not added up: a sum that is carried through calls of the
+    generator takes longer than the calls.
+
+    Args:
+        rng: Source of the numbers.
+        counts: How many uniform, normal and Cauchy numbers.
+        numbers: Where they are stored, shape (at least their sum,).
+        times: How many generations.
+    """
+    uniforms, normals, cauchys = counts
+    for _ in range(times):
+        for k in range(uniforms):
+            numbers[k] = rng.random()
+        for k in range(uniforms, uniforms + normals):
+            numbers[k] = rng.standard_normal()
+        for k in range(uniforms + normals, uniforms + normals + cauchys):
+            numbers[k] = math.tan(math.pi * (rng.random() - 0.5))
+
+
+@kernel
+def evaluate(pointers: Pointers, size: int, generations: int) -> None:
+    """Evaluate so many generations, with nothing in between."""
+    for _ in range(generations):
+        call_kernel(pointers.function, pointers.inputs, pointers.outputs, size)
+
+
+class Row(NamedTuple):
+    """A line of the table.
+
+    Attributes:
+        kind: The algorithm.
+        shape: Individuals and variables.
+        generation: Seconds of a generation apart from the objective.
+        objective: Seconds of the objective.
+        draws: Seconds of the draws.
+    """
+
+    kind: Kind
+    shape: Shape
+    generation: float
+    objective: float
+    draws: float
+
+    @property
+    def ratio(self) -> float:
+        """A generation by its draws."""
+        return self.generation / self.draws
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether the bar is for it and not reached."""
+        return self.kind.bar and not self.ratio <= BAR
+
+
+def measure(rounds: int) -> Iterator[Row]:
+    """Measure all algorithms of a shape side by side."""
+    for shape in SHAPES:
+        objective = Sphere(shape.dim)
+        box = Box(lower=np.full(shape.dim, -1.0), upper=np.full(shape.dim, 2.0))
+        work = new_work(shape.dim, shape.size, 1)
+        work.asked[:] = np.random.default_rng(0).random(work.asked.shape)
+        alone = Sphere(shape.dim)
+        pointers = alone.attach(work.asked, work.cost, work.violation)
+        calls: dict[str, Callable[[], object]] = {
+            "objective": partial(evaluate, pointers, shape.size, GENERATIONS)
+        }
+        for kind in KINDS:
+            run = partial(searched, kind.settings(shape.size), box, objective)
+            calls[f"{kind.name}, long"] = partial(run, 1 + GENERATIONS)
+            calls[f"{kind.name}, short"] = partial(run, 1)
+            calls[f"{kind.name}, draws"] = draw_call(kind.draws(shape))
+        seconds = {n: t.median for n, t in timings(calls, rounds=rounds).items()}
+        spent = seconds["objective"] / GENERATIONS
+        for kind in KINDS:
+            long, short = seconds[f"{kind.name}, long"], seconds[f"{kind.name}, short"]
+            yield Row(
+                kind,
+                shape,
+                generation=(long - short) / GENERATIONS - spent,
+                objective=spent,
+                draws=seconds[f"{kind.name}, draws"] / GENERATIONS,
+            )
+
+
+def draw_call(draws: Draws) -> Callable[[], object]:
+    """Return a call that draws the numbers of all generations."""
+    uniforms, normals, cauchys = (round(n) for n in draws)
+    counts, numbers = (uniforms, normals, cauchys), np.empty(round(sum(draws)) + 3)
+    return partial(draw, np.random.default_rng(0), counts, numbers, GENERATIONS)
+
+
+def searched(
+    algorithm: Algorithm, box: Box, objective: Sphere, generations: int
+) -> Work | None:
+    """Begin a search and run so many generations of it in the compiled loop."""
+    search = Search(algorithm, box, rng=np.random.default_rng(0))
+    return search.loop(objective, generations=generations, limits=UNBOUNDED)
+
+
+def table(rows: Sequence[Row]) -> list[str]:
+    """Return the lines of the table."""
+    lines = [
+        "| algorithm | individuals x variables | us a generation | us of its draws "
+        "| ratio | at most | reached | us of the objective, subtracted |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        bar = (f"{BAR:g}", "no" if row.is_missed else "yes")
+        cells = (
+            row.kind.name,
+            f"{row.shape.size} x {row.shape.dim}",
+            f"{1e6 * row.generation:.3g}",
+            f"{1e6 * row.draws:.3g}",
+            f"{row.ratio:.2f}",
+            *(bar if row.kind.bar else ("-", "-")),
+            f"{1e6 * row.objective:.2g}",
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the table, and write it where asked."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--short", action="store_true", help="fewer rounds")
+    parser.add_argument("--write", type=Path, help="a Markdown file to write")
+    options = parser.parse_args(arguments)
+    rounds = 5 if options.short else 41
+    rows = list(measure(rounds))
+    text = "\n".join(table(rows)) + "\n"
+    print(text)
+    if options.write:
+        head = _HEAD.format(rounds=rounds, generations=GENERATIONS, bar=BAR)
+        options.write.write_text(head + text)
+    return 3 if any(row.is_missed for row in rows) else 0
+
+
+_HEAD = """# What a generation costs
+
+Made by `python benchmarks/generation.py`. One core, one process. The bar: apart from
+the objective, a generation of PSO, DE, jDE or L-SHADE in the compiled loop costs at
+most {bar:g} times what drawing its random numbers in compiled code costs. PSO has two
+neighbourhoods here, the whole swarm and a ring.
+
+How it is measured. All calls of one shape take turns of some 10 ms, {rounds} rounds;
+numbers are medians. A generation: a search of 1 + {generations} generations less one of
+1, both in the compiled loop of `Search`, divided by {generations}; from that the
+objective is subtracted, a compiled sum of squares, measured alone on as many
+generations. Settings are the defaults, the box is [-1, 2] in each variable. The budget
+is without end, so that the population of L-SHADE does not shrink: all its generations
+have the size given.
+
+The draws: compiled code that draws into an array, with the same kind of generator, as
+many uniform, normal and Cauchy numbers (a tangent of a uniform one) as a generation
+does on average. The counts are derived from the kernels. L-SHADE draws about 2 % more:
+what a full archive draws to delete members is left out, and the memory is taken as at
+the beginning. The numbers are stored and not added up: a sum carried through the calls
+of the generator makes them take twice as long, and the ratios half as large.
+
+"""
+
+if __name__ == "__main__":
+    sys.exit(main())
