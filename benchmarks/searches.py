@@ -222,14 +222,12 @@ def draws_of(algorithm: Algorithm, task: Task) -> Draws:
 
 
 @kernel
-def draw(rng: np.random.Generator, uniforms: int, normals: int) -> float:
-    """Draw so many numbers; their sum is returned so that none is left out."""
-    total = 0.0
-    for _ in range(uniforms):
-        total += rng.random()
-    for _ in range(normals):
-        total += rng.standard_normal()
-    return total
+def draw(rng: np.random.Generator, uniforms: int, normals: int, out: Array) -> None:
+    """Draw so many numbers and store them, over and over: adding them takes longer."""
+    for k in range(uniforms):
+        out[k % out.size] = rng.random()
+    for k in range(normals):
+        out[k % out.size] = rng.standard_normal()
 
 
 @kernel
@@ -248,13 +246,13 @@ def part_calls(case: Case) -> dict[str, Callable[[], object]]:
         raise RuntimeError(
             "no machine code can be made here: there is no compiled loop"
         )
-    draws = draws_of(case.algorithm, task)
+    draws, stored = draws_of(case.algorithm, task), np.empty(1024)
 
     def rollouts() -> tuple[Array, ...]:
         roll_out(pointers, task.size, task.generations)
         return buffers  # Kept alive by this.
 
-    return {"rollouts": rollouts, "draws": lambda: draw(rng, *draws)}
+    return {"rollouts": rollouts, "draws": lambda: draw(rng, *draws, stored)}
 
 
 def measure_case(case: Case, effort: Effort) -> tuple[dict[str, Row], Parts]:

@@ -42,7 +42,7 @@ from swarmstart.heuristics.algorithm import (
     require_size,
     take_generation,
 )
-from swarmstart.heuristics.bounds import CODES, Bounds, repair
+from swarmstart.heuristics.bounds import CODES, REDRAW, Bounds, repair
 from swarmstart.heuristics.box import Box, clip
 from swarmstart.heuristics.cma_constants import (
     Constants,
@@ -130,7 +130,10 @@ def propose(
             low, high = settings.lower[d], settings.upper[d]
             x = low + (high - low) * state.sampled[d, i]
             origin = clip(low + (high - low) * state.mean[d], low, high)
-            asked[d, i] = repair(rng, settings.bounds, x, origin, low, high)
+            if not low <= x <= high:
+                fraction = rng.random() if settings.bounds == REDRAW else 0.0
+                x = repair(settings.bounds, x, origin, low, high, fraction)
+            asked[d, i] = x
 
 
 @kernel

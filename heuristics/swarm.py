@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from swarmstart.heuristics.algorithm import State, require, take_generation
-from swarmstart.heuristics.bounds import repair, turned
+from swarmstart.heuristics.bounds import REDRAW, repair, turned
 from swarmstart.heuristics.box import clip
 from swarmstart.heuristics.kernel import Array, kernel
 from swarmstart.heuristics.order import RunningOrder, better, precedes
@@ -149,7 +149,8 @@ def fly(
             low, high, moved = settings.lower[d], settings.upper[d], x + v
             if not low <= moved <= high:  # Asked here: a call costs ten times as much.
                 rule = settings.bounds
-                moved = repair(rng, rule, x + v, x, low, high)
+                fraction = rng.random() if rule == REDRAW else 0.0
+                moved = repair(rule, x + v, x, low, high, fraction)
                 v = turned(rule, v, x + v, low, high)
             state.position[d, i] = moved
             state.velocity[d, i] = v

@@ -19,7 +19,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.heuristics.bounds import repair
+from swarmstart.heuristics.bounds import REDRAW, repair
 from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, precedes
 
@@ -172,7 +172,7 @@ def fill_trials(
     """
     dim, size = asked.shape
     base, lead, plus, minus = plan.base, plan.lead, plan.plus, plan.minus
-    F = plan.F
+    F, rule = plan.F, settings.bounds
     for d in range(dim):
         row, out, mutated = x[d], asked[d], plan.mutated[d]
         low, high = settings.lower[d], settings.upper[d]
@@ -189,7 +189,8 @@ def fill_trials(
             continue
         for i in range(size):
             if not low <= out[i] <= high and mutated[i]:
-                out[i] = repair(rng, settings.bounds, out[i], row[i], low, high)
+                fraction = rng.random() if rule == REDRAW else 0.0
+                out[i] = repair(rule, out[i], row[i], low, high, fraction)
 
 
 @kernel
