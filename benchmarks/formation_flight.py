@@ -206,8 +206,8 @@ def _bar_table(
         "",
         f"Every one of {seeds} seeds (0 to {seeds - 1}) must reach the bound.",
         "",
-        _row("scenario", "variant", "set", "measure", "bound", "measured", "reached"),
-        _row(*["---"] * 7),
+        row("scenario", "variant", "set", "measure", "bound", "measured", "reached"),
+        row(*["---"] * 7),
     ]
     failed = 0
     for bar in BARS:
@@ -218,13 +218,13 @@ def _bar_table(
         reached = sum(bool(holds(v, bar.relation, bar.bound)) for v in values)
         failed += reached < seeds
         lines.append(
-            _row(
+            row(
                 bar.scenario,
                 bar.variant,
                 " ".join(bar.assignments) or "-",
                 bar.measure,
                 f"{bar.relation} {bar.bound:g}",
-                _spread(values),
+                spread(values),
                 f"{reached} of {seeds}",
             )
         )
@@ -235,8 +235,8 @@ def _ranking_table(measured: dict[Job, dict[str, Any]], seeds: int) -> list[str]
     lines = [
         "## The chapter's GA, started at random at every step, against chaotic PSO",
         "",
-        _row("scenario", "variant", "GA, cost", "CPSO, cost", "ratio", "GA settles"),
-        _row(*["---"] * 6),
+        row("scenario", "variant", "GA, cost", "CPSO, cost", "ratio", "GA settles"),
+        row(*["---"] * 6),
     ]
     for name in SCENARIOS:
         for variant in VARIANTS:
@@ -250,7 +250,7 @@ def _ranking_table(measured: dict[Job, dict[str, Any]], seeds: int) -> list[str]
             }
             settled = sum(m["settle_time_s"] is not None for m in runs["ga"])
             lines.append(
-                _row(
+                row(
                     name,
                     variant,
                     f"{cost['ga']:.0f}",
@@ -270,21 +270,21 @@ def _claim_table(
     lines = [
         "## The chapter's claims 1 to 10",
         "",
-        _row("claim", "scenario", "variant", "text", "asked", "measured", "verdict"),
-        _row(*["---"] * 7),
+        row("claim", "scenario", "variant", "text", "asked", "measured", "verdict"),
+        row(*["---"] * 7),
     ]
     for name, variant, claim, settings in claims:
         values, verdict = _judged(name, variant, claim, settings, measured, options)
         bound = "never" if claim.bound is None else f"{claim.bound:.4g}"
         ratio = " (ratio)" if claim.against is not None else ""
         lines.append(
-            _row(
+            row(
                 claim.id,
                 name,
                 variant,
                 f"{claim.text} ({claim.source})",
                 f"{claim.measure}{ratio} {claim.relation} {bound}",
-                _spread(values),
+                spread(values),
                 verdict,
             )
         )
@@ -320,10 +320,10 @@ def _judged(
         for seed in range(options.pairs)
     ]
     ratios = [a / b for a, b in pairs]
-    return ratios, _paired_verdict(ratios, claim)
+    return ratios, paired_verdict(ratios, claim)
 
 
-def _paired_verdict(ratios: list[float], claim: Any) -> str:
+def paired_verdict(ratios: list[float], claim: Any) -> str:
     """Judge by the median ratio; a difference must show in a paired test as well."""
     p = float(wilcoxon([r - 1.0 for r in ratios]).pvalue)
     test = f"{len(ratios)} pairs, Wilcoxon p = {p:.2g}"
@@ -333,12 +333,12 @@ def _paired_verdict(ratios: list[float], claim: Any) -> str:
     return f"{'holds' if kept else 'does not hold'} ({test})"
 
 
-def _row(*cells: str) -> str:
+def row(*cells: str) -> str:
     """Return a row of a Markdown table."""
     return f"| {' | '.join(cells)} |"
 
 
-def _spread(values: list[Any]) -> str:
+def spread(values: list[Any]) -> str:
     """Return lowest, median and highest; how many are not defined."""
     known = [v for v in values if v is not None]
     missing = f", {len(values) - len(known)} never" if len(known) < len(values) else ""

@@ -85,7 +85,11 @@ KINDS = {
     "formation_flight": KindEntry(
         "swarmstart.cases.formation.kind:KIND",
         "swarmstart.cases.formation.names:MEASURES",
-    )
+    ),
+    "close_formation": KindEntry(
+        "swarmstart.cases.close_formation.kind:KIND",
+        "swarmstart.cases.close_formation.names:MEASURES",
+    ),
 }
 
 

@@ -19,6 +19,9 @@ kinematics "fixed": (X, Y) = (xbar, ybar), the slot, as printed in (5.20)
            "exact": (X, Y) = (x, y)
 aerodynamics "linear": dC = C_y (y - ybar) + C_z z, derivatives at the slot
              "vortex": dC = C(y, z) - C(ybar, 0), the increments themselves
+             "none": dC = 0, no wake
+heading_from "leader": the autopilot is told psi_Wc - psi_L in place of psi_Wc
+A turn rate limit is the autopilot's: it saturates (psi_Wc - psi_W)/tau_psi.
 
 The variant "corrected" is the above. "literal" is (5.20) as printed, linear: y in place
 of y - ybar, a constant lift that h_Wc has to hold down, and + qS/m C_Dz z, which is
@@ -55,7 +58,8 @@ POSITION = (0, 1, 4)
 
 Variant = Literal["corrected", "literal"]
 Kinematics = Literal["fixed", "exact"]
-Aerodynamics = Literal["linear", "vortex"]
+Aerodynamics = Literal["linear", "vortex", "none"]
+HeadingFrom = Literal["north", "leader"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,9 +72,10 @@ class Wingman:
         heading_lag_s: tau_psi [s].
         height_lag_a_s: t_a, the shorter lag of the height [s].
         height_lag_b_s: t_b, the longer one [s].
+        turn_rate_rad_s: What the autopilot turns at most [rad/s]; None means no limit.
 
     Raises:
-        InvalidAircraftError: If a lag is not positive and finite.
+        InvalidAircraftError: If a lag or the limit is not positive and finite.
 
     Source: lags recalled from Proud, Pachter and D'Azzo (1999), F-16 class.
     """
@@ -80,6 +85,7 @@ class Wingman:
     heading_lag_s: float = 0.75
     height_lag_a_s: float = 0.3075
     height_lag_b_s: float = 3.85
+    turn_rate_rad_s: float | None = None
 
     def __post_init__(self) -> None:
         """Check the range of the lags."""
@@ -87,6 +93,8 @@ class Wingman:
             "speed_lag_s", "heading_lag_s", "height_lag_a_s", "height_lag_b_s"
         ):  # fmt: skip
             require_positive(name, getattr(self, name))
+        if self.turn_rate_rad_s is not None:
+            require_positive("turn_rate_rad_s", self.turn_rate_rad_s)
 
     @property
     def slot_ft(self) -> tuple[float, float, float]:
@@ -100,6 +108,7 @@ def close_formation(
     variant: Variant = "corrected",
     kinematics: Kinematics = "fixed",
     aerodynamics: Aerodynamics = "linear",
+    heading_from: HeadingFrom = "north",
     gusts: bool = False,
 ) -> Model:
     """Return the model (5.20), nx = 6, nu = 3, np = 3 or, with gusts, 6.
@@ -109,14 +118,15 @@ def close_formation(
         variant: "corrected", or "literal": as printed.
         kinematics: Whether the rotation terms have the slot or the state.
         aerodynamics: Whether the wake is linear about the slot or the vortex itself;
-            "vortex" is for "corrected" only.
+            "vortex" is for "corrected" only. "none": no wake.
+        heading_from: What the heading command counts from.
         gusts: Whether w_x, w_y, w_z [ft/s], added to the rate of the relative position,
             are three more parameters: for a plant.
 
     Raises:
         InvalidProblemError: If a choice is unknown, or literal meets vortex.
     """
-    _require_choices(variant, kinematics, aerodynamics)
+    _require_choices(variant, kinematics, aerodynamics, heading_from)
     x, y, psi, V, z, zeta = (ca.SX.sym(n) for n in ("x", "y", "psi", "V", "z", "zeta"))
     V_c, psi_c, h_c = (ca.SX.sym(name) for name in ("V_c", "psi_c", "h_c"))
     V_L, psi_L, h_L = (ca.SX.sym(name) for name in ("V_L", "psi_L", "h_L"))
@@ -125,12 +135,19 @@ def close_formation(
 
     if aerodynamics == "vortex":
         dC = _vortex(wingman, y, z)
-    else:
+    elif aerodynamics == "linear":
         dC = _linear(wingman, y, z, as_printed=variant == "literal")
+    else:
+        dC = Increments(ca.SX(0), ca.SX(0), ca.SX(0))
     qSm = wingman.aircraft.acceleration_ft_s2
     X, Y = (x, y) if kinematics == "exact" else wingman.slot_ft[:2]
     t_a, t_b = wingman.height_lag_a_s, wingman.height_lag_b_s
-    r = (psi_c - psi) / wingman.heading_lag_s + qSm / V * dC.C_Y
+    told = psi_c + psi_L if heading_from == "leader" else psi_c
+    commanded = (told - psi) / wingman.heading_lag_s
+    limit = wingman.turn_rate_rad_s
+    if limit is not None:
+        commanded = ca.fmin(ca.fmax(commanded, -limit), limit)
+    r = commanded + qSm / V * dC.C_Y
     return Model(
         states=ca.vertcat(x, y, psi, V, z, zeta),
         controls=ca.vertcat(V_c, psi_c, h_c),
@@ -148,20 +165,23 @@ def close_formation(
     )
 
 
-def _require_choices(variant: str, kinematics: str, aerodynamics: str) -> None:
+def _require_choices(
+    variant: str, kinematics: str, aerodynamics: str, heading_from: str
+) -> None:
     """Refuse an unknown choice, and one that contradicts another."""
     for role, given, known in (
         ("variant", variant, get_args(Variant)),
         ("kinematics", kinematics, get_args(Kinematics)),
         ("aerodynamics", aerodynamics, get_args(Aerodynamics)),
+        ("heading_from", heading_from, get_args(HeadingFrom)),
     ):
         if given not in known:
             raise InvalidProblemError(
                 f"{role} must be one of {', '.join(known)}, got {given!r}"
             )
-    if variant == "literal" and aerodynamics != "linear":
+    if variant == "literal" and aerodynamics == "vortex":
         raise InvalidProblemError(
-            f"aerodynamics of variant 'literal' must be linear, got {aerodynamics!r}"
+            "aerodynamics of variant 'literal' must be linear or none, got 'vortex'"
         )
 
 

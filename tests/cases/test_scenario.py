@@ -22,18 +22,27 @@ from swarmstart.cases.yaml_reader import parse_yaml
 VARIANTS = ("literal", "corrected")
 
 
+def variants_of(name: str) -> list[str | None]:
+    data: Any = read_document(name).data
+    return list(data.get("variants", {})) or [None]
+
+
 def resolved(name: str = "formation_v", **how: Any) -> Resolved:
     return resolve(read_document(name), **how)
 
 
-@pytest.mark.parametrize("name", shipped())
-@pytest.mark.parametrize("variant", VARIANTS)
+SEARCH = {"formation_flight": "cpso", "close_formation": "de"}  # the chapter's
+EVERY = [(n, v) for n in shipped() for v in variants_of(n)]
+
+
+@pytest.mark.parametrize(("name", "variant"), EVERY)
 def test_every_shipped_scenario_is_valid_in_every_variant(
-    name: str, variant: str
+    name: str, variant: str | None
 ) -> None:
     scenario = resolved(name, variant=variant).scenario
     assert scenario.name == name
-    assert scenario.polish == "none" and scenario.search.name == "cpso"
+    assert scenario.polish == "none"
+    assert scenario.search.name == SEARCH[scenario.kind]
 
 
 def test_corrected_is_the_default_variant() -> None:

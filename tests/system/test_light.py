@@ -99,5 +99,6 @@ def test_the_schema_of_an_unknown_kind_is_refused(command: Command) -> None:
     said = command("schema", "formation")
     assert (said.code, said.out) == (2, "")
     assert said.err == (
-        "swarmstart: expected KIND to be one of formation_flight, found 'formation'\n"
+        "swarmstart: expected KIND to be one of formation_flight, close_formation, "
+        "found 'formation'\n"
     )

@@ -1,0 +1,1 @@
+"""Close formation flight: a wingman in its leader's trailing vortex."""

@@ -1,0 +1,223 @@
+"""What is measured of a close formation flight; definitions in names.py."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from swarmstart.cases.close_formation.build import CloseFormationFlight
+from swarmstart.cases.close_formation.leader import (
+    first_manoeuvre_s,
+    last_change_s,
+)
+from swarmstart.cases.close_formation.names import MEASURES
+from swarmstart.cases.close_formation.scenario import CloseFormationScenario
+from swarmstart.cases.kind import Measure
+from swarmstart.cases.models.close_formation import POSITION
+from swarmstart.cases.models.horseshoe_vortex import drag_saving
+from swarmstart.ocp import IpoptOptions, Trajectory
+from swarmstart.ocp.polish import Polisher
+
+Array = NDArray[np.float64]
+
+SETTLED_FT = 1.0
+LATE_S = 5.0
+EARLY_S = 10.0
+LOW_SAVING = 0.3
+RISE = 1e-6
+ROUNDING_S = 1e-9
+
+
+def measure(
+    scenario: CloseFormationScenario,
+    flight: CloseFormationFlight,
+    trajectory: Trajectory,
+) -> Mapping[str, Measure]:
+    """Return all measures of MEASURES by name, null where one is not defined."""
+    plans = [plan for decision in trajectory.decisions for plan in decision.plans]
+    seconds = trajectory.step_seconds
+    measures: dict[str, Measure] = {
+        **_tracking(scenario, trajectory),
+        **_motion(scenario, trajectory),
+        **_costs(scenario, flight, trajectory),
+        **_saving(flight, trajectory),
+        **_gaps(scenario, flight, trajectory),
+        "evaluations": sum(plan.evaluations for plan in plans),
+        "step_seconds_median": float(np.median(seconds)),
+        "step_seconds_max": float(np.max(seconds)),
+    }
+    return {name: measures[name] for name in MEASURES}
+
+
+def deviations(scenario: CloseFormationScenario, states: Array) -> Array:
+    """Return (x, y, z) less the slot, shape (3, T) [ft]."""
+    slot = scenario.slot
+    wanted = np.array([slot.x_ft, slot.y_ft, slot.z_ft])
+    return np.asarray(states[list(POSITION)] - wanted[:, None])
+
+
+def savings(flight: CloseFormationFlight, states: Array) -> Array:
+    """Return the drag saved at each state, a fraction, shape (T,)."""
+    _, y, z = states[list(POSITION)]
+    return np.array(
+        [
+            drag_saving(flight.aircraft, float(a), float(b))
+            for a, b in zip(y, z, strict=True)
+        ]
+    )
+
+
+def best_saving(flight: CloseFormationFlight) -> float:
+    """Return the largest drag saved at the leader's height, a fraction."""
+    span = flight.aircraft.span_ft
+    found = minimize_scalar(
+        lambda y: -drag_saving(flight.aircraft, float(y), 0.0),
+        bounds=(span / 2, 2 * span),
+        method="bounded",
+    )
+    return -float(found.fun)
+
+
+def plan_costs(trajectory: Trajectory) -> Array:
+    """Return J of each step's plan, shape (T,)."""
+    return np.array([decision.plans[0].cost for decision in trajectory.decisions])
+
+
+def reference_costs(flight: CloseFormationFlight, trajectory: Trajectory) -> Array:
+    """Return J* of IPOPT at the state of each step, from its plan, shape (T,)."""
+    polisher = Polisher(flight.loop.planner.fitness, IpoptOptions(tolerance=1e-10))
+    best = []
+    for k, decision in enumerate(trajectory.decisions):
+        known = flight.loop.known(float(trajectory.times[k]))
+        plan = decision.plans[0].controls
+        best.append(polisher(plan, trajectory.states[:, k], known).cost)
+    return np.array(best)
+
+
+def _tracking(
+    scenario: CloseFormationScenario, trajectory: Trajectory
+) -> dict[str, Measure]:
+    times = trajectory.times
+    off = deviations(scenario, trajectory.states)
+    begin = last_change_s(scenario.leader)
+    late = times > times[-1] - LATE_S + ROUNDING_S
+    rms = np.sqrt(np.mean(off[:, late] ** 2, axis=1))
+    return {
+        "x_settle_s": _settled(times, off[0], begin),
+        "y_settle_s": _settled(times, off[1], begin),
+        "x_max_dev_ft": float(off[0].max()),
+        "x_min_dev_ft": float(off[0].min()),
+        "y_max_dev_ft": float(np.abs(off[1]).max()),
+        "y_min_dev_ft": float(off[1].min()),
+        "z_max_ft": float(np.abs(off[2]).max()),
+        "x_rms_last_5s_ft": float(rms[0]),
+        "y_rms_last_5s_ft": float(rms[1]),
+        "z_rms_last_5s_ft": float(rms[2]),
+        "position_error_late_ft": float(np.linalg.norm(off[:, late], axis=0).max()),
+    }
+
+
+def _settled(times: Array, off: Array, begin: float) -> float | None:
+    """Return how long after `begin` the deviation stays within SETTLED_FT."""
+    outside = np.flatnonzero(np.abs(off) > SETTLED_FT)
+    if outside.size == 0:
+        return 0.0
+    if outside[-1] + 1 == times.size:
+        return None
+    return max(float(times[outside[-1] + 1]) - begin, 0.0)
+
+
+def _motion(
+    scenario: CloseFormationScenario, trajectory: Trajectory
+) -> dict[str, Measure]:
+    _, _, heading, speed, _, _ = trajectory.states
+    late = trajectory.times[:-1] > trajectory.times[-1] - LATE_S + ROUNDING_S
+    turned = np.diff(heading) / np.diff(trajectory.times)
+    first = scenario.leader.manoeuvre[0].heading_rad
+    positions = trajectory.dense_states[list(POSITION)]
+    return {
+        "speed_max_ft_s": float(speed.max()),
+        "heading_max_deg": float(np.degrees(heading.max() - first)),
+        "turn_rate_max_deg_s": float(np.degrees(np.abs(turned).max())),
+        "steady_altitude_command_ft": float(trajectory.controls[2, late].mean()),
+        "min_range_ft": float(np.linalg.norm(positions, axis=0).min()),
+    }
+
+
+def _costs(
+    scenario: CloseFormationScenario,
+    flight: CloseFormationFlight,
+    trajectory: Trajectory,
+) -> dict[str, Measure]:
+    costs = plan_costs(trajectory)
+    begin = first_manoeuvre_s(scenario.leader)
+    moving = costs[trajectory.times[:-1] >= begin - ROUNDING_S]
+    return {
+        "cost_max": float(costs.max()),
+        "cost_rises": int(np.sum(np.diff(moving) > RISE)),
+        "candidate_losses": _losses(flight, trajectory, costs),
+    }
+
+
+def _losses(flight: CloseFormationFlight, trajectory: Trajectory, costs: Array) -> int:
+    """Return how many plans are worse than the last one's commands, held (5.29)."""
+    fitness, losses = flight.loop.planner.fitness, 0
+    for k in range(1, len(costs)):
+        last = trajectory.decisions[k - 1].plans[0].controls
+        held = np.hstack([last[:, 1:], last[:, -1:]])
+        known = flight.loop.known(float(trajectory.times[k]))
+        value, _ = fitness.value(held, trajectory.states[:, k], known)
+        losses += costs[k] > value + RISE
+    return int(losses)
+
+
+def _saving(flight: CloseFormationFlight, trajectory: Trajectory) -> dict[str, Measure]:
+    saved = savings(flight, trajectory.states)
+    _, best_y, _ = slot_of(flight)
+    dt = float(trajectory.times[1] - trajectory.times[0])
+    return {
+        "drag_saving_percent": float(100 * saved.mean()),
+        "drag_saving_min_percent": float(100 * saved.min()),
+        "drag_saving_ideal_percent": 100 * drag_saving(flight.aircraft, best_y, 0.0),
+        "drag_saving_best_percent": 100 * best_saving(flight),
+        "drag_saving_low_s": float(np.sum(saved < LOW_SAVING) * dt),
+    }
+
+
+def slot_of(flight: CloseFormationFlight) -> tuple[float, float, float]:
+    """Return the slot (2 b, pi b/4, 0) that (5.20) is linear about [ft]."""
+    span = flight.aircraft.span_ft
+    return 2 * span, np.pi * span / 4, 0.0
+
+
+def _gaps(
+    scenario: CloseFormationScenario,
+    flight: CloseFormationFlight,
+    trajectory: Trajectory,
+) -> dict[str, Measure]:
+    names = (
+        "gap_relative_median",
+        "gap_absolute_median",
+        "gap_absolute_p90",
+        "gap_min",
+    )
+    if scenario.reference == "none":
+        return dict.fromkeys(names)
+    best = reference_costs(flight, trajectory)
+    gap = plan_costs(trajectory) - best
+    times = trajectory.times[:-1]
+    begin = first_manoeuvre_s(scenario.leader) - ROUNDING_S
+    early = (times >= begin) & (times < begin + EARLY_S)
+    late = times >= begin + EARLY_S
+    values = (
+        _median(gap[early] / best[early]),
+        _median(gap[late]),
+        float(np.quantile(gap[late], 0.9)) if late.any() else None,
+        float(np.min(gap / np.maximum(best, 1.0))),
+    )
+    return dict(zip(names, values, strict=True))
+
+
+def _median(values: Array) -> float | None:
+    return float(np.median(values)) if values.size else None
