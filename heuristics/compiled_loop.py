@@ -25,8 +25,22 @@ from swarmstart.heuristics.archive import Archive, collect
 from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.stopping import GOES_ON, Limits, finished, progress_of
 
-CHUNK = 64
-"""Generations between two looks at the clock."""
+CHUNK = 16
+"""Generations before the first look at the clock."""
+CHUNK_S = 0.02
+"""Wall time between two looks at the clock, about [s]."""
+LARGEST_CHUNK = 4096
+
+
+def next_chunk(generations: int, seconds: float) -> int:
+    """Return how many generations to run next.
+
+    Args:
+        generations: How many were run last, at least 1.
+        seconds: How long they took [s].
+    """
+    fitting = generations * CHUNK_S / max(seconds, CHUNK_S / LARGEST_CHUNK)
+    return min(max(int(fitting), 1), LARGEST_CHUNK)
 
 
 class Pointers(NamedTuple):

@@ -12,7 +12,12 @@ from numpy.typing import ArrayLike
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.algorithm import Algorithm
 from swarmstart.heuristics.box import Box
-from swarmstart.heuristics.compiled_loop import CHUNK, CompiledObjective, can_loop
+from swarmstart.heuristics.compiled_loop import (
+    CHUNK,
+    CompiledObjective,
+    can_loop,
+    next_chunk,
+)
 from swarmstart.heuristics.default import default_algorithm
 from swarmstart.heuristics.initial import Initial
 from swarmstart.heuristics.kernel import Array
@@ -266,7 +271,7 @@ def run(
     begin = time.perf_counter()
     _require_one_generation(search, budget)
     compiled = on_generation is None and budget.evaluations and can_loop(objective)
-    advance = _compiled_generations if compiled else _one_generation
+    advance = _CompiledGenerations() if compiled else _one_generation
     limits = budget.limits()
     history: list[tuple[Array, Array]] = []
     stopped = None
@@ -335,21 +340,33 @@ def _one_generation(
     return found
 
 
-def _compiled_generations(
-    search: Search,
-    objective: Objective,
-    budget: Budget,
-    seconds: float,
-    on_generation: Callable[[GenerationEvent], None] | None,
-) -> _Advanced:
-    """Advance by a chunk in compiled code."""
-    work = search.loop(
-        cast(CompiledObjective, objective), generations=CHUNK, limits=budget.limits()
-    )
-    if work is None:
-        return _one_generation(search, objective, budget, seconds, on_generation)
-    done = int(work.done[0])
-    return _Advanced(work.best_cost[:done], work.best_violation[:done])
+class _CompiledGenerations:
+    """Advances by chunks in compiled code, each as long as the clock allows."""
+
+    def __init__(self) -> None:
+        """Begin with a few generations."""
+        self._generations = CHUNK
+
+    def __call__(
+        self,
+        search: Search,
+        objective: Objective,
+        budget: Budget,
+        seconds: float,
+        on_generation: Callable[[GenerationEvent], None] | None,
+    ) -> _Advanced:
+        """Advance by a chunk."""
+        begin, asked = time.perf_counter(), self._generations
+        work = search.loop(
+            cast(CompiledObjective, objective),
+            generations=asked,
+            limits=budget.limits(),
+        )
+        if work is None:
+            return _one_generation(search, objective, budget, seconds, on_generation)
+        done = int(work.done[0])
+        self._generations = next_chunk(max(done, 1), time.perf_counter() - begin)
+        return _Advanced(work.best_cost[:done], work.best_violation[:done])
 
 
 def _progress(search: Search, budget: Budget, seconds: float) -> float:

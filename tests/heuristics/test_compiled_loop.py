@@ -23,7 +23,7 @@ from swarmstart.heuristics import (
     minimize,
     run,
 )
-from swarmstart.heuristics.compiled_loop import CHUNK
+from swarmstart.heuristics.compiled_loop import CHUNK, next_chunk
 
 if TYPE_CHECKING:
     from swarmstart.tests.heuristics.conftest import Compiled, Refusing
@@ -205,3 +205,14 @@ def test_loop_before_tell_is_refused(compiled: type[Compiled]) -> None:
     limits = Budget(evaluations=SIZE).limits()
     with pytest.raises(AskTellError, match="before tell"):
         search.loop(compiled(values, DIM), generations=1, limits=limits)
+
+
+@pytest.mark.parametrize(
+    ("generations", "seconds", "following"),
+    [(16, 0.02, 16), (16, 0.04, 8), (16, 2.0, 1), (16, 1e-9, 4096), (4096, 0.01, 4096)],
+)
+def test_chunks_take_about_a_fiftieth_of_a_second(
+    generations: int, seconds: float, following: int
+) -> None:
+    """From 1 generation, where one is slow, to 4096: Ctrl-C waits for no longer."""
+    assert next_chunk(generations, seconds) == following
