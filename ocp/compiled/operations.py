@@ -7,10 +7,10 @@ from swarmstart.ocp.compiled.elementary import (
     atan2,
     exp,
     log,
-    power,
     sin_and_cos,
     tanh,
 )
+from swarmstart.ocp.compiled.power import power
 from swarmstart.ocp.compiled.tape import Node, Tape, UnknownOperationError
 from swarmstart.ocp.compiled.vector_ir import VectorIR
 
