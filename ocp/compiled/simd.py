@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp.compiled import cache as code_cache
-from swarmstart.ocp.compiled.emitter import Roll, Target, emit_flat, emit_rollout
+from swarmstart.ocp.compiled.emitter import Roll, emit_flat, emit_rollout
 from swarmstart.ocp.compiled.engine import Compiled, link, machine, translate
 from swarmstart.ocp.compiled.formats import DOUBLE, FORMATS, Precision
+from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.interleaving import side_by_side
 from swarmstart.ocp.compiled.simplification import simplified
 from swarmstart.ocp.compiled.tape import Tape, read_tape
@@ -395,6 +396,7 @@ MAKERS = (
     "elementary",
     "power",
     "operations",
+    "frame",
     "emitter",
     "interleaving",
     "engine",

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.ocp.compiled import engine
-from swarmstart.ocp.compiled.emitter import Target, emit_flat
+from swarmstart.ocp.compiled.emitter import emit_flat
 from swarmstart.ocp.compiled.engine import (
     Machine,
     NoCompilerError,
@@ -19,6 +19,7 @@ from swarmstart.ocp.compiled.engine import (
     translate,
 )
 from swarmstart.ocp.compiled.formats import FORMATS, Precision
+from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.simd import Shape, SimdBatch, compile_flat
 from swarmstart.ocp.compiled.tape import OPERATIONS, read_tape
 

@@ -1,0 +1,223 @@
+"""The frame of a kernel: where it reads and writes, block after block of individuals.
+
+    void kernel(double **in, double **out, int64 n)
+
+in[i] is an argument: (rows, n), row after row, where it differs per individual; (rows,)
+where all share it. out[j] is an output, (rows, n). Lanes of the last block that are
+beyond n are masked: neither read nor written.
+
+Where a fast body marks an individual whose arguments it cannot serve (elementary.py), a
+careful body evaluates that individual once more.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from swarmstart.ocp.compiled.elementary import is_unserved
+from swarmstart.ocp.compiled.formats import DOUBLE, FORMATS, Format, Precision
+from swarmstart.ocp.compiled.vector_ir import Module, VectorIR, converted
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Target:
+    """What code is emitted for.
+
+    Attributes:
+        lanes: Numbers in a vector, a power of two.
+        precision: Of the arithmetic; arguments and outputs are doubles.
+        register_bits: Length of a vector register.
+        has_scale: See `vector_ir.Module`.
+    """
+
+    lanes: int
+    precision: Precision = "double"
+    register_bits: int = 512
+    has_scale: bool = False
+
+    @property
+    def form(self) -> Format:
+        """The format of the arithmetic."""
+        return FORMATS[self.precision]
+
+
+_AHEAD = 16
+"""Individuals; two cache lines of doubles."""
+
+
+class Frame:
+    """Where a function reads and writes: one block of individuals."""
+
+    def __init__(self, ir: VectorIR, *, inputs: int, outputs: int) -> None:
+        """Emit the addresses of the arguments and outputs, and the mask of the lanes.
+
+        Args:
+            ir: A body in which %in, %out, %n and %start are known.
+            inputs: Number of arguments.
+            outputs: Number of outputs.
+        """
+        self.ir = ir
+        self._inputs = self._pointers("in", inputs)
+        self._outputs = self._pointers("out", outputs)
+        self._inside = self._lanes_inside()
+        self._written = self._inside
+
+    def restrict(self, lanes: str) -> None:
+        """Write no lanes but those whose bit is set in an integer register."""
+        wanted = self.ir.emit(f"bitcast i{self.ir.lanes} {lanes} to {self.ir.mask}")
+        self._written = self.inside(wanted)
+
+    def inside(self, mask: str) -> str:
+        """Return a mask without the lanes beyond the end of the population."""
+        return self.ir.mask_op("and", mask, self._inside)
+
+    def _pointers(self, array: str, count: int) -> list[str]:
+        pointers = []
+        for number in range(count):
+            place = self.ir.emit(f"getelementptr ptr, ptr %{array}, i64 {number}")
+            pointers.append(self.ir.emit(f"load ptr, ptr {place}"))
+        return pointers
+
+    def _lanes_inside(self) -> str:
+        """Return the mask of the lanes before the end of the population."""
+        ir = self.ir
+        vector = f"<{ir.lanes} x i64>"
+        left = ir.emit("sub i64 %n, %start")
+        first = ir.emit(f"insertelement {vector} poison, i64 {left}, i64 0")
+        zeros = f"<{ir.lanes} x i32> zeroinitializer"
+        all_left = ir.emit(f"shufflevector {vector} {first}, {vector} poison, {zeros}")
+        numbers = ", ".join(f"i64 {lane}" for lane in range(ir.lanes))
+        return ir.emit(f"icmp ult {vector} <{numbers}>, {all_left}")
+
+    def _row(self, pointer: str, row: str) -> str:
+        """Return the address of this block's individuals in a row."""
+        offset = self.ir.emit(f"mul i64 {row}, %n")
+        place = self.ir.emit(f"add i64 {offset}, %start")
+        return self.ir.emit(f"getelementptr double, ptr {pointer}, i64 {place}")
+
+    def load_row(self, argument: int, row: str) -> str:
+        """Return a row of an argument that differs per individual."""
+        ir = self.ir
+        doubles = f"<{ir.lanes} x double>"
+        function = f"@llvm.masked.load.v{ir.lanes}f64.p0"
+        ir.module.declarations.add(
+            f"declare {doubles} {function}(ptr, i32, {ir.mask}, {doubles})"
+        )
+        address = self._row(self._inputs[argument], row)
+        self._fetch(address)
+        loaded = ir.emit(
+            f"call {doubles} {function}(ptr {address}, i32 8, "
+            f"{ir.mask} {self._inside}, {doubles} zeroinitializer)"
+        )
+        return converted(ir, loaded, DOUBLE, ir.form)
+
+    def _fetch(self, address: str) -> None:
+        """Have memory brought near that a later block of the same row reads.
+
+        A population too large for the caches is read in as many places at once as it
+        has rows, more than processors foresee by themselves.
+        """
+        ir = self.ir
+        ir.module.declarations.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
+        later = ir.emit(f"getelementptr double, ptr {address}, i64 {_AHEAD}")
+        ir.line(f"call void @llvm.prefetch.p0(ptr {later}, i32 0, i32 3, i32 1)")
+
+    def load_shared(self, argument: int, entry: str) -> str:
+        """Return an entry of an argument that all individuals share."""
+        ir, pointer = self.ir, self._inputs[argument]
+        address = ir.emit(f"getelementptr double, ptr {pointer}, i64 {entry}")
+        value = ir.emit(f"load double, ptr {address}, align 8")
+        if ir.form != DOUBLE:
+            value = ir.emit(f"fptrunc double {value} to {ir.form.name}")
+        return ir.broadcast(value)
+
+    def store_row(self, output: int, row: int, value: str) -> None:
+        """Write a row of an output."""
+        ir = self.ir
+        doubles = f"<{ir.lanes} x double>"
+        function = f"@llvm.masked.store.v{ir.lanes}f64.p0"
+        ir.module.declarations.add(
+            f"declare void {function}({doubles}, ptr, i32, {ir.mask})"
+        )
+        value = converted(ir, value, ir.form, DOUBLE)
+        address = self._row(self._outputs[output], str(row))
+        ir.line(
+            f"call void {function}({doubles} {value}, ptr {address}, i32 8, "
+            f"{ir.mask} {self._written})"
+        )
+
+
+def module_of(
+    body: Callable[[Frame], None], target: Target, *, inputs: int, outputs: int
+) -> str:
+    """Return the module whose kernel applies a body to each block of individuals."""
+    module = Module(has_scale=target.has_scale)
+    fast = VectorIR(target.lanes, target.form, module=module)
+    frame = Frame(fast, inputs=inputs, outputs=outputs)
+    body(frame)
+    again = ["  br label %next_block"]
+    if fast.marks:
+        unserved = frame.inside(is_unserved(fast))
+        bits = fast.emit(f"bitcast {fast.mask} {unserved} to i{fast.lanes}")
+        some = fast.emit(f"icmp ne i{fast.lanes} {bits}, 0")
+        again = [
+            f"  br i1 {some}, label %again, label %next_block, !prof !0",
+            "again:",
+            f"  call fastcc void @careful(ptr %in, ptr %out, i64 %n, i64 %start, "
+            f"i{fast.lanes} {bits})",
+            "  br label %next_block",
+        ]
+        module.functions["careful"] = _careful(body, target, module, inputs, outputs)
+    width = target.register_bits
+    return "\n".join(
+        [
+            "define void @kernel(ptr noalias %in, ptr noalias %out, i64 %n) #0 {",
+            "entry:",
+            "  br label %blocks",
+            "blocks:",
+            "  %start = phi i64 [ 0, %entry ], [ %following, %next_block ]",
+            "  %more = icmp ult i64 %start, %n",
+            "  br i1 %more, label %block, label %end",
+            "block:",
+            *fast.body.lines,
+            *again,
+            "next_block:",
+            f"  %following = add i64 %start, {target.lanes}",
+            "  br label %blocks",
+            "end:",
+            "  ret void",
+            "}",
+            "",
+            *module.functions.values(),
+            *sorted(module.declarations),
+            # Aligned, so that no vector kept on the stack lies across two cache lines.
+            f'attributes #0 = {{ nounwind "stackrealign" '
+            f'"prefer-vector-width"="{width}" "min-legal-vector-width"="{width}" }}',
+            '!0 = !{!"branch_weights", i32 1, i32 100000}',
+            "",
+        ]
+    )
+
+
+def _careful(
+    body: Callable[[Frame], None],
+    target: Target,
+    module: Module,
+    inputs: int,
+    outputs: int,
+) -> str:
+    """Return the function that evaluates some lanes of one block carefully."""
+    ir = VectorIR(target.lanes, target.form, module=module, careful=True)
+    frame = Frame(ir, inputs=inputs, outputs=outputs)
+    frame.restrict("%lanes")
+    body(frame)
+    return "\n".join(
+        [
+            "define internal fastcc void @careful(ptr noalias %in, ptr noalias %out, "
+            f"i64 %n, i64 %start, i{target.lanes} %lanes) noinline cold #0 {{",
+            "block:",
+            *ir.body.lines,
+            "  ret void",
+            "}",
+            "",
+        ]
+    )
