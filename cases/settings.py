@@ -18,6 +18,7 @@ from typing import (
     get_type_hints,
 )
 
+import numpy as np
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -37,6 +38,7 @@ from swarmstart.cases.registry import SEARCHES, load
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import (
     Algorithm,
+    Box,
     Budget,
     Order,
     Sampling,
@@ -122,10 +124,10 @@ class Range(Part):
 class BudgetPart(Part):
     """What the search may spend on one planning problem; whichever comes first."""
 
-    evaluations: int | None = Field(default=None, ge=1)
+    evaluations: int | None = Field(default=None, ge=1, lt=2**62)
     seconds: Positive | None = None
     target: Number | None = None
-    stagnation: int | None = Field(default=None, ge=1)
+    stagnation: int | None = Field(default=None, ge=1, lt=2**62)
 
     @model_validator(mode="after")
     def _some(self) -> "BudgetPart":
@@ -283,14 +285,22 @@ class Scenario(Part):
         """Yield what one part of the scenario makes wrong in another."""
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
-        size = getattr(self.search, "size", None) or 1  # None: the budget decides.
-        evaluations = self.budget.evaluations
+        evaluations, size = self.budget.evaluations, self._smallest_generation()
         if evaluations is not None and evaluations < size:
             yield (
                 ("budget", "evaluations"),
-                f"expected at least search.size = {size}, one generation; "
+                f"expected at least {size}, one generation of the search; "
                 f"found {evaluations}",
             )
+
+    def _smallest_generation(self) -> int:
+        """Return the size of the search's first generation, in one dimension."""
+        part: SearchPart = self.search
+        algorithm = part.algorithm()
+        if algorithm is None:
+            return 1
+        line = Box(lower=np.zeros(1), upper=np.ones(1))
+        return algorithm.first_size(line, self.budget.evaluations)
 
     def search_settings(self) -> SearchSettings | None:
         """Return the search as a planner takes it; None where it is `none`."""

@@ -39,7 +39,8 @@ def repair(
 
     Args:
         rule: A code of CODES.
-        value: The coordinate; NaN is taken for a bound.
+        value: The coordinate; NaN is taken for a bound where it is not drawn anew, and
+            stays under `none`.
         origin: Where it came from, in [lower, upper].
         lower: Lower bound.
         upper: Upper bound.

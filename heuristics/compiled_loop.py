@@ -25,7 +25,7 @@ from swarmstart.heuristics.archive import Archive, collect
 from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.stopping import GOES_ON, Limits, finished, progress_of
 
-CHUNK = 16
+CHUNK = 1
 """Generations before the first look at the clock."""
 CHUNK_S = 0.02
 """Wall time between two looks at the clock, about [s]."""

@@ -28,7 +28,6 @@ class Initial:
     Raises:
         InvalidSettingsError: If the sampling is unknown, or there are violations
             without costs, or costs without points.
-        InvalidPointsError: If there is not one cost and violation for each point.
     """
 
     sampling: Sampling | None = None
@@ -63,7 +62,8 @@ def initial_population(
         rng: Source of randomness.
 
     Raises:
-        InvalidPointsError: If given points do not fit.
+        InvalidPointsError: If given points do not fit, there is not one cost and
+            violation for each, or a violation is negative.
         InvalidSettingsError: If smooth points are asked for in a box without per_step.
     """
     sampling = initial.sampling
@@ -112,4 +112,7 @@ def _values(initial: Initial, count: int) -> Values | None:
         if values.shape != (count,):
             problem = f"{name} must have shape ({count},), got {values.shape}"
             raise InvalidPointsError(problem, shape=values.shape)
+    if np.any(violation < 0.0):
+        problem = f"violation must be at least 0, got {np.nanmin(violation)}"
+        raise InvalidPointsError(problem, shape=violation.shape)
     return cost, violation

@@ -336,7 +336,7 @@ class LSHADE:
         """The state before generation 0; arguments as in `Algorithm.start`."""
         del rng
         first = population.shape[1]
-        pool = np.zeros((box.dim, 2 * first + math.floor(self.archive * first + 0.5)))
+        pool = np.zeros((box.dim, 2 * first + rounded(self.archive * first)))
         pool[:, :first] = population
         return LSHADEState(
             *common_fields(population),

@@ -4,6 +4,7 @@ import enum
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -86,33 +87,37 @@ class Budget:
         """Check the limits."""
         if self.evaluations is None and self.seconds is None:
             raise InvalidBudgetError("a budget needs evaluations or seconds", self)
-        if self.evaluations is not None and not (
-            isinstance(self.evaluations, int) and self.evaluations >= 1
-        ):
-            message = (
-                f"evaluations must be an integer of at least 1, got {self.evaluations}"
-            )
-            raise InvalidBudgetError(message, self)
+        for name in ("evaluations", "stagnation"):
+            value = getattr(self, name)
+            if value is not None and not _is_count(value):
+                message = (
+                    f"{name} must be an integer of at least 1 and below 2^62, "
+                    f"got {value!r}"
+                )
+                raise InvalidBudgetError(message, self)
         if self.seconds is not None and not 0.0 < self.seconds < np.inf:
             message = f"seconds must be finite and above 0, got {self.seconds}"
             raise InvalidBudgetError(message, self)
-        if self.target is not None and np.isnan(self.target):
-            raise InvalidBudgetError("target must be a number, got nan", self)
-        if self.stagnation is not None and not (
-            isinstance(self.stagnation, int) and self.stagnation >= 1
-        ):
-            message = (
-                f"stagnation must be an integer of at least 1, got {self.stagnation}"
-            )
+        target = self.target
+        if target is not None and (not isinstance(target, Real) or np.isnan(target)):
+            message = f"target must be a number, got {target!r}"
             raise InvalidBudgetError(message, self)
 
     def limits(self) -> Limits:
         """Return what both loops look at after a generation."""
         return Limits(
-            evaluations=UNLIMITED if self.evaluations is None else self.evaluations,
+            evaluations=UNLIMITED
+            if self.evaluations is None
+            else int(self.evaluations),
             target=-np.inf if self.target is None else float(self.target),
-            stagnation=self.stagnation or 0,
+            stagnation=int(self.stagnation or 0),
         )
+
+
+def _is_count(value: object) -> bool:
+    """Return whether a value is an integer from 1 to what compiled code can count."""
+    ok = isinstance(value, Integral) and not isinstance(value, bool)
+    return ok and 1 <= int(cast(int, value)) < UNLIMITED // 2
 
 
 class StopReason(enum.Enum):

@@ -13,11 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.algorithm import Algorithm, InvalidSettingsError, State
+from swarmstart.heuristics.algorithm import (
+    Algorithm,
+    InvalidSettingsError,
+    State,
+    require,
+)
 from swarmstart.heuristics.archive import collect, new_archive
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.compiled_loop import (
     CompiledObjective,
+    Pointers,
     Work,
     loop_of,
     new_work,
@@ -121,9 +127,9 @@ class Search:
         if initial is not None and snapshot is not None:
             allowed = "None where snapshot is given"
             raise InvalidSettingsError("initial", initial, allowed)
-        if basins < 0 or not radius > 0.0:
-            value = (basins, radius)
-            raise InvalidSettingsError("basins, radius", value, "at least 0, above 0")
+        ok = isinstance(basins, int) and basins >= 0
+        require("basins", basins, ok=ok, allowed="an integer of at least 0")
+        require("radius", radius, ok=radius > 0.0, allowed="above 0")
         self.algorithm = algorithm
         self.box = box
         self.order = feasibility_first() if order is None else order
@@ -134,6 +140,7 @@ class Search:
         self._archive = new_archive(box, room=ROOM * basins, radius=radius)
         self._known: Values | None = None
         self._asked: Array | None = None
+        self._attached: tuple[CompiledObjective, Work, Pointers] | None = None
         size = algorithm.first_size(box, evaluations)
         if snapshot is not None:
             blank = np.zeros((box.dim, size))
@@ -294,15 +301,35 @@ class Search:
         if self._known is not None:
             return None
         self._state = _with_room(self._state)
-        work = new_work(self.box.dim, self.size, generations)
-        pointers = objective.attach(work.asked, work.cost, work.violation)
-        if pointers is None:
+        attached = self._attached_to(objective)
+        if attached is None:
             return None
+        memory, pointers = attached
+        work = memory._replace(
+            best_cost=np.empty(generations), best_violation=np.empty(generations)
+        )
         loop = loop_of(self.algorithm.kernels)
         searched = (self._state, self._archive)
         with put_off():
             loop(self.rng, self._settings, searched, work, pointers, limits)
         return work
+
+    def _attached_to(
+        self, objective: CompiledObjective
+    ) -> tuple[Work, Pointers] | None:
+        """Return memory for a generation that an objective is bound to; kept.
+
+        None where the objective cannot be called from compiled code.
+        """
+        size = int(self._state.size[0])
+        kept = self._attached
+        if kept is None or kept[0] is not objective or kept[1].cost.size < size:
+            work = new_work(self.box.dim, size, 0)
+            pointers = objective.attach(work.asked, work.cost, work.violation)
+            if pointers is None:
+                return None
+            kept = self._attached = (objective, work, pointers)
+        return kept[1:]
 
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
         """Return copies of all that the search knows, to save and continue from.

@@ -142,7 +142,8 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         previous: The decision of the interval before it; None at the start.
 
     Raises:
-        InvalidProblemError: If x0 does not fit the plant, or intervals differ.
+        InvalidProblemError: If x0 does not fit the plant, intervals differ, or the
+            plant leaves the finite numbers.
     """
     state = np.array(x0, dtype=np.float64)
     if state.shape != (plant.model.nx,):
@@ -159,6 +160,12 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         decision = controller.decide(number * plant.dt, state, previous, rng=rng)
         seconds = clock.perf_counter() - began
         dense = plant(state, decision.control, number * plant.dt)
+        if not np.isfinite(dense).all():
+            raise InvalidProblemError(
+                f"the plant left the finite numbers in step {number}, at "
+                f"{number * plant.dt:g} s: its step of {plant.dt / plant.substeps:g} s "
+                "may be too long for the model"
+            )
         yield Step(
             number=number,
             state=state,

@@ -33,8 +33,7 @@ from swarmstart.ocp import (
 )
 
 Array = NDArray[np.float64]
-ERRORS = ("x", "y", "z", "speed", "heading")
-"""What the weights are for, in their order."""
+MOST_SUBSTEPS = 10_000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -74,6 +73,14 @@ def build(scenario: CloseFormationScenario) -> CloseFormationFlight:
 def problems(scenario: CloseFormationScenario) -> Iterator[Problem]:
     """Yield what is wrong across the scenario's parts, with the place."""
     yield from scenario.problems()
+    substeps = scenario.prediction.dt_s / scenario.plant.substep_s
+    if substeps > MOST_SUBSTEPS:
+        yield (
+            ("plant", "substep_s"),
+            f"expected at least prediction.dt_s / {MOST_SUBSTEPS} = "
+            f"{scenario.prediction.dt_s / MOST_SUBSTEPS:g}, "
+            f"found {scenario.plant.substep_s:g}",
+        )
 
 
 def planning_problem(

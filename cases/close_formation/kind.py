@@ -38,7 +38,7 @@ def animate(
     file: Path,
 ) -> None:
     """Say that there is none; see `refuse_animation`."""
-    refuse_animation(file.suffix)
+    refuse_animation(file.suffix.removeprefix("."))
 
 
 KIND = Kind(

@@ -120,6 +120,8 @@ def _tracking(
 
 def _settled(times: Array, off: Array, begin: float) -> float | None:
     """Return how long after `begin` the deviation stays within SETTLED_FT."""
+    if times[-1] < begin:  # Nothing has happened yet.
+        return None
     outside = np.flatnonzero(np.abs(off) > SETTLED_FT)
     if outside.size == 0:
         return 0.0
@@ -133,6 +135,7 @@ def _motion(
 ) -> dict[str, Measure]:
     _, _, heading, speed, _, _ = trajectory.states
     late = trajectory.times[:-1] > trajectory.times[-1] - LATE_S + ROUNDING_S
+    late[-1] = True  # One at least, where a step takes longer.
     turned = np.diff(heading) / np.diff(trajectory.times)
     first = scenario.leader.manoeuvre[0].heading_rad
     positions = trajectory.dense_states[list(POSITION)]

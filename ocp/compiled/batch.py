@@ -30,7 +30,8 @@ class BatchFunction:
     """A function of populations; made by `compile_batch`.
 
     Which arguments differ per individual is seen at the call; each combination is
-    compiled once.
+    compiled once. Buffers are used again, so one object must not be called from two
+    threads at once.
 
     Attributes:
         backend: "llvm" or "casadi".
@@ -170,7 +171,7 @@ def compile_batch(
         function: Any `casadi.Function` that expands to SX; where it does not, or has an
             operation that is not compiled, CasADi's map serves, and a warning says so.
         backend: "auto", "llvm" or "casadi"; None asks SWARMSTART_BACKEND, then auto.
-        precision: "single" computes with half the digits in about half the time;
+        precision: "single" computes with half the digits in less than half the time;
             arguments and outputs are doubles all the same. CasADi knows no other than
             "double".
 

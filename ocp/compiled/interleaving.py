@@ -25,7 +25,7 @@ COSTS = {
     "atan": (75, 110),
     "atan2": (110, 140),
     "pow": (140, 330),
-    "constpow": (40, 60),
+    "constpow": (140, 330),
 }
 FREE = ("constant", "input", "neg", "twice")
 STARTED_A_CYCLE = 2

@@ -92,8 +92,11 @@ def fused_products(tape: Tape) -> dict[int, int]:
             for a, kind in zip(node.arguments, kinds, strict=True)
             if kind in PRODUCTS and users[a] == 1
         ]
-        both = all(kind in ("mul", "sq") for kind in kinds)
-        if alone and (not both or (node.operation == "add" and kinds == ["sq", "sq"])):
+        exact = [a for a in alone if tape.nodes[a].operation == "twice"]
+        squares = node.operation == "add" and kinds == ["sq", "sq"]
+        if exact:  # Twice a value is not rounded in any case.
+            fused[number] = exact[0]
+        elif alone and (squares or not all(kind in PRODUCTS for kind in kinds)):
             fused[number] = alone[0]
     return fused
 

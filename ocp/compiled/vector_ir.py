@@ -1,8 +1,9 @@
 """Lines of LLVM IR on vectors of numbers, one lane an individual.
 
 A value is the name of a register or the text of a constant; a mask is a vector of bits.
-Nothing is reordered or contracted: every operation rounds as CasADi's does, so that
-x^2 - y^2 is 0, not a rounding error below it, where x = y; `fma` is asked for.
+Nothing is reordered or contracted here: what is asked for is what is computed. What is
+put together before, and where `fma` is asked for, is in simplification.py and
+operations.py.
 """
 
 import struct

@@ -15,7 +15,6 @@ from swarmstart.heuristics import (
     Box,
     Budget,
     Initial,
-    InvalidEvaluationError,
     InvalidPointsError,
     InvalidSettingsError,
     RandomSearch,
@@ -228,5 +227,5 @@ def test_there_is_one_cost_and_violation_for_each_point(
 
 def test_known_violations_must_not_be_negative() -> None:
     initial = Initial(points=GIVEN, cost=[1.0, 2.0], violation=[0.0, -1.0])
-    with pytest.raises(InvalidEvaluationError, match="violation must be at least 0"):
+    with pytest.raises(InvalidPointsError, match="must be at least 0, got -1"):
         Search(RandomSearch(size=2), BOX, rng=np.random.default_rng(9), initial=initial)

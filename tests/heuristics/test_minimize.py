@@ -148,8 +148,14 @@ def test_objective_must_return_a_pair() -> None:
     ("evaluations", "seconds", "message"),
     [
         (None, None, "a budget needs evaluations or seconds"),
-        (0, None, "evaluations must be an integer of at least 1, got 0"),
-        (1e3, None, "evaluations must be an integer of at least 1, got 1000.0"),
+        (True, None, "evaluations must be an integer of at least 1 and below 2.62"),
+        (2**62, None, "evaluations must be an integer of at least 1 and below 2.62"),
+        (0, None, "evaluations must be an integer of at least 1 and below 2.62, got 0"),
+        (
+            1e3,
+            None,
+            "integer of at least 1 and below 2.62, got 1000.0",
+        ),
         (None, 0.0, "seconds must be finite and above 0, got 0.0"),
         (None, np.nan, "seconds must be finite and above 0, got nan"),
     ],

@@ -119,8 +119,12 @@ def test_refuses_arguments_out_of_range() -> None:
             initial=np.zeros((2, 1)),
             snapshot=new_search().snapshot(),
         )
-    for basins, radius in ((-1, 0.1), (1, 0.0), (1, np.nan)):
-        with pytest.raises(InvalidSettingsError, match="at least 0, above 0"):
+    for basins, radius, what in (
+        (-1, 0.1, "basins must be an integer of at least 0, got -1"),
+        (1, 0.0, "radius must be above 0, got 0.0"),
+        (1, np.nan, "radius must be above 0, got nan"),
+    ):
+        with pytest.raises(InvalidSettingsError, match=what):
             Search(
                 RandomSearch(),
                 BOX,

@@ -173,8 +173,12 @@ def test_the_callback_has_the_first_word() -> None:
     ("target", "stagnation", "message"),
     [
         (np.nan, None, "target must be a number, got nan"),
-        (None, 0, "stagnation must be an integer of at least 1, got 0"),
-        (None, 2.0, "stagnation must be an integer of at least 1, got 2.0"),
+        (None, 0, "stagnation must be an integer of at least 1 and below 2.62, got 0"),
+        (
+            None,
+            2.0,
+            "integer of at least 1 and below 2.62, got 2.0",
+        ),
     ],
 )
 def test_refuses_what_ends_no_search(

@@ -205,3 +205,11 @@ def test_refuses_to_collect_nothing_or_with_a_gap(
     steps = list(fly(plant, controller, [1, 0], steps=3, rng=rng))
     with pytest.raises(InvalidProblemError, match=r"without a gap, got \[0, 2\]"):
         collected(plant, [steps[0], steps[2]])
+
+
+def test_a_plant_that_diverges_is_named_with_its_step() -> None:
+    """x' = -1000 x by steps of 0.1 s: Runge-Kutta multiplies by four million."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    plant = Plant(Model(states=x, controls=u, ode=-1e3 * x + u), dt=0.2, substeps=2)
+    with pytest.raises(InvalidProblemError, match=r"the finite numbers in step \d+"):
+        list(fly(plant, Clockwork(), [1.0], steps=100, rng=np.random.default_rng(0)))

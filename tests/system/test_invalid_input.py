@@ -123,7 +123,7 @@ FLAWS = {
         "evaluations: 4000",
         "evaluations: 19",
         "19",
-        "expected at least search.size = 20, one generation; found 19",
+        "expected at least 20, one generation of the search; found 19",
     ),
     "an expression with an unknown name": (
         "[-pi/18, pi/18]",

@@ -86,3 +86,16 @@ def test_difference_of_equal_products_or_squares_is_zero(
     outputs = [x * y - z * w, ca.sqrt(sq(x) - sq(z))]
     for got in compiled([x, y, z, w], outputs)(a, b, a, b):
         np.testing.assert_array_equal(got, 0.0)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_difference_of_a_product_and_twice_its_half_is_zero(
+    compiled: Callable[..., Evaluate], swapped: bool
+) -> None:
+    """Twice a value is exact: it is what is taken in, not the product beside it."""
+    x, y, h = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("h")
+    values = np.random.default_rng(2).uniform(0.1, 1.0, (2, 1, 500))
+    half = values[0] * values[1] / 2
+    difference = 2 * h - x * y if swapped else x * y - 2 * h
+    got = compiled([x, y, h], [difference])(values[0], values[1], half)[0]
+    np.testing.assert_array_equal(got, 0.0)
