@@ -6,7 +6,6 @@ the drag saved, both aircraft to scale. With `reference: ipopt` the flight of th
 minimum is drawn in (a) to (d), and the exact minimum at the flown states in (e).
 """
 
-import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,8 +22,8 @@ from swarmstart.cases.close_formation.measures import (
     slot_of,
 )
 from swarmstart.cases.close_formation.scenario import CloseFormationScenario
+from swarmstart.cases.drawing import new_figure, write_figures
 from swarmstart.cases.models.horseshoe_vortex import drag_saving
-from swarmstart.cases.record import write_atomically
 from swarmstart.cases.settings import search_part
 from swarmstart.ocp import Trajectory, simulate
 
@@ -69,18 +68,7 @@ def draw(
         ("f_drag_saving", _saving_figure(flight, trajectory, exact)),
         ("g_map", map_figure(flight, trajectory)),
     ]
-    files = []
-    for name, figure in figures:
-        file = folder / f"{name}.png"
-        write_atomically(file, functools.partial(figure.savefig, format="png"))
-        files.append(file)
-    return files
-
-
-def _new_figure(size: tuple[float, float] = (7.0, 4.0)) -> "Figure":
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=size, dpi=110, layout="constrained")
+    return write_figures(figures, folder)
 
 
 def exact_flight(scenario: CloseFormationScenario) -> Trajectory:
@@ -116,7 +104,7 @@ def _state_figures(
     )
     figures = []
     for name, row, wanted, label, unit in panels:
-        figure = _new_figure()
+        figure = new_figure()
         axes = figure.subplots()
         _target(axes, trajectory.times, wanted, held=scenario.leader.between == "hold")
         axes.plot(
@@ -156,7 +144,7 @@ def _cost_figure(
     trajectory: Trajectory,
 ) -> "Figure":
     """Return (e): J of each plan, and under it the exact minimum where it is asked."""
-    figure = _new_figure()
+    figure = new_figure()
     axes = figure.subplots()
     times, costs = trajectory.times[:-1], plan_costs(trajectory)
     axes.semilogy(times, _at_least(costs), color=WINGMAN, label="plan")
@@ -175,7 +163,7 @@ def _saving_figure(
     flight: CloseFormationFlight, trajectory: Trajectory, exact: Trajectory | None
 ) -> "Figure":
     """Return the drag saved against time, and what the slot would save."""
-    figure = _new_figure()
+    figure = new_figure()
     axes = figure.subplots()
     _, y, _ = slot_of(flight)
     ideal = 100 * drag_saving(flight.aircraft, y, 0.0)
@@ -191,7 +179,7 @@ def _saving_figure(
 
 def map_figure(flight: CloseFormationFlight, trajectory: Trajectory) -> "Figure":
     """Return the wingman's track over the drag saved, from above and from behind."""
-    figure = _new_figure((10.0, 5.5))
+    figure = new_figure((10.0, 5.5))
     above, behind = figure.subplots(1, 2)
     x, y, _, _, z, _ = trajectory.dense_states
     # Seen from the leader: the wingman is x behind and y to the left.

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from swarmstart.cases.drawing import new_figure
 from swarmstart.cases.formation.build import FormationFlight, leader_positions
-from swarmstart.cases.formation.figures import colour, new_figure
+from swarmstart.cases.formation.figures import colour
 from swarmstart.cases.formation.measures import by_uav
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.record import RecordError

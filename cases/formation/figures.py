@@ -5,13 +5,13 @@ heading, x and y against time. Beside them what the chapter does not show: dista
 and obstacle clearance between the samples, and the terminal set.
 """
 
-import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.drawing import new_figure, write_figures
 from swarmstart.cases.formation.build import FormationFlight, leader_positions
 from swarmstart.cases.formation.measures import (
     by_uav,
@@ -22,7 +22,6 @@ from swarmstart.cases.formation.measures import (
     pair_distances,
 )
 from swarmstart.cases.formation.scenario import FormationScenario
-from swarmstart.cases.record import write_atomically
 from swarmstart.ocp import Trajectory
 
 if TYPE_CHECKING:
@@ -74,19 +73,7 @@ def draw(
         ("f_distances", distances_figure(scenario, flight, trajectory)),
         ("g_terminal_set", terminal_set_figure(flight, trajectory)),
     ]
-    files = []
-    for name, figure in figures:
-        file = folder / f"{name}.png"
-        write_atomically(file, functools.partial(figure.savefig, format="png"))
-        files.append(file)
-    return files
-
-
-def new_figure(size: tuple[float, float] = (7.0, 4.0)) -> "Figure":
-    """Return an empty figure that no global state knows of."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=size, dpi=110, layout="constrained")
+    return write_figures(figures, folder)
 
 
 def colour(number: int) -> str:
