@@ -24,6 +24,7 @@ from swarmstart.benchmarks.problems import (
     one_uav,
     reactor,
     van_der_pol,
+    wingman,
 )
 from swarmstart.benchmarks.races import (
     CONTESTANTS,
@@ -115,7 +116,8 @@ def instances(*, short: bool) -> list[Instance]:
     if short:
         return [five_uavs(), one_uav(), formation("formation_v")[0]]
     own = [five_uavs(), five_uavs(4), one_uav(), reactor(), van_der_pol()]
-    return [*own, *formation("formation_v"), *formation("formation_obstacle")]
+    flights = [*formation("formation_v"), *formation("formation_obstacle")]
+    return [*own, *flights, wingman("close_formation")]
 
 
 def floors(measured: Measured) -> list[Bar]:

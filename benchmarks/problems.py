@@ -6,6 +6,7 @@ reactor     Luus' two-reaction stirred tank: 13 intervals, 10 RK4 steps in each
 van_der_pol the oscillator, 50 intervals, 4 RK4 steps in each
 passing     one UAV whose slot lies behind a disc: past it on one side or the other
 four_discs  one UAV that steers through four discs to a point
+wingman     one command of a close formation
 formation   the planning problems of a formation flight's first step
 """
 
@@ -16,6 +17,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.close_formation.build import build as close_formation
+from swarmstart.cases.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.formation.build import build
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.models.unicycle import unicycle
@@ -244,6 +247,16 @@ def four_discs() -> Instance:
         substeps=2,
     )
     return Instance("four discs", problem, np.zeros(3), Known())
+
+
+def wingman(scenario: str) -> Instance:
+    """Return the planning problem of a close formation, one second into the turn."""
+    loaded = resolve(read_document(scenario)).scenario
+    if not isinstance(loaded, CloseFormationScenario):
+        raise TypeError(f"{scenario} is no close formation")
+    flight = close_formation(loaded)
+    known = flight.loop.known(6.0)
+    return Instance(scenario, flight.loop.planner.problem, flight.x0, known)
 
 
 def formation(scenario: str) -> list[Instance]:
