@@ -1,7 +1,7 @@
 """What the close formation flights must reach: a bar is a command and a bound."""
 
 import shlex
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 SCENARIO = "close_formation"
@@ -355,8 +355,3 @@ def jobs_of(bar: Bar, seeds: int) -> list[Job]:
         for job in several
         for seed in range(min(bar.seeds, seeds))
     ]
-
-
-def shortened(bar: Bar) -> Bar:
-    """Return a bar on one seed."""
-    return replace(bar, seeds=1)

@@ -15,7 +15,11 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.close_formation.gusts import dryden
 from swarmstart.cases.close_formation.leader import leader_of
-from swarmstart.cases.close_formation.scenario import CloseFormationScenario
+from swarmstart.cases.close_formation.scenario import (
+    CloseFormationScenario,
+    PlantPart,
+    Prediction,
+)
 from swarmstart.cases.kind import Flight
 from swarmstart.cases.models.close_formation import (
     Wingman,
@@ -122,19 +126,31 @@ def _wingman(scenario: CloseFormationScenario) -> Wingman:
     )
 
 
+def _model(
+    scenario: CloseFormationScenario,
+    wingman: Wingman,
+    equations: Prediction | PlantPart,
+    *,
+    gusts: bool = False,
+) -> Model:
+    """Return the model that the prediction or the plant asks for."""
+    return close_formation(
+        wingman,
+        variant=equations.model,
+        kinematics=equations.kinematics,
+        aerodynamics=equations.aerodynamics,
+        heading_from=scenario.commands.heading_from,
+        gusts=gusts,
+    )
+
+
 def _controller(
     scenario: CloseFormationScenario,
     wingman: Wingman,
     leader: Callable[[Array], Array],
 ) -> RecedingHorizon:
     believed = scenario.prediction
-    model = close_formation(
-        wingman,
-        variant=believed.model,
-        kinematics=believed.kinematics,
-        aerodynamics=believed.aerodynamics,
-        heading_from=scenario.commands.heading_from,
-    )
+    model = _model(scenario, wingman, believed)
     polish = scenario.ipopt.options() if scenario.polish == "ipopt" else None
     planner = Planner(
         planning_problem(scenario, model),
@@ -165,14 +181,7 @@ def _plant(
     leader: Callable[[Array], Array],
 ) -> Plant:
     simulated, dt = scenario.plant, scenario.prediction.dt_s
-    model = close_formation(
-        wingman,
-        variant=simulated.model,
-        kinematics=simulated.kinematics,
-        aerodynamics=simulated.aerodynamics,
-        heading_from=scenario.commands.heading_from,
-        gusts=True,
-    )
+    model = _model(scenario, wingman, simulated, gusts=True)
     substeps = max(1, round(dt / simulated.substep_s))
     gusts, step = simulated.gusts, dt / substeps
     blown = dryden(

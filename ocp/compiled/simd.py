@@ -47,6 +47,13 @@ class Shape(NamedTuple):
     inputs: tuple[int, ...]
     outputs: tuple[int, ...]
 
+    def of_arguments(self, size: int) -> Shapes:
+        """Return each argument's shape for a number of individuals."""
+        return tuple(
+            (rows, size) if own else (rows,)
+            for rows, own in zip(self.inputs, self.per_individual, strict=True)
+        )
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Prepared:
@@ -110,12 +117,7 @@ class SimdBatch:
 
     def prepare(self, size: int) -> Prepared:
         """Return the kernel bound to fresh buffers for a number of individuals."""
-        arguments = tuple(
-            np.empty((rows, size) if own else (rows,))
-            for rows, own in zip(
-                self.shape.inputs, self.shape.per_individual, strict=True
-            )
-        )
+        arguments = tuple(map(np.empty, self.shape.of_arguments(size)))
         results = np.empty((sum(self.shape.outputs), size))
         outputs = split(results, self.shape.outputs)
         tables = addresses(arguments), addresses(outputs)
@@ -167,12 +169,7 @@ class SimdBatch:
 
     def _require(self, shapes: Shapes, size: int) -> None:
         """Refuse what would be read beyond its end."""
-        expected = tuple(
-            (rows, size) if own else (rows,)
-            for rows, own in zip(
-                self.shape.inputs, self.shape.per_individual, strict=True
-            )
-        )
+        expected = self.shape.of_arguments(size)
         if shapes != expected:
             raise InvalidProblemError(
                 f"arguments must have shapes {expected}, got {shapes}"
