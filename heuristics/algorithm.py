@@ -49,6 +49,26 @@ class InvalidSettingsError(SwarmstartError, ValueError):
         self.allowed = allowed
 
 
+class Settings(Protocol):
+    """The fields that the kernel settings of all algorithms in a box share."""
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds of the box, shape (dim,)."""
+
+    @property
+    def upper(self) -> Array:
+        """Upper bounds of the box, shape (dim,)."""
+
+    @property
+    def order(self) -> RunningOrder:
+        """How individuals are ordered."""
+
+    @property
+    def bounds(self) -> int:
+        """What happens at the bounds, a code of `bounds`."""
+
+
 class State(Protocol):
     """The fields that the states of all algorithms share; a NamedTuple of arrays."""
 

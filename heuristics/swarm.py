@@ -18,27 +18,15 @@ from typing import Protocol
 
 import numpy as np
 
-from swarmstart.heuristics.algorithm import State, require, take_generation
+from swarmstart.heuristics.algorithm import Settings, State, require, take_generation
 from swarmstart.heuristics.bounds import REDRAW, repair, turned
 from swarmstart.heuristics.box import clip
 from swarmstart.heuristics.kernel import Array, kernel
 from swarmstart.heuristics.order import RunningOrder, better, precedes
 
 
-class SwarmSettings(Protocol):
+class SwarmSettings(Settings, Protocol):
     """The fields of a swarm's kernel settings that the kernels here read."""
-
-    @property
-    def lower(self) -> Array:
-        """Lower bounds of the box, shape (dim,)."""
-
-    @property
-    def upper(self) -> Array:
-        """Upper bounds of the box, shape (dim,)."""
-
-    @property
-    def order(self) -> RunningOrder:
-        """How individuals are ordered."""
 
     @property
     def cognitive(self) -> float:
@@ -51,10 +39,6 @@ class SwarmSettings(Protocol):
     @property
     def velocity_max(self) -> Array:
         """Largest speed of each coordinate v_max, shape (dim,); may be infinite."""
-
-    @property
-    def bounds(self) -> int:
-        """What happens at the bounds, a code of `bounds`."""
 
 
 class SwarmState(State, Protocol):

@@ -14,36 +14,17 @@ heuristic for global optimization over continuous spaces, Journal of Global
 Optimization 11.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.heuristics.algorithm import Settings
 from swarmstart.heuristics.bounds import REDRAW, repair
 from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, precedes
 
 Mask = NDArray[np.bool_]
-
-
-class TrialSettings(Protocol):
-    """What the kernels here read of an algorithm's settings."""
-
-    @property
-    def lower(self) -> Array:
-        """Lower bounds, shape (dim,)."""
-
-    @property
-    def upper(self) -> Array:
-        """Upper bounds, shape (dim,)."""
-
-    @property
-    def order(self) -> RunningOrder:
-        """How individuals are ordered."""
-
-    @property
-    def bounds(self) -> int:
-        """A code of `bounds`."""
 
 
 class Plan(NamedTuple):
@@ -156,7 +137,7 @@ def cross_exponentially(
 @kernel
 def fill_trials(
     rng: np.random.Generator,
-    settings: TrialSettings,
+    settings: Settings,
     x: Array,
     plan: Plan,
     asked: Array,
