@@ -132,11 +132,27 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "search_cost": _of_plans(plans, lambda p: p.search_cost),
         "search_violation": _of_plans(plans, lambda p: p.search_violation),
         "plan_evaluations": _of_plans(plans, lambda p: p.evaluations).astype(np.int64),
+        "search_history": _histories(plans),
     }
+
+
+def _histories(plans: Sequence[Sequence[Plan]]) -> Array:
+    """Return the searches' histories, shape (T, agents, longest), NaN at the end."""
+    longest = max(plan.search_history.size for row in plans for plan in row)
+    padded = np.full((len(plans), len(plans[0]), longest), np.nan)
+    for k, row in enumerate(plans):
+        for agent, plan in enumerate(row):
+            padded[k, agent, : plan.search_history.size] = plan.search_history
+    return padded
 
 
 def _of_plans(plans: Sequence[Sequence[Plan]], value: Callable[[Plan], float]) -> Array:
     return np.array([[float(value(plan)) for plan in row] for row in plans])
+
+
+def _unpadded(history: Array) -> Array:
+    """Return a row of `_histories` without the NaN at its end."""
+    return history[: np.flatnonzero(~np.isnan(history)).max(initial=-1) + 1]
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -223,6 +239,7 @@ def _steps(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
                 search_cost=float(arrays["search_cost"][number, agent]),
                 search_violation=float(arrays["search_violation"][number, agent]),
                 evaluations=int(arrays["plan_evaluations"][number, agent]),
+                search_history=_unpadded(arrays["search_history"][number, agent]),
             )
             for agent in range(arrays["plan_cost"].shape[1])
         )

@@ -6,6 +6,7 @@ from swarmstart.ocp.compiled.batch import BatchFunction, compile_batch
 from swarmstart.ocp.compiled.simd import Prepared
 from swarmstart.ocp.constraints import (
     Bounds,
+    Connection,
     Constraint,
     PathConstraint,
     Separation,
@@ -32,6 +33,7 @@ __all__ = [
     "BackendWarning",
     "BatchFunction",
     "Bounds",
+    "Connection",
     "Constraint",
     "Controller",
     "Decision",

@@ -13,6 +13,9 @@ the two relative positions, which catches what passes between two samples:
 
     t* = clip(-a'(b - a) / |b - a|^2, 0, 1),   distance = |a + t* (b - a)|
 
+Connection demands |r| <= d. Its largest value on a segment is at an end of it, so that
+points and segment are the same.
+
 Source: the chapter's (5.15), (5.16) for `measure="indicator"`, which counts 1 for each
 violated check instead of measuring how far; the segment is ours.
 """
@@ -157,6 +160,43 @@ class Separation:
         """Return (d^2 - |r|^2) / 2d: metres near the limit, smooth everywhere."""
         limit = self.distance + self.smooth_margin
         return (limit**2 - ca.sumsqr(value)) / (2 * limit)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Connection:
+    """Keep a relative position at most `distance` away from the origin.
+
+    Attributes:
+        relative: Relative position in the problem's symbols, (2, 1) or (3, 1) [m].
+        distance: Largest allowed distance [m].
+        margin: Taken off the distance, in the search and in the NLP [m].
+
+    Source: the chapter's (5.34).
+    """
+
+    relative: ca.SX
+    distance: float
+    margin: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse distances that are none."""
+        object.__setattr__(self, "relative", as_column("relative", self.relative))
+        require_distance("distance", self.distance, self.margin)
+        require_distance("distance less margin", self.distance - self.margin)
+
+    @property
+    def expression(self) -> ca.SX:
+        """The relative position."""
+        return self.relative
+
+    def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
+        """Return how much too far [m] at the check's end."""
+        return ca.fmax(ca.norm_2(end) - (self.distance - self.margin), 0)
+
+    def inequalities(self, value: ca.SX) -> ca.SX:
+        """Return (|r|^2 - d^2) / 2d: metres near the limit, smooth everywhere."""
+        limit = self.distance - self.margin
+        return (ca.sumsqr(value) - limit**2) / (2 * limit)
 
 
 def disc(  # noqa: PLR0913 - the options of Separation

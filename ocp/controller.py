@@ -181,6 +181,7 @@ class RecedingHorizon:
             shifted,
             search_cost=plan.search_cost,
             search_violation=plan.search_violation,
+            search_history=plan.search_history,
             evaluations=plan.evaluations,
             polish_status=plan.polish_status,
         )

@@ -4,9 +4,9 @@ A planner is built once for a problem; planning rebuilds nothing.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +29,7 @@ from swarmstart.ocp.polish import IpoptOptions, Polisher, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
-WarmStart = Literal["all", "one", "none"]
+WarmStart = Literal["all", "half", "one", "none"]
 
 
 class Source(Enum):
@@ -50,8 +50,8 @@ class SearchSettings:
         algorithm: Settings of an algorithm of `swarmstart.heuristics`.
         budget: What one planning problem may cost.
         order: How two individuals are ordered.
-        warm_start: How much of the first population is the guess: "all", "one" or
-            "none" of it; the rest is drawn at random.
+        warm_start: How much of the first population is the guess: "all", "half", "one"
+            individual or "none" of it; the rest is drawn at random.
         sampling: How it is drawn, as in `heuristics.Initial`.
         basins: How many of the best distinct basins are kept for the polish, which
             starts from each of them besides the best point; 0: from that alone.
@@ -68,9 +68,10 @@ class SearchSettings:
 
     def __post_init__(self) -> None:
         """Refuse an unknown kind of warm start."""
-        if self.warm_start not in ("all", "one", "none"):
+        if self.warm_start not in get_args(WarmStart):
             raise InvalidProblemError(
-                f"warm_start must be all, one or none, got {self.warm_start!r}"
+                f"warm_start must be one of {', '.join(get_args(WarmStart))}, "
+                f"got {self.warm_start!r}"
             )
         if self.basins < 0 or not self.radius > 0:
             raise InvalidProblemError(
@@ -94,6 +95,8 @@ class Plan:
         search_violation: Violation of that answer; NaN without a search.
         evaluations: Evaluations spent, those of the polish included.
         polish_status: How the polish ended; None without one.
+        search_history: Cost of the search's best point after each generation, shape
+            (generations,); empty without a search.
     """
 
     controls: Array
@@ -106,6 +109,7 @@ class Plan:
     search_violation: float = np.nan
     evaluations: int = 0
     polish_status: PolishStatus | None = None
+    search_history: Array = field(default_factory=lambda: np.empty(0))
 
 
 class Planner:
@@ -177,13 +181,18 @@ class Planner:
         polished, evaluations = polish_basins(
             self._polisher, starts, x0, known, tolerance=self.problem.tolerance
         )
-        return self._plan(
+        best = self._plan(
             polished.controls,
             x0,
             known,
             value=(polished.cost, polished.violation),
             source=Source.POLISH if polished.improved else plan.source,
-            search_value=(plan.search_cost, plan.search_violation),
+        )
+        return replace(
+            best,
+            search_cost=plan.search_cost,
+            search_violation=plan.search_violation,
+            search_history=plan.search_history,
             evaluations=plan.evaluations + evaluations,
             polish_status=polished.status,
         )
@@ -237,18 +246,17 @@ class Planner:
         )
         starts = guesses(result, self.problem.model.nu)
         value = (result.cost, result.violation)
-        plan = self._plan(
-            starts[0],
-            x0,
-            known,
-            value=value,
-            source=Source.SEARCH,
-            search_value=value,
+        plan = self._plan(starts[0], x0, known, value=value, source=Source.SEARCH)
+        searched = replace(
+            plan,
+            search_cost=result.cost,
+            search_violation=result.violation,
+            search_history=result.history_cost,
             evaluations=result.evaluations,
         )
-        return plan, starts
+        return searched, starts
 
-    def _plan(  # noqa: PLR0913 - all that one plan records
+    def _plan(
         self,
         controls: Array,
         x0: ArrayLike,
@@ -256,10 +264,8 @@ class Planner:
         *,
         value: tuple[float, float],
         source: Source,
-        search_value: tuple[float, float] = (np.nan, np.nan),
-        evaluations: int = 0,
-        polish_status: PolishStatus | None = None,
     ) -> Plan:
+        """Return controls (nu, N) of a known value as a plan."""
         cost, violation = value
         return Plan(
             controls=controls,
@@ -268,10 +274,6 @@ class Planner:
             violation=violation,
             feasible=bool(violation <= self.problem.tolerance and np.isfinite(cost)),
             source=source,
-            search_cost=search_value[0],
-            search_violation=search_value[1],
-            evaluations=evaluations,
-            polish_status=polish_status,
         )
 
 
@@ -297,8 +299,8 @@ def _first_population(
     size = search.algorithm.first_size(box, search.budget.evaluations)
     given = [flatten(controls) for controls in first]
     if guess is not None and search.warm_start != "none":
-        copies = size - len(given) if search.warm_start == "all" else 1
-        given += [flatten(guess)] * copies
+        copies = {"all": size - len(given), "half": size // 2, "one": 1}
+        given += [flatten(guess)] * copies[search.warm_start]
     if not given:
         return Initial(sampling=search.sampling)
     return Initial(sampling=search.sampling, points=np.stack(given[:size], axis=1))

@@ -117,6 +117,7 @@ def flight(count: int) -> Trajectory:
                     source=list(Source)[rng.integers(len(Source))],
                     search_cost=np.nan if number else rng.normal(),
                     evaluations=int(rng.integers(100)),
+                    search_history=rng.random(int(rng.integers(4))),
                 )
                 for number in range(AGENTS)
             ),

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swarmstart.ocp import (
+    Connection,
     Constraint,
     InvalidProblemError,
     PathConstraint,
@@ -64,6 +65,29 @@ def test_separation_excess_is_what_is_missing_to_the_limit(
     counted = excess_of(Separation(measure="indicator", **options))  # type: ignore[arg-type]
     assert counted(a, b) == (near <= 12.5)
     assert (graded > 0) == (near < 12.5)
+
+
+@given(a=points, b=points)
+def test_a_connection_is_broken_by_what_lies_beyond_its_limit(
+    a: Array, b: Array
+) -> None:
+    limit = 11.5
+    constraint = Connection(relative=X, distance=12.0, margin=0.5)
+    far = float(np.linalg.norm(b))
+    over = excess_of(constraint)(a, b)
+    assert over == pytest.approx(max(far - limit, 0.0), abs=1e-12)
+    smooth = ca.Function("smooth", [X], [constraint.inequalities(X)])
+    value = float(smooth(b))
+    assert value == pytest.approx((far - limit) * (far + limit) / 23, abs=1e-10)
+
+
+@given(a=points, b=points, t=st.floats(0, 1))
+def test_no_point_of_a_segment_is_farther_than_its_ends(
+    a: Array, b: Array, t: float
+) -> None:
+    """Why a connection needs no segments."""
+    farthest = max(np.linalg.norm(a), np.linalg.norm(b))
+    assert np.linalg.norm(a + t * (b - a)) <= farthest + 1e-12
 
 
 @given(a=points)
@@ -140,6 +164,11 @@ def test_limits_are_copied_and_read_only() -> None:
     [
         (lambda: Separation(relative=X, distance=0), "distance must be positive"),
         (lambda: Separation(relative=X, distance=np.inf), "distance must be positive"),
+        (lambda: Connection(relative=X, distance=0), "distance must be positive"),
+        (
+            lambda: Connection(relative=X, distance=1, margin=1),
+            "distance less margin must be positive",
+        ),
         (
             lambda: Separation(relative=X, distance=1, margin=-1),
             "margins must be at least 0, got -1",

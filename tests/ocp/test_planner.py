@@ -2,13 +2,22 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.heuristics import Box, Budget, ChaoticPSO, RandomSearch, Sampling
+from swarmstart.heuristics import (
+    Box,
+    Budget,
+    ChaoticPSO,
+    Initial,
+    RandomSearch,
+    Sampling,
+    SearchResult,
+    minimize,
+)
 from swarmstart.heuristics.sampling import sample
 from swarmstart.ocp import (
     Fitness,
@@ -84,6 +93,31 @@ def test_warm_start_says_how_much_of_the_first_population_is_the_guess(
     np.testing.assert_array_equal(planned("none", best.controls), cold)
     np.testing.assert_array_equal(planned("one", best.controls), best.controls)
     assert not np.array_equal(cold, best.controls)
+
+
+@pytest.mark.parametrize(
+    ("warm_start", "copies"), [("all", 5), ("half", 2), ("one", 1), ("none", 0)]
+)
+def test_the_guess_is_that_often_in_the_first_population(
+    warm_start: WarmStart,
+    copies: int,
+    crossing: Posed,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """5.4.3, Step 3: half of the individuals are the last control actions."""
+    problem, x0, known = crossing
+    guess = np.zeros((2, 3))
+    handed: list[ArrayLike | None] = []
+
+    def noted(*arguments: Any, initial: Initial, **options: Any) -> SearchResult:
+        handed.append(initial.points)
+        return minimize(*arguments, initial=initial, **options)
+
+    monkeypatch.setattr("swarmstart.ocp.planner.minimize", noted)
+    planner = Planner(problem, search=one_generation(warm_start))
+    planner.plan(x0, known=known, guess=guess, rng=rng())
+    (points,) = handed
+    assert (0 if points is None else np.asarray(points).shape[1]) == copies
 
 
 def test_sampling_says_how_the_rest_of_the_first_population_is_drawn(
@@ -171,7 +205,7 @@ def test_refuses_a_search_without_finite_bounds(lq: OptimalControlProblem) -> No
 
 
 def test_refuses_an_unknown_warm_start() -> None:
-    with pytest.raises(InvalidProblemError, match="all, one or none, got 'some'"):
+    with pytest.raises(InvalidProblemError, match="all, half, one, none, got 'some'"):
         one_generation("some")  # type: ignore[arg-type]
 
 

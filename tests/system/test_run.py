@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 TINY = ("--set", "steps=2", "--set", "budget.evaluations=40", "--quiet")
 STATES, CONTROLS, UAVS, INTERVALS, SUBSTEPS = 20, 10, 5, 8, 20
+GENERATIONS = 2
 
 
 def arrays(folder: Path) -> dict[str, Any]:
@@ -112,6 +113,7 @@ def test_the_trajectory_has_the_documented_arrays(flown: tuple[Path, Any]) -> No
         },
         "search_cost": (2, UAVS),
         "search_violation": (2, UAVS),
+        "search_history": (2, UAVS, GENERATIONS),
     }
 
 
