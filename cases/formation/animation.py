@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmstart.cases.drawing import new_figure
+from swarmstart.cases.drawing import colour, new_figure
 from swarmstart.cases.formation.build import FormationFlight, leader_positions
-from swarmstart.cases.formation.figures import colour
-from swarmstart.cases.formation.measures import by_uav
 from swarmstart.cases.formation.scenario import FormationScenario
+from swarmstart.cases.planar import by_uav
 from swarmstart.cases.record import RecordError
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Trajectory
@@ -64,7 +63,10 @@ def animate(
     name, _ = WRITERS[file.suffix]
     figure = new_figure((9.0, 5.0))
     axes = figure.add_subplot()
-    dense, times = by_uav(flight, trajectory.dense_states), trajectory.dense_times
+    dense, times = (
+        by_uav(trajectory.dense_states, flight.agents),
+        trajectory.dense_times,
+    )
     leader = leader_positions(scenario, times)
     trails = [axes.plot([], [], color=colour(i))[0] for i in range(flight.agents)]
     heads = [

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.kind import Flight
-from swarmstart.cases.models.unicycle import POSITION, unicycle
+from swarmstart.cases.models.unicycle import unicycle
+from swarmstart.cases.planar import POSITION
 from swarmstart.cases.settings import Problem
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import (

@@ -11,17 +11,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing import new_figure, write_figures
+from swarmstart.cases.drawing import (
+    COLOURS,
+    arrowhead,
+    colour,
+    new_figure,
+    write_figures,
+)
 from swarmstart.cases.formation.build import FormationFlight, leader_positions
 from swarmstart.cases.formation.measures import (
-    by_uav,
     clearances,
     errors,
     linear_mask,
     lyapunov,
-    pair_distances,
 )
 from swarmstart.cases.formation.scenario import FormationScenario
+from swarmstart.cases.planar import by_uav, pair_distances
 from swarmstart.ocp import Trajectory
 
 if TYPE_CHECKING:
@@ -30,8 +35,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Colours that people with colour-blindness can tell apart (Okabe and Ito, 2008).
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKS = 6
 BEGINNING_S = 20.0
 # A clearance far above the limit says nothing: the panel ends here, in metres.
@@ -76,11 +79,6 @@ def draw(
     return write_figures(figures, folder)
 
 
-def colour(number: int) -> str:
-    """Return the colour of a UAV; seven, then round again."""
-    return COLOURS[number % len(COLOURS)]
-
-
 def tracks_figure(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> "Figure":
@@ -107,7 +105,7 @@ def _tracks(
     """Draw tracks up to a time, the formation marked at five instants or so."""
     kept = trajectory.dense_times <= until + 1e-9
     times = trajectory.dense_times[kept]
-    dense = by_uav(flight, trajectory.dense_states[:, kept])
+    dense = by_uav(trajectory.dense_states[:, kept], flight.agents)
     leader = leader_positions(scenario, times)
     axes.plot(*leader, color="0.6", linestyle=":", linewidth=1)
     for number, states in enumerate(dense):
@@ -133,20 +131,11 @@ def _formation(
         axes.plot(
             states[2],
             states[3],
-            marker=_arrowhead(float(states[1])),
+            marker=arrowhead(float(states[1])),
             color=colour(number),
             markersize=11,
             linestyle="none",
         )
-
-
-def _arrowhead(heading: float) -> Array:
-    """Return a triangle that points along a heading [rad], shape (4, 2)."""
-    along = np.array([np.cos(heading), np.sin(heading)])
-    across = np.array([-along[1], along[0]])
-    tip, left = along, -0.7 * along + 0.55 * across
-    right = -0.7 * along - 0.55 * across
-    return np.array([tip, left, right, tip])
 
 
 def _obstacles(axes: "Axes", scenario: FormationScenario) -> None:
@@ -217,7 +206,9 @@ def distances_figure(
     ]
     if flight.agents > 1:
         limit = scenario.avoidance.safe_distance_m
-        distances = [(t, pair_distances(flight, x).min(axis=0)) for t, x in grids]
+        distances = [
+            (t, pair_distances(x, flight.agents).min(axis=0)) for t, x in grids
+        ]
         series.append(("smallest distance of two UAVs [m]", limit, distances))
     if scenario.obstacles:
         rooms = [(t, clearances(scenario, flight, x).min(axis=0)) for t, x in grids]

@@ -13,7 +13,7 @@ from swarmstart.cases.formation.build import FormationFlight
 from swarmstart.cases.formation.names import MEASURES
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.kind import Measure
-from swarmstart.cases.models.unicycle import POSITION
+from swarmstart.cases.planar import POSITION, by_uav, pair_distances
 from swarmstart.ocp import Mode, Trajectory
 from swarmstart.terminal_set import held_spectral_radius, input_excess, linearise
 
@@ -48,28 +48,16 @@ def measure(
     return {name: measures[name] for name in MEASURES}
 
 
-def by_uav(flight: FormationFlight, stacked: Array) -> Array:
-    """Return stacked rows (uavs * n, T) as (uavs, n, T)."""
-    return stacked.reshape(flight.agents, -1, stacked.shape[1])
-
-
 def errors(flight: FormationFlight, times: Array, states: Array) -> Array:
     """Return the deviation of each UAV from its slot, shape (uavs, 4, T)."""
-    return by_uav(flight, states) - flight.slots(times)
-
-
-def pair_distances(flight: FormationFlight, states: Array) -> Array:
-    """Return the distance of each pair of UAVs, shape (pairs, T) [m]."""
-    positions = by_uav(flight, states)[:, list(POSITION)]
-    first, second = np.triu_indices(flight.agents, k=1)
-    return np.asarray(np.linalg.norm(positions[first] - positions[second], axis=1))
+    return by_uav(states, flight.agents) - flight.slots(times)
 
 
 def clearances(
     scenario: FormationScenario, flight: FormationFlight, states: Array
 ) -> Array:
     """Return each UAV's distance to each obstacle's edge, (uavs * obstacles, T) [m]."""
-    positions = by_uav(flight, states)[:, list(POSITION)]
+    positions = by_uav(states, flight.agents)[:, list(POSITION)]
     rows = [
         np.linalg.norm(positions - np.array([[o.x_m], [o.y_m]]), axis=1) - o.radius_m
         for o in scenario.obstacles
@@ -124,11 +112,13 @@ def _distances(
         ("", trajectory.dense_states),
         ("_sampled", trajectory.states),
     ):
-        measures[f"min_distance{suffix}_m"] = _smallest(pair_distances(flight, states))
+        measures[f"min_distance{suffix}_m"] = _smallest(
+            pair_distances(states, flight.agents)
+        )
         measures[f"obstacle_clearance{suffix}_m"] = _smallest(
             clearances(scenario, flight, states)
         )
-    speeds = by_uav(flight, trajectory.dense_states)[:, 0]
+    speeds = by_uav(trajectory.dense_states, flight.agents)[:, 0]
     measures["speed_min_m_s"] = float(speeds.min())
     measures["speed_max_m_s"] = float(speeds.max())
     return measures

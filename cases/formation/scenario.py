@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from swarmstart.cases.planar import PlanarState, Point
 from swarmstart.cases.settings import (
     NonNegative,
     Number,
@@ -20,26 +21,6 @@ from swarmstart.cases.settings import (
     Range,
     Scenario,
 )
-
-
-class PlanarState(Part):
-    """Speed, heading and position in the plane."""
-
-    speed_m_s: Number
-    heading_rad: Number
-    x_m: Number
-    y_m: Number
-
-    def vector(self) -> list[float]:
-        """Return (v, psi, x, y), the order of (5.3)."""
-        return [self.speed_m_s, self.heading_rad, self.x_m, self.y_m]
-
-
-class Point(Part):
-    """A position in the plane."""
-
-    x_m: Number
-    y_m: Number
 
 
 class Disc(Part):

@@ -8,12 +8,10 @@ Controls (u, omega): acceleration [m/s^2], turn rate [rad/s].
 
 import casadi as ca
 
+from swarmstart.cases.planar import STATES
 from swarmstart.ocp import Model
 
-STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
 CONTROLS = ("acceleration_m_s2", "turn_rate_rad_s")
-POSITION = (2, 3)
-"""Rows of the states that are the position."""
 
 
 def unicycle() -> Model:

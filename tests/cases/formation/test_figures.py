@@ -9,6 +9,7 @@ from matplotlib import animation as writers
 from matplotlib.patches import Circle
 from PIL import Image
 
+from swarmstart.cases.drawing import colour
 from swarmstart.cases.formation.animation import (
     MissingWriterError,
     animate,
@@ -16,7 +17,6 @@ from swarmstart.cases.formation.animation import (
 )
 from swarmstart.cases.formation.build import FormationFlight
 from swarmstart.cases.formation.figures import (
-    colour,
     distances_figure,
     draw,
     relative_figure,

@@ -1,0 +1,53 @@
+"""What scenarios of UAVs in the plane share: states, points, distances.
+
+A UAV's state is (v, psi, x, y), speed [m/s], heading [rad] and position [m]; those of
+several are stacked, UAV after UAV.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.settings import Number, Part
+
+Array = NDArray[np.float64]
+
+STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
+POSITION = (2, 3)
+"""Rows of the states that are the position."""
+
+
+class PlanarState(Part):
+    """Speed, heading and position in the plane."""
+
+    speed_m_s: Number
+    heading_rad: Number
+    x_m: Number
+    y_m: Number
+
+    def vector(self) -> list[float]:
+        """Return (v, psi, x, y), the order of (5.3) and (5.30)."""
+        return [self.speed_m_s, self.heading_rad, self.x_m, self.y_m]
+
+
+class Point(Part):
+    """A position in the plane."""
+
+    x_m: Number
+    y_m: Number
+
+
+def by_uav(stacked: Array, uavs: int) -> Array:
+    """Return stacked rows (uavs * n, T) as (uavs, n, T)."""
+    return stacked.reshape(uavs, -1, stacked.shape[1])
+
+
+def pair_distances(stacked: Array, uavs: int) -> Array:
+    """Return the distance of each pair of UAVs, shape (pairs, T) [m].
+
+    Args:
+        stacked: States, shape (uavs * 4, T).
+        uavs: Number of UAVs.
+    """
+    positions = by_uav(stacked, uavs)[:, list(POSITION)]
+    first, second = np.triu_indices(uavs, k=1)
+    return np.asarray(np.linalg.norm(positions[first] - positions[second], axis=1))
