@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.settings import Scenario
-from swarmstart.ocp import Controller, Plant
+from swarmstart.errors import SwarmstartError
+from swarmstart.ocp import Controller, Plant, Trajectory
 
 Array = NDArray[np.float64]
 Measure = float | int | list[float | None] | None
@@ -54,3 +55,25 @@ class Kind:
     figures: Callable[..., list[Path]]
     animate: Callable[..., None]
     check_animation: Callable[[str], None]
+
+
+class NoAnimationError(SwarmstartError):
+    """There is no animation of this kind of flight."""
+
+
+def refuse_animation(writer: str) -> None:
+    """Say that there is none, in a kind that has none.
+
+    Raises:
+        NoAnimationError: Always.
+    """
+    raise NoAnimationError(
+        f"this kind of scenario has no animation, got --animation {writer}"
+    )
+
+
+def animate_nothing(
+    scenario: Scenario, flight: Flight, trajectory: Trajectory, file: Path
+) -> None:
+    """Say that there is none; see `refuse_animation`."""
+    refuse_animation(file.suffix.removeprefix("."))

@@ -90,6 +90,10 @@ KINDS = {
         "swarmstart.cases.close_formation.kind:KIND",
         "swarmstart.cases.close_formation.names:MEASURES",
     ),
+    "reconfiguration": KindEntry(
+        "swarmstart.cases.reconfiguration.kind:KIND",
+        "swarmstart.cases.reconfiguration.names:MEASURES",
+    ),
 }
 
 

@@ -17,6 +17,7 @@ from swarmstart.ocp.controller import Controller, Decision, Mode, RecedingHorizo
 from swarmstart.ocp.dual_mode import DualMode
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import Fitness, Known
+from swarmstart.ocp.guess import shifted_controls
 from swarmstart.ocp.integrators import INTEGRATORS, held_step
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.planner import Plan, Planner, SearchSettings, Source, WarmStart
@@ -72,6 +73,7 @@ __all__ = [
     "fly",
     "held_step",
     "right_hand_side",
+    "shifted_controls",
     "simulate",
     "solve",
     "stack_models",

@@ -1,45 +1,11 @@
 """Close formation as the commands run it."""
 
-from pathlib import Path
-
-from swarmstart.cases.close_formation.build import (
-    CloseFormationFlight,
-    build,
-    problems,
-)
+from swarmstart.cases.close_formation.build import build, problems
 from swarmstart.cases.close_formation.figures import draw
 from swarmstart.cases.close_formation.measures import measure
 from swarmstart.cases.close_formation.names import MEASURES
 from swarmstart.cases.close_formation.scenario import CloseFormationScenario
-from swarmstart.cases.kind import Kind
-from swarmstart.errors import SwarmstartError
-from swarmstart.ocp import Trajectory
-
-
-class NoAnimationError(SwarmstartError):
-    """There is no animation of this kind of flight."""
-
-
-def refuse_animation(writer: str) -> None:
-    """Say that there is none.
-
-    Raises:
-        NoAnimationError: Always.
-    """
-    raise NoAnimationError(
-        f"a close formation has no animation, got --animation {writer}"
-    )
-
-
-def animate(
-    scenario: CloseFormationScenario,
-    flight: CloseFormationFlight,
-    trajectory: Trajectory,
-    file: Path,
-) -> None:
-    """Say that there is none; see `refuse_animation`."""
-    refuse_animation(file.suffix.removeprefix("."))
-
+from swarmstart.cases.kind import Kind, animate_nothing, refuse_animation
 
 KIND = Kind(
     scenario=CloseFormationScenario,
@@ -48,6 +14,6 @@ KIND = Kind(
     measures=MEASURES,
     problems=problems,
     figures=draw,
-    animate=animate,
+    animate=animate_nothing,
     check_animation=refuse_animation,
 )

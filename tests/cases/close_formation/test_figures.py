@@ -9,8 +9,9 @@ from PIL import Image
 
 from swarmstart.cases.close_formation.build import CloseFormationFlight, build
 from swarmstart.cases.close_formation.figures import draw, exact_flight, map_figure
-from swarmstart.cases.close_formation.kind import KIND, NoAnimationError
+from swarmstart.cases.close_formation.kind import KIND
 from swarmstart.cases.close_formation.scenario import CloseFormationScenario
+from swarmstart.cases.kind import NoAnimationError
 from swarmstart.ocp import Trajectory, simulate
 
 if TYPE_CHECKING:

@@ -1,0 +1,1 @@
+"""Reconfiguration: UAVs go from one formation into another (the chapter's 5.4)."""

@@ -1,0 +1,19 @@
+"""Reconfiguration as the commands run it."""
+
+from swarmstart.cases.kind import Kind, animate_nothing, refuse_animation
+from swarmstart.cases.reconfiguration.build import build, problems
+from swarmstart.cases.reconfiguration.figures import draw
+from swarmstart.cases.reconfiguration.measures import measure
+from swarmstart.cases.reconfiguration.names import MEASURES
+from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario
+
+KIND = Kind(
+    scenario=ReconfigurationScenario,
+    build=build,
+    measure=measure,
+    measures=MEASURES,
+    problems=problems,
+    figures=draw,
+    animate=animate_nothing,
+    check_animation=refuse_animation,
+)

@@ -1,0 +1,259 @@
+"""The scenario of a reconfiguration: UAVs leave one formation for another.
+
+Source: the chapter, section 5.4.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from swarmstart.cases.planar import PlanarState, Point
+from swarmstart.cases.settings import (
+    NonNegative,
+    Part,
+    Positive,
+    Problem,
+    Range,
+    Scenario,
+)
+
+SAME_PLACE_M = 1e-9
+
+
+class Vehicle(Part):
+    """The model (5.30) of the UAVs and its bounds."""
+
+    thrust_n: Range
+    bank_rad: Range
+    drag_n: NonNegative
+    weight_n: Positive
+    thrust_equation: Literal["printed", "newton"]
+    turn: Literal["sin", "tan"] = "sin"
+    speed_m_s: Range | None = None
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with it."""
+        if self.speed_m_s is not None and self.speed_m_s.lower <= 0:
+            yield (
+                ("speed_m_s",),
+                "expected a lower limit above 0, since the heading rate divides by the "
+                f"speed; found {self.speed_m_s.lower:g}",
+            )
+
+
+class Distances(Part):
+    """What every two UAVs keep, (5.33) and (5.34)."""
+
+    safe_m: Positive
+    communication_m: Positive
+    along: Literal["points", "segments"] = "points"
+    margin_m: NonNegative = 0.0
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with them."""
+        room = self.communication_m - self.safe_m
+        if room <= 2 * self.margin_m:
+            yield (
+                ("communication_m",),
+                f"expected more than safe_m = {self.safe_m:g}, and the margin twice; "
+                f"found {self.communication_m:g}",
+            )
+
+
+class Prediction(Part):
+    """The horizon of a plan and its grid."""
+
+    dt_s: Positive
+    intervals: int = Field(default=1, ge=1, le=1000)
+    checks: int = Field(default=10, ge=1, le=100)
+    substeps: int = Field(default=1, ge=1, le=100)
+
+
+class Planning(Part):
+    """Who plans: all controls at once, or UAV after UAV, the leader first."""
+
+    name: Literal["joint", "priority"]
+    range_m: Positive | None = None
+    links: int = Field(default=1, ge=1, le=8)
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with it."""
+        if self.name == "priority" and self.range_m is None:
+            yield (), "expected the key range_m with priority"
+
+
+class PlantPart(Part):
+    """The simulated aircraft: integrated finer than the prediction."""
+
+    substeps: int = Field(default=10, ge=1, le=1000)
+
+
+class ReconfigurationScenario(Scenario):
+    """Everything a reconfiguration needs."""
+
+    kind: Literal["reconfiguration"]
+    vehicle: Vehicle
+    uavs: list[PlanarState] = Field(min_length=2, max_length=200)
+    leader_uav: int = Field(ge=1)
+    leader: Literal["free", "straight"] = "free"
+    slots: list[Point] = Field(min_length=2)
+    frame: Literal["global", "leader"] = "global"
+    assignment: Literal["given", "shortest"] = "given"
+    distances: Distances
+    prediction: Prediction
+    weights: Annotated[list[NonNegative], Field(min_length=4, max_length=4)]
+    planning: Planning = Planning(name="joint")
+    reference: Literal["none", "ipopt"] = "none"
+    plant: PlantPart = PlantPart()
+
+    @property
+    def leader_index(self) -> int:
+        """The leader's number from 0."""
+        return self.leader_uav - 1
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what one part of the scenario makes wrong in another."""
+        yield from super().problems()
+        for key in ("vehicle", "distances", "planning"):
+            for path, message in getattr(self, key).problems():
+                yield (key, *path), message
+        yield from self._slot_problems()
+        yield from self._speed_problems()
+        yield from self._leader_problems()
+        yield from self._range_problems()
+        if self.planning.name == "joint":
+            yield from self._start_problems()
+
+    def _slot_problems(self) -> Iterator[Problem]:
+        slots, uavs = len(self.slots), len(self.uavs)
+        if slots != uavs:
+            word = "more" if slots > uavs else "fewer"
+            yield (
+                ("slots",),
+                f"expected a slot for each of the {uavs} UAVs, found {slots}: {word} "
+                "slots than UAVs",
+            )
+        farthest = math.inf
+        if self.planning.name == "joint":
+            farthest = self.distances.communication_m
+        for i, j in itertools.combinations(range(slots), 2):
+            apart = _distance(self.slots[i], self.slots[j])
+            if apart < SAME_PLACE_M:
+                what = "expected a place of its own"
+                yield (("slots", j), f"{what}, found that of slot {i + 1}")
+            elif apart < self.distances.safe_m:
+                yield (
+                    ("slots", j),
+                    f"expected at least {self.distances.safe_m:g} m (distances.safe_m) "
+                    f"from slot {i + 1}, found {apart:g} m",
+                )
+            elif apart > farthest:
+                yield (
+                    ("slots", j),
+                    f"expected at most {farthest:g} m (distances.communication_m) from "
+                    f"slot {i + 1}, found {apart:g} m",
+                )
+
+    def _start_problems(self) -> Iterator[Problem]:
+        """Yield the starts that break a distance: no plan can mend these."""
+        near, far = self.distances.safe_m, self.distances.communication_m
+        for i, j in itertools.combinations(range(len(self.uavs)), 2):
+            yield from start_problem(self, i, j, near=near, far=far)
+
+    def _speed_problems(self) -> Iterator[Problem]:
+        limits = self.vehicle.speed_m_s
+        for i, uav in enumerate(self.uavs):
+            place, speed = ("uavs", i, "speed_m_s"), uav.speed_m_s
+            if speed <= 0:
+                yield (
+                    place,
+                    "expected a speed above 0, since the heading rate divides by it; "
+                    f"found {speed:g}",
+                )
+            elif limits is not None and not limits.lower <= speed <= limits.upper:
+                yield (
+                    place,
+                    f"expected a speed within vehicle.speed_m_s [{limits.lower:g}, "
+                    f"{limits.upper:g}], found {speed:g}",
+                )
+
+    def _leader_problems(self) -> Iterator[Problem]:
+        if self.leader_uav > len(self.uavs):
+            yield (
+                ("leader_uav",),
+                f"expected a UAV from 1 to {len(self.uavs)}, found {self.leader_uav}",
+            )
+            return
+        own = [math.hypot(slot.x_m, slot.y_m) for slot in self.slots]
+        if self.assignment == "given":
+            own = own[self.leader_index : self.leader_index + 1]
+        if own and min(own) > SAME_PLACE_M:
+            yield (
+                ("slots",),
+                "expected the leader's own slot at (0, 0), since slots are relative to "
+                "the leader; found none there",
+            )
+        thrust, drag = self.vehicle.thrust_n, self.vehicle.drag_n
+        if self.leader == "straight" and not thrust.lower <= drag <= thrust.upper:
+            yield (
+                ("vehicle", "thrust_n"),
+                f"expected a range that includes drag_n = {drag:g}, since the leader "
+                f"flies straight; found [{thrust.lower:g}, {thrust.upper:g}]",
+            )
+
+    def _range_problems(self) -> Iterator[Problem]:
+        if self.planning.name != "priority":
+            return
+        if self.leader != "straight":
+            yield (
+                ("leader",),
+                "expected straight with planning priority: a leader that plans alone "
+                "has no cost of its own; found free",
+            )
+        if self.reference != "none":
+            yield (
+                ("reference",),
+                f"expected none with planning priority, found {self.reference}",
+            )
+        limits, seen = self.vehicle.speed_m_s, self.planning.range_m
+        if limits is None:
+            yield (
+                ("vehicle",),
+                "expected the key speed_m_s with planning priority, since the range "
+                "that must be seen follows from it",
+            )
+        elif seen is not None:
+            closing = 2 * limits.upper * self.prediction.dt_s
+            needed = self.distances.safe_m + closing
+            if seen < needed:
+                yield (
+                    ("planning", "range_m"),
+                    f"expected at least {needed:g} m: distances.safe_m, and what two "
+                    f"UAVs can close in a control step; found {seen:g}",
+                )
+
+
+def start_problem(
+    scenario: ReconfigurationScenario, i: int, j: int, *, near: float, far: float
+) -> Iterator[Problem]:
+    """Yield what is wrong with the distance of two starts."""
+    apart = _distance(scenario.uavs[i], scenario.uavs[j])
+    if apart < near:
+        yield (
+            ("uavs", j),
+            f"expected a start at least {near:g} m (distances.safe_m) from that of UAV "
+            f"{i + 1}, found {apart:g} m",
+        )
+    elif apart > far:
+        yield (
+            ("uavs", j),
+            f"expected a start at most {far:g} m (distances.communication_m) from that "
+            f"of UAV {i + 1}, found {apart:g} m",
+        )
+
+
+def _distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
+    return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
