@@ -91,7 +91,7 @@ def test_plain_chain_has_the_enumerated_numbers(row: Row) -> None:
 
 @pytest.mark.parametrize("row", ROWS, ids=str)
 def test_immigrant_reaches_the_optimum_from_everywhere(row: Row) -> None:
-    """The bounds are attained: all are at the second best, only the optimum is taken."""
+    """The bounds are attained where all are at the second best: only one is better."""
     chain = chain_of(*row[:3], immigrant=0.1)
     stays = (59 / 60) ** 4
     assert not dead_states(chain).any()
@@ -124,6 +124,16 @@ def test_immigrants_alone_are_random_search_that_keeps_the_best() -> None:
     np.testing.assert_allclose(times.by_state, expected, rtol=1e-12)
     assert times.mean == pytest.approx(stays / (1.0 - stays), rel=1e-12)
     np.testing.assert_allclose(miss_probabilities(chain, 9), stays ** np.arange(10))
+
+
+def test_immigrant_is_taken_if_it_is_not_worse() -> None:
+    """At point 1 of RUGGED, cost 2: points 2, 4 and 5, and 0 and 3 leave it there."""
+    chain = chain_of(RUGGED, immigrant=1.0)
+    row = chain.transition[index_of(chain, [1, 1, 1, 1])].reshape(6, 6, 6, 6)
+    first = np.array([0, 3, 1, 0, 1, 1]) / 6
+    np.testing.assert_allclose(row.sum(axis=(1, 2, 3)), first, rtol=0, atol=1e-12)
+    together = np.multiply.outer(first, first)
+    np.testing.assert_allclose(row.sum(axis=(0, 2)), together, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("costs", [TRAP, TWO_WAYS, MONOTONE, RUGGED], ids=str)
