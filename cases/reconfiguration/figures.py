@@ -22,7 +22,11 @@ from swarmstart.cases.drawing import (
 )
 from swarmstart.cases.planar import POSITION, by_uav, pair_distances
 from swarmstart.cases.reconfiguration.build import ReconfigurationFlight
-from swarmstart.cases.reconfiguration.measures import errors_of, plan_costs
+from swarmstart.cases.reconfiguration.measures import (
+    errors_of,
+    link_distances,
+    plan_costs,
+)
 from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.cases.reconfiguration.target import slots_in_plane
 from swarmstart.ocp import Trajectory
@@ -191,10 +195,10 @@ def distances_figure(
             name = f"{pair[0] + 1}, {pair[1] + 1}"
             axes.plot(times, values, style, color=colour(number), lw=1.2, label=name)
     else:
-        for values, name in (
-            (distances.min(axis=0), "smallest"), (distances.max(axis=0), "largest")
-        ):  # fmt: skip
-            axes.plot(times, values, lw=1.4, label=name)
+        linked = link_distances(flight, distances).max(axis=0)
+        name = "largest" if len(flight.links) == len(distances) else "largest of a link"
+        axes.plot(times, distances.min(axis=0), lw=1.4, label="smallest")
+        axes.plot(times, linked, lw=1.4, label=name)
     _limits(axes, scenario)
     axes.set(xlabel="time [s]", ylabel="distance of two UAVs [m]")
     axes.legend(fontsize="small", ncols=2, loc="upper left", bbox_to_anchor=(1.0, 1.0))

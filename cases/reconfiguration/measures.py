@@ -60,6 +60,13 @@ def plan_costs(trajectory: Trajectory) -> Array:
     return np.array([sum(p.cost for p in d.plans) for d in trajectory.decisions])
 
 
+def link_distances(flight: ReconfigurationFlight, distances: Array) -> Array:
+    """Return the rows of all pairs' distances that are links, shape (links, T)."""
+    pairs = itertools.combinations(range(len(flight.slots)), 2)
+    linked = {(min(pair), max(pair)) for pair in flight.links}
+    return np.asarray(distances[[pair in linked for pair in pairs]])
+
+
 def _shape(
     scenario: ReconfigurationScenario,
     flight: ReconfigurationFlight,
@@ -76,15 +83,8 @@ def _shape(
         ),
         "min_distance_m": float(distances.min()),
         "max_distance_m": float(distances.max()),
-        "max_link_distance_m": float(_link_distances(flight, distances).max()),
+        "max_link_distance_m": float(link_distances(flight, distances).max()),
     }
-
-
-def _link_distances(flight: ReconfigurationFlight, distances: Array) -> Array:
-    """Return the rows of all pairs' distances that are links, shape (links, T)."""
-    pairs = itertools.combinations(range(len(flight.slots)), 2)
-    linked = {(min(pair), max(pair)) for pair in flight.links}
-    return np.asarray(distances[[pair in linked for pair in pairs]])
 
 
 def _costs(

@@ -124,8 +124,6 @@ class ReconfigurationScenario(Scenario):
         yield from self._speed_problems()
         yield from self._leader_problems()
         yield from self._range_problems()
-        if self.planning.name == "joint":
-            yield from self._start_problems()
 
     def _slot_problems(self) -> Iterator[Problem]:
         slots, uavs = len(self.slots), len(self.uavs)
@@ -156,12 +154,6 @@ class ReconfigurationScenario(Scenario):
                     f"expected at most {farthest:g} m (distances.communication_m) from "
                     f"slot {i + 1}, found {apart:g} m",
                 )
-
-    def _start_problems(self) -> Iterator[Problem]:
-        """Yield the starts that break a distance: no plan can mend these."""
-        near, far = self.distances.safe_m, self.distances.communication_m
-        for i, j in itertools.combinations(range(len(self.uavs)), 2):
-            yield from start_problem(self, i, j, near=near, far=far)
 
     def _speed_problems(self) -> Iterator[Problem]:
         limits = self.vehicle.speed_m_s
