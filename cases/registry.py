@@ -94,6 +94,10 @@ KINDS = {
         "swarmstart.cases.reconfiguration.kind:KIND",
         "swarmstart.cases.reconfiguration.names:MEASURES",
     ),
+    "transfer": KindEntry(
+        "swarmstart.cases.transfer.kind:KIND",
+        "swarmstart.cases.transfer.names:MEASURES",
+    ),
 }
 
 

@@ -16,10 +16,13 @@ from swarmstart.ocp.constraints import (
 from swarmstart.ocp.controller import Controller, Decision, Mode, RecedingHorizon
 from swarmstart.ocp.dual_mode import DualMode
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
+from swarmstart.ocp.family import TrajectoryFamily
 from swarmstart.ocp.fitness import Fitness, Known
 from swarmstart.ocp.guess import shifted_controls
 from swarmstart.ocp.integrators import INTEGRATORS, held_step
+from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
+from swarmstart.ocp.open_loop import OpenLoop
 from swarmstart.ocp.planner import Plan, Planner, SearchSettings, Source, WarmStart
 from swarmstart.ocp.polish import IpoptOptions, Polished, Polisher, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -43,8 +46,11 @@ __all__ = [
     "InvalidProblemError",
     "IpoptOptions",
     "Known",
+    "LocalAgent",
+    "LocalTeam",
     "Mode",
     "Model",
+    "OpenLoop",
     "OptimalControlProblem",
     "PathConstraint",
     "Plan",
@@ -65,6 +71,7 @@ __all__ = [
     "Team",
     "TerminalConstraint",
     "Trajectory",
+    "TrajectoryFamily",
     "WarmStart",
     "chosen_backend",
     "collected",

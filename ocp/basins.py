@@ -11,31 +11,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics import SearchResult
-from swarmstart.ocp.fitness import Known, unflatten
+from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.polish import Polished, Polisher, is_better
+from swarmstart.ocp.search_space import Start
 
 Array = NDArray[np.float64]
 
 
-def guesses(result: SearchResult, nu: int) -> list[Array]:
-    """Return the controls of a search's best point and of its other basins.
+def points(result: SearchResult) -> list[Array]:
+    """Return a search's best point and its other basins, each (dim,), the best first.
 
     Args:
         result: What a search found.
-        nu: Number of controls.
-
-    Returns:
-        Each of shape (nu, N), the best point first.
     """
     others = [
         basin.x for basin in result.basins if not np.array_equal(basin.x, result.x)
     ]
-    return [unflatten(x, nu) for x in (result.x, *others)]
+    return [result.x, *others]
 
 
 def polish_basins(
     polisher: Polisher,
-    starts: Sequence[Array],
+    starts: Sequence[Start],
     x0: ArrayLike,
     known: Known,
     *,
@@ -45,12 +42,14 @@ def polish_basins(
 
     Args:
         polisher: The polisher.
-        starts: Controls, each (nu, N), at least one; of equals the first is kept.
+        starts: At least one; of equals the first is kept.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
         tolerance: Largest violation that counts as none.
     """
-    best, *others = (polisher(controls, x0, known) for controls in starts)
+    best, *others = (
+        polisher(start.controls, x0, known, states=start.states) for start in starts
+    )
     evaluations = best.evaluations
     for one in others:
         evaluations += one.evaluations

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics import (
     Algorithm,
-    Box,
     Budget,
     Initial,
     Order,
@@ -21,12 +20,14 @@ from swarmstart.heuristics import (
     minimize,
     static_penalty,
 )
-from swarmstart.ocp.basins import guesses, polish_basins
+from swarmstart.ocp.basins import points, polish_basins
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import NOTHING, Fitness, Known, flatten
+from swarmstart.ocp.family import FamilySpace, TrajectoryFamily
+from swarmstart.ocp.fitness import NOTHING, Fitness, Known
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.polish import IpoptOptions, Polisher, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.search_space import ControlSpace, SearchSpace, Start
 
 Array = NDArray[np.float64]
 WarmStart = Literal["all", "half", "one", "none"]
@@ -126,6 +127,7 @@ class Planner:
         *,
         search: SearchSettings | None,
         polish: IpoptOptions | None = None,
+        family: TrajectoryFamily | None = None,
         backend: str | None = None,
     ) -> None:
         """Compile what planning needs.
@@ -134,15 +136,25 @@ class Planner:
             problem: The problem.
             search: The population search; None means none.
             polish: Options of the polish; None means none.
+            family: What the search looks for; None means control sequences. A member
+                becomes a plan by its controls, which do not lead exactly where its
+                states are: it wants a polish.
             backend: What evaluates populations, as in compiled/backend.py.
 
         Raises:
-            InvalidProblemError: If a search is asked for and a control is unbounded.
+            InvalidProblemError: If a search is asked for and a control is unbounded, or
+                the family does not fit the problem.
         """
         self.problem = problem
         self.fitness = Fitness(problem, backend=backend)
         self._search = search
-        self._box = _control_box(problem) if search else None
+        self._space: SearchSpace | None = None
+        if search is not None:
+            self._space = (
+                ControlSpace(self.fitness)
+                if family is None
+                else FamilySpace(problem, family)
+            )
         self._polisher = Polisher(self.fitness, polish) if polish else None
 
     def plan(
@@ -223,30 +235,29 @@ class Planner:
         first: Sequence[Array],
         known: Known,
         rng: np.random.Generator,
-    ) -> tuple[Plan, list[Array]]:
-        """Return the search's answer, and the controls to polish from, the best first.
+    ) -> tuple[Plan, list[Start]]:
+        """Return the search's answer, and where to polish from, the best first.
 
-        Without a search these are the guess, or zero controls.
+        Without a search that is the guess, or zero controls.
         """
-        search = self._search
-        if search is None or self._box is None:
+        search, space = self._search, self._space
+        if search is None or space is None:
             controls = zero_controls(self.problem) if guess is None else guess
             plan = self.evaluated(controls, x0, known=known, source=Source.GUESS)
-            return plan, [controls]
+            return plan, [Start(controls)]
         result = minimize(
-            self.fitness.objective(x0, known),
-            self._box,
+            space.objective(x0, known),
+            space.box,
             algorithm=search.algorithm,
             budget=search.budget,
             order=search.order,
-            initial=_first_population(search, self._box, guess, first),
+            initial=_first_population(search, space, guess, first),
             basins=search.basins if self._polisher else 0,
             radius=search.radius,
             rng=rng,
         )
-        starts = guesses(result, self.problem.model.nu)
-        value = (result.cost, result.violation)
-        plan = self._plan(starts[0], x0, known, value=value, source=Source.SEARCH)
+        starts = [space.decoded(x, x0, known) for x in points(result)]
+        plan = self.evaluated(starts[0].controls, x0, known=known, source=Source.SEARCH)
         searched = replace(
             plan,
             search_cost=result.cost,
@@ -277,30 +288,18 @@ class Planner:
         )
 
 
-def _control_box(problem: OptimalControlProblem) -> Box:
-    """Return the box of all control sequences."""
-    lower, upper = problem.control_limits
-    if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
-        raise InvalidProblemError(
-            "a population search needs finite bounds on every control, "
-            f"got lower {lower} and upper {upper}"
-        )
-    return Box(
-        lower=np.tile(lower, problem.intervals),
-        upper=np.tile(upper, problem.intervals),
-        per_step=problem.model.nu,
-    )
-
-
 def _first_population(
-    search: SearchSettings, box: Box, guess: Array | None, first: Sequence[Array]
+    search: SearchSettings,
+    space: SearchSpace,
+    guess: Array | None,
+    first: Sequence[Array],
 ) -> Initial:
     """Return how the first population is made: candidates, guesses, the rest drawn."""
-    size = search.algorithm.first_size(box, search.budget.evaluations)
-    given = [flatten(controls) for controls in first]
+    size = search.algorithm.first_size(space.box, search.budget.evaluations)
+    given = [space.encoded(controls) for controls in first]
     if guess is not None and search.warm_start != "none":
         copies = {"all": size - len(given), "half": size // 2, "one": 1}
-        given += [flatten(guess)] * copies[search.warm_start]
+        given += [space.encoded(guess)] * copies[search.warm_start]
     if not given:
         return Initial(sampling=search.sampling)
     return Initial(sampling=search.sampling, points=np.stack(given[:size], axis=1))

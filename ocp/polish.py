@@ -118,7 +118,12 @@ class Polisher:
         )
 
     def __call__(
-        self, controls: Array, x0: ArrayLike, known: Known = NOTHING
+        self,
+        controls: Array,
+        x0: ArrayLike,
+        known: Known = NOTHING,
+        *,
+        states: Array | None = None,
     ) -> Polished:
         """Return the better of a guess and the local optimum found from it.
 
@@ -126,6 +131,8 @@ class Polisher:
             controls: The guess, shape (nu, N), clipped to the bounds; not changed.
             x0: Initial state, shape (nx,).
             known: Parameters and signals.
+            states: At the nodes, shape (nx, nodes): where the solver starts; they need
+                not be those that the controls lead to. None means they are.
 
         Raises:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
@@ -134,7 +141,12 @@ class Polisher:
         problem, fitness = self._fitness.problem, self._fitness
         controls = bounded_controls(problem, controls)
         before = fitness.value(controls, x0, known)
-        states = fitness.states(controls, x0, known)
+        if states is None:
+            states = fitness.states(controls, x0, known)
+        elif np.shape(states) != (shape := (problem.model.nx, problem.nodes)):
+            raise InvalidProblemError(
+                f"states must have shape {shape}, got {np.shape(states)}"
+            )
         found, stats = self._solve(controls, states, x0, known)
         lower, upper = (limit[:, None] for limit in problem.control_limits)
         better = np.clip(found, lower, upper)

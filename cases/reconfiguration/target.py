@@ -1,20 +1,13 @@
 """Which UAV goes to which slot, and how far it is from there.
 
-The assignment `shortest` minimises the sum of the squared distances that the UAVs have
-from their slots. Where the formation stands does not matter: moving all slots by c adds
-
-    sum_i |c|^2 - 2 c'(s_i - q_a(i)),
-
-which is the same for every assignment a. The leader keeps the slot at (0, 0).
-
-Source: Kuhn (1955), The Hungarian method for the assignment problem; squared distances
-as in Turpin, Michael and Kumar (2014), CAPT.
+With the assignment `shortest` the sum of the squared distances is the least. The leader
+keeps the slot at (0, 0).
 """
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
+from swarmstart.cases.assignment import shortest_assignment
 from swarmstart.cases.planar import POSITION, by_uav
 from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario
 
@@ -29,12 +22,10 @@ def assigned_slots(scenario: ReconfigurationScenario) -> Array:
     starts = np.array([[uav.x_m, uav.y_m] for uav in scenario.uavs])
     leader, own = scenario.leader_index, int(np.argmin(np.hypot(*slots.T)))
     others = np.delete(np.arange(len(starts)), leader)
-    free = np.delete(np.arange(len(slots)), own)
-    squared = np.sum((starts[others, None] - slots[free][None]) ** 2, axis=2)
-    rows, columns = linear_sum_assignment(squared)
+    free = np.delete(slots, own, axis=0)
     chosen = np.empty_like(slots)
     chosen[leader] = slots[own]
-    chosen[others[rows]] = slots[free[columns]]
+    chosen[others] = free[shortest_assignment(starts[others], free)]
     return chosen
 
 

@@ -1,0 +1,1 @@
+"""Transfer: UAVs fly to their goals in a given time, as one optimal-control problem."""

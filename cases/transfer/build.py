@@ -1,0 +1,142 @@
+"""A transfer scenario -> one optimal-control problem, its search, and a plant.
+
+minimise    the integral of R_1 a_i^2 + R_2 phi_i^2, summed over the UAVs
+subject to  (5.30) with the acceleration as a control, bounds on a, phi and v,
+the safe distance of every two UAVs at every check,
+each UAV in its goal at the end, with any speed and heading
+"""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.assignment import shortest_assignment
+from swarmstart.cases.kind import Flight
+from swarmstart.cases.models.bank_to_turn import bank_to_turn
+from swarmstart.cases.planar import POSITION
+from swarmstart.cases.settings import Problem
+from swarmstart.cases.transfer.paths import flat_paths
+from swarmstart.cases.transfer.scenario import TransferScenario
+from swarmstart.ocp import (
+    Bounds,
+    Model,
+    OpenLoop,
+    OptimalControlProblem,
+    Planner,
+    Plant,
+    Separation,
+    TerminalConstraint,
+    stack_models,
+)
+
+Array = NDArray[np.float64]
+STATES, CONTROLS = 4, 2  # Of one UAV.
+TOLERANCE_M = 1e-4
+"""Summed violation that counts as none: what IPOPT leaves, rolled out."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TransferFlight(Flight):
+    """A transfer ready to be flown.
+
+    Attributes:
+        planner: Search and polish of the problem.
+        goals: Of each UAV, shape (uavs, 2) [m].
+    """
+
+    planner: Planner
+    goals: Array
+
+
+def build(scenario: TransferScenario) -> TransferFlight:
+    """Compile everything a flight needs.
+
+    Args:
+        scenario: The scenario, checked.
+    """
+    goals = assigned_goals(scenario)
+    model = stack_models([bank_to_turn(turn=scenario.vehicle.turn)] * len(goals))
+    problem = transfer_problem(scenario, model, goals)
+    planner = Planner(
+        problem,
+        search=scenario.search_settings(),
+        polish=scenario.ipopt.options() if scenario.polish == "ipopt" else None,
+        family=flat_paths(
+            problem,
+            goals,
+            turn=scenario.vehicle.turn,
+            lateral=scenario.paths.lateral,
+            along=scenario.paths.along,
+        ),
+        backend=scenario.backend,
+    )
+    return TransferFlight(
+        plant=Plant(model, dt=problem.dt, substeps=scenario.plant.substeps),
+        controller=OpenLoop(planner=planner),
+        x0=np.concatenate([uav.start.vector() for uav in scenario.uavs]),
+        agents=1,
+        planner=planner,
+        goals=goals,
+    )
+
+
+def problems(scenario: TransferScenario) -> Iterator[Problem]:
+    """Yield what is wrong across the scenario's parts, with the place."""
+    yield from scenario.problems()
+
+
+def assigned_goals(scenario: TransferScenario) -> Array:
+    """Return the goal of each UAV, shape (uavs, 2) [m]."""
+    goals = np.array([[uav.goal.x_m, uav.goal.y_m] for uav in scenario.uavs])
+    if scenario.assignment == "given":
+        return goals
+    starts = np.array([[uav.start.x_m, uav.start.y_m] for uav in scenario.uavs])
+    return goals[shortest_assignment(starts, goals)]
+
+
+def transfer_problem(
+    scenario: TransferScenario, model: Model, goals: Array
+) -> OptimalControlProblem:
+    """Return the problem of all UAVs at once.
+
+    Args:
+        scenario: The scenario.
+        model: All UAVs, states and controls UAV after UAV.
+        goals: Of each UAV, shape (uavs, 2) [m].
+    """
+    vehicle, prediction, uavs = scenario.vehicle, scenario.prediction, len(goals)
+    positions = [state[list(POSITION)] for state in ca.vertsplit(model.states, STATES)]
+    R = ca.diag(ca.DM(np.tile(scenario.weights, uavs)))
+    ranges = (vehicle.acceleration_m_s2, vehicle.bank_rad)
+    free, speed = [np.inf] * (STATES - 1), vehicle.speed_m_s
+    return OptimalControlProblem(
+        model,
+        horizon=prediction.horizon_s,
+        intervals=prediction.intervals,
+        stage_cost=ca.bilin(R, model.controls, model.controls),
+        bounds=Bounds(
+            controls=(
+                np.tile([r.lower for r in ranges], uavs),
+                np.tile([r.upper for r in ranges], uavs),
+            ),
+            states=(
+                np.tile([speed.lower, *np.negative(free)], uavs),
+                np.tile([speed.upper, *free], uavs),
+            ),
+        ),
+        constraints=[
+            Separation(relative=a - b, distance=scenario.safe_distance_m)
+            for a, b in itertools.combinations(positions, 2)
+        ],
+        terminal=[
+            TerminalConstraint(expression=position - ca.DM(goal))
+            for position, goal in zip(positions, goals, strict=True)
+        ],
+        checks=prediction.checks,
+        substeps=prediction.substeps,
+        tolerance=TOLERANCE_M,
+    )

@@ -1,0 +1,19 @@
+"""Transfer as the commands run it."""
+
+from swarmstart.cases.kind import Kind, animate_nothing, refuse_animation
+from swarmstart.cases.transfer.build import build, problems
+from swarmstart.cases.transfer.figures import draw
+from swarmstart.cases.transfer.measures import measure
+from swarmstart.cases.transfer.names import MEASURES
+from swarmstart.cases.transfer.scenario import TransferScenario
+
+KIND = Kind(
+    scenario=TransferScenario,
+    build=build,
+    measure=measure,
+    measures=MEASURES,
+    problems=problems,
+    figures=draw,
+    animate=animate_nothing,
+    check_animation=refuse_animation,
+)

@@ -1,0 +1,53 @@
+"""What is measured of a transfer; definitions in names.py."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.kind import Measure
+from swarmstart.cases.planar import POSITION, by_uav, pair_distances
+from swarmstart.cases.transfer.build import TransferFlight
+from swarmstart.cases.transfer.names import MEASURES
+from swarmstart.cases.transfer.scenario import TransferScenario
+from swarmstart.ocp import PolishStatus, SolutionStatus, Trajectory, verified
+
+Array = NDArray[np.float64]
+
+
+def measure(
+    scenario: TransferScenario, flight: TransferFlight, trajectory: Trajectory
+) -> Mapping[str, Measure]:
+    """Return all measures of MEASURES by name, null where one is not defined."""
+    plan = trajectory.decisions[0].plans[0]
+    solution = verified(flight.planner.problem, plan, flight.x0)
+    uavs = len(flight.goals)
+    flown = by_uav(trajectory.dense_states, uavs)
+    off = flown[:, list(POSITION), -1] - flight.goals
+    ended = len(trajectory.decisions) == scenario.prediction.intervals
+    confirmed = (SolutionStatus.CONVERGED, SolutionStatus.FEASIBLE)
+    measures: dict[str, Measure] = {
+        "cost": plan.cost,
+        "violation": plan.violation,
+        "verified_cost": solution.verified_cost,
+        "confirmed": int(solution.status in confirmed),
+        "converged": int(plan.polish_status is PolishStatus.CONVERGED),
+        "search_cost": _known(plan.search_cost),
+        "search_violation": _known(plan.search_violation),
+        "goal_error_m": float(np.hypot(*off.T).max()) if ended else None,
+        "min_distance_m": _smallest(pair_distances(trajectory.dense_states, uavs)),
+        "min_distance_checked_m": _smallest(pair_distances(solution.states, uavs)),
+        "speed_min_m_s": float(flown[:, 0].min()),
+        "speed_max_m_s": float(flown[:, 0].max()),
+        "evaluations": plan.evaluations,
+        "plan_seconds": float(trajectory.step_seconds[0]),
+    }
+    return {name: measures[name] for name in MEASURES}
+
+
+def _known(value: float) -> float | None:
+    return None if np.isnan(value) else value
+
+
+def _smallest(values: Array) -> float | None:
+    return float(values.min()) if values.size else None

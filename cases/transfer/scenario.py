@@ -1,0 +1,130 @@
+"""The scenario of a transfer: UAVs that fly from their starts to goals in a time.
+
+Beyond the chapter; its antipodal swap is a common test of avoidance.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from swarmstart.cases.planar import PlanarState, Point
+from swarmstart.cases.settings import (
+    NonNegative,
+    Part,
+    Positive,
+    Problem,
+    Range,
+    Scenario,
+)
+
+SAME_PLACE_M = 1e-9
+
+
+class Vehicle(Part):
+    """A UAV that accelerates and turns by banking, and its bounds."""
+
+    acceleration_m_s2: Range
+    bank_rad: Range
+    speed_m_s: Range
+    turn: Literal["sin", "tan"] = "tan"
+
+
+class Uav(Part):
+    """One UAV: where it starts, and where it is to be at the end."""
+
+    start: PlanarState
+    goal: Point
+
+
+class Prediction(Part):
+    """The time of the transfer and its grid."""
+
+    horizon_s: Positive
+    intervals: int = Field(ge=2, le=1000)
+    checks: int = Field(default=2, ge=1, le=100)
+    substeps: int = Field(default=1, ge=1, le=100)
+
+
+class Paths(Part):
+    """The paths that the search chooses from; parts of the way to the goal."""
+
+    lateral: Positive = 0.24
+    along: Positive = 0.1
+
+
+class PlantPart(Part):
+    """The simulated aircraft: integrated finer than the prediction."""
+
+    substeps: int = Field(default=20, ge=1, le=1000)
+
+
+class TransferScenario(Scenario):
+    """Everything a transfer needs."""
+
+    kind: Literal["transfer"]
+    vehicle: Vehicle
+    uavs: list[Uav] = Field(min_length=1, max_length=50)
+    assignment: Literal["given", "shortest"] = "given"
+    safe_distance_m: Positive
+    prediction: Prediction
+    weights: Annotated[list[NonNegative], Field(min_length=2, max_length=2)]
+    paths: Paths = Paths()
+    plant: PlantPart = PlantPart()
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what one part of the scenario makes wrong in another."""
+        yield from super().problems()
+        if self.steps > self.prediction.intervals:
+            yield (
+                ("steps",),
+                f"expected at most prediction.intervals = {self.prediction.intervals}, "
+                f"found {self.steps}",
+            )
+        yield from self._speed_problems()
+        yield from self._place_problems()
+
+    def _speed_problems(self) -> Iterator[Problem]:
+        limits = self.vehicle.speed_m_s
+        if limits.lower <= 0:
+            yield (
+                ("vehicle", "speed_m_s"),
+                "expected a lower limit above 0, since the heading rate divides by the "
+                f"speed; found {limits.lower:g}",
+            )
+        for i, uav in enumerate(self.uavs):
+            if not limits.lower <= uav.start.speed_m_s <= limits.upper:
+                yield (
+                    ("uavs", i, "start", "speed_m_s"),
+                    f"expected a speed within vehicle.speed_m_s [{limits.lower:g}, "
+                    f"{limits.upper:g}], found {uav.start.speed_m_s:g}",
+                )
+
+    def _place_problems(self) -> Iterator[Problem]:
+        reach = self.vehicle.speed_m_s.upper * self.prediction.horizon_s
+        for i, uav in enumerate(self.uavs):
+            way = _distance(uav.start, uav.goal)
+            if way < SAME_PLACE_M:
+                yield ("uavs", i, "goal"), "expected a goal away from the start"
+            elif way > reach and self.assignment == "given":
+                yield (
+                    ("uavs", i, "goal"),
+                    f"expected a goal within {reach:g} m of the start, as far as the "
+                    f"highest speed comes in prediction.horizon_s; found {way:g} m",
+                )
+        for (i, one), (j, other) in itertools.combinations(enumerate(self.uavs), 2):
+            for key in ("start", "goal"):
+                apart = _distance(getattr(one, key), getattr(other, key))
+                if apart < self.safe_distance_m:
+                    yield (
+                        ("uavs", j, key),
+                        f"expected a {key} at least {self.safe_distance_m:g} m "
+                        f"(safe_distance_m) from that of UAV {i + 1}, "
+                        f"found {apart:g} m",
+                    )
+
+
+def _distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
+    return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)

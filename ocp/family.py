@@ -1,0 +1,172 @@
+"""Families of trajectories: a few coefficients in place of all controls.
+
+Of a differentially flat system whole trajectories follow from a few curves and their
+derivatives. A family is such a map
+
+    coefficients c -> states and controls at the nodes,
+
+which meets the dynamics and the initial state whatever the coefficients are. So a
+search in it neither integrates nor wastes points on where single shooting leads after a
+long horizon. Cost and violation of a member are the problem's own at the nodes,
+
+    cost       sum over the checks of dt (L(x_k, u_k) + L(x_k+1, u_k+1)) / 2 + M(x_N)
+    violation  path constraints and bounds of the states at every check, terminal
+               constraints, bounds of the controls at every node, in parts of their
+               ranges
+
+A member is where a polish starts, states included; its controls are means over the
+intervals.
+
+Source: Fliess, Levine, Martin and Rouchon (1995), Flatness and defect of non-linear
+systems, International Journal of Control 61.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.heuristics import Box
+from swarmstart.ocp.compiled.casadi_map import CasadiMap
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.fitness import Known, Objective, shared_arguments
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.shooting import terminal
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TrajectoryFamily:
+    """Trajectories that a few coefficients give.
+
+    Attributes:
+        box: The box of the coefficients.
+        trajectory: (coefficients (dim,), x0 (nx,), parameters (np,)) -> states
+            (nx, nodes) and controls (nu, nodes) at the problem's nodes.
+    """
+
+    box: Box
+    trajectory: ca.Function
+
+
+class FamilySpace:
+    """The members of a family as what a population searches; see SearchSpace.
+
+    CasADi evaluates: a member is all its nodes at once, too much code to be worth
+    compiling for the few thousand members that a search looks at.
+
+    Attributes:
+        box: The box of the coefficients.
+    """
+
+    def __init__(
+        self, problem: OptimalControlProblem, family: TrajectoryFamily
+    ) -> None:
+        """Put problem and family together.
+
+        Args:
+            problem: The problem.
+            family: The family, on the problem's nodes.
+
+        Raises:
+            InvalidProblemError: If the family's shapes are not the problem's.
+        """
+        _require_fit(problem, family)
+        self.box = family.box
+        self._problem, self._trajectory = problem, family.trajectory
+        self._evaluate = CasadiMap(member_value(problem, family))
+
+    def objective(self, x0: ArrayLike, known: Known) -> Objective:
+        """Return population -> cost and violation; see SearchSpace."""
+        shared = shared_arguments(self._problem, x0, known)
+        return Objective(self._evaluate.bind(shared), self.box.dim)
+
+    def decoded(self, x: Array, x0: ArrayLike, known: Known) -> Start:
+        """Return controls and states of a member; see SearchSpace."""
+        states, controls = (
+            np.array(part)
+            for part in self._trajectory(
+                x, np.asarray(x0), np.asarray(known.parameters)
+            )
+        )
+        checks, last = self._problem.checks, self._problem.nodes - 1
+        parts = [controls[:, k : k + last : checks] for k in range(checks + 1)]
+        lower, upper = (limit[:, None] for limit in self._problem.control_limits)
+        return Start(np.clip(np.mean(parts, axis=0), lower, upper), states)
+
+    def encoded(self, controls: Array) -> Array:
+        """Refuse: controls need not be those of a member; see SearchSpace."""
+        del controls
+        raise InvalidProblemError(
+            "a search in a family of trajectories takes no guess of controls"
+        )
+
+
+def member_value(
+    problem: OptimalControlProblem, family: TrajectoryFamily
+) -> ca.Function:
+    """Return (coefficients, x0, parameters, signals) -> (cost, violation).
+
+    Args:
+        problem: The problem.
+        family: The family, on the problem's nodes.
+    """
+    model, nodes = problem.model, problem.nodes
+    c = ca.SX.sym("c", family.box.dim)
+    x0, p = ca.SX.sym("x0", model.nx), ca.SX.sym("p", model.np)
+    flat = ca.SX.sym("signals", problem.ns * nodes)
+    signals = ca.reshape(flat, problem.ns, nodes)
+    x, u = family.trajectory(c, x0, p)
+    at_node, at_check = _node_terms(problem), _check_violation(problem)
+    cost, violation = terminal(problem)(x[:, -1], p, signals[:, -1])
+    weights = np.full(nodes, problem.dt / problem.checks)
+    weights[[0, -1]] /= 2
+    for k in range(nodes):
+        spent, broken = at_node(x[:, k], u[:, k], p, signals[:, k])
+        cost, violation = cost + weights[k] * spent, violation + broken
+    for k in range(nodes - 1):
+        start, end = ((x[:, j], u[:, j], p, signals[:, j]) for j in (k, k + 1))
+        violation += at_check(*start, *end)
+    return ca.Function("member", [c, x0, p, flat], ca.cse([cost, violation]))
+
+
+def _node_terms(problem: OptimalControlProblem) -> ca.Function:
+    """Return (x, u, p, s) -> stage cost, and how far controls are out of bounds."""
+    symbols = problem.symbols()
+    u = symbols["controls"]
+    lower, upper = problem.control_limits
+    width = np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    over = ca.fmax(ca.fmax(ca.DM(lower) - u, u - ca.DM(upper)), 0)
+    broken = ca.sum1(over / ca.DM(width))
+    return ca.Function("node", [*symbols.values()], [problem.stage_cost, broken])
+
+
+def _check_violation(problem: OptimalControlProblem) -> ca.Function:
+    """Return (x, u, p, s at both ends of a check) -> excess of the path constraints."""
+    before, after = (
+        [ca.SX.sym(n, s.numel()) for n, s in problem.symbols().items()]
+        for _ in range(2)
+    )
+    broken = ca.SX(0)
+    for constraint in problem.path_constraints:
+        watched = ca.Function(
+            "watched", [*problem.symbols().values()], [constraint.expression]
+        )
+        broken += constraint.excess(watched(*before), watched(*after))
+    return ca.Function("check", [*before, *after], [broken])
+
+
+def _require_fit(problem: OptimalControlProblem, family: TrajectoryFamily) -> None:
+    model, nodes = problem.model, problem.nodes
+    wanted = [family.box.dim, model.nx, model.np, model.nx * nodes, model.nu * nodes]
+    f = family.trajectory
+    found = [f.numel_in(i) for i in range(f.n_in())]
+    found += [f.numel_out(i) for i in range(f.n_out())]
+    if found != wanted:
+        raise InvalidProblemError(
+            "a family must map coefficients, initial state and parameters to states "
+            f"and controls at the {nodes} nodes, of {wanted} numbers; got {found}"
+        )

@@ -1,0 +1,217 @@
+"""Many alike agents that plan in priority order, each seeing those near it only.
+
+An agent receives, as time-varying signals of its problem and in this order,
+
+    the plan that it follows (the first planner's), or a reference of its own
+    the positions of the agents it is linked to; each plans before it
+    the positions of all that have planned before it and are within range now
+
+How many are within range changes from step to step, and a compiled problem has a fixed
+number of signals. So there is one planner for each of a few numbers of others, and an
+agent takes the smallest with room enough; signals to spare lie FAR away. All agents
+share the planners: a step of a team costs what its agents see, not what there are.
+
+Two agents that are out of range of each other now cannot meet before the next step if
+the range is at least the safe distance and twice what one can fly in a step.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.controller import Decision, RecedingHorizon, Reference
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.planner import Plan, Planner
+from swarmstart.ocp.team import first_controls
+
+Array = NDArray[np.float64]
+
+FAR = 1e6
+"""Where those are that are not there [m]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LocalAgent:
+    """A member of a local team.
+
+    Attributes:
+        parameters: Of its problem, shape (np,).
+        links: Numbers of the agents whose positions it is always told.
+        reference: What it follows; None: the plan of the first in the order.
+        candidates: Controls that its search looks at besides, shape (nu, N, k); None:
+            none.
+    """
+
+    parameters: ArrayLike
+    links: tuple[int, ...] = ()
+    reference: Reference | None = None
+    candidates: Array | None = None
+
+
+class LocalTeam:
+    """A controller of alike agents that see those within range.
+
+    Attributes:
+        agents: The agents, in the order of their states and controls.
+        order: Their numbers in the order in which they plan.
+        range: Distance within which an agent sees others [m].
+        position: Rows of an agent's states that are its position.
+    """
+
+    def __init__(
+        self,
+        agents: Sequence[LocalAgent],
+        *,
+        planners: Mapping[int, Planner],
+        order: Sequence[int],
+        range: float,
+        position: tuple[int, ...],
+        links: int = 0,
+    ) -> None:
+        """Put a team together.
+
+        Args:
+            agents: At least one agent.
+            planners: Number of others -> the planner with signals for that many.
+            order: A permutation of 0..len(agents) - 1.
+            range: Distance within which an agent sees others [m].
+            position: Rows of an agent's states that are its position.
+            links: How many links the problems have signals for; an agent with fewer is
+                told the position FAR for the rest.
+
+        Raises:
+            InvalidProblemError: If the order is no permutation, a link plans later or
+                there are too many of them, no planner has room for all others, or a
+                planner has another number of signals.
+        """
+        self.agents, self.order = tuple(agents), tuple(order)
+        self.range, self.position, self._links = range, position, links
+        self._rooms = sorted(planners)
+        self._check_order()
+        self._check_planners(planners)
+        self._controllers = [
+            {room: _controller(agent, planner) for room, planner in planners.items()}
+            for agent in self.agents
+        ]
+        self._nx = planners[self._rooms[0]].problem.model.nx
+
+    def _check_order(self) -> None:
+        count = len(self.agents)
+        if sorted(self.order) != list(range(count)) or not count:
+            raise InvalidProblemError(
+                f"order must name each of the {count} agents once, got {self.order}"
+            )
+        for place, number in enumerate(self.order):
+            agent = self.agents[number]
+            late = set(agent.links) - set(self.order[:place])
+            if late:
+                raise InvalidProblemError(
+                    f"agent {number} is linked to {sorted(late)}, who plan after it"
+                )
+            if len(agent.links) > self._links:
+                raise InvalidProblemError(
+                    f"agent {number} must have at most {self._links} links, "
+                    f"got {agent.links}"
+                )
+        if self.agents[self.order[0]].reference is None:
+            raise InvalidProblemError(
+                f"agent {self.order[0]}, the first planner, needs a reference"
+            )
+
+    def _check_planners(self, planners: Mapping[int, Planner]) -> None:
+        most = len(self.agents) - 1
+        if not planners or self._rooms[-1] < most:
+            raise InvalidProblemError(
+                f"one planner needs room for all {most} others, got {self._rooms}"
+            )
+        for room, planner in planners.items():
+            problem = planner.problem
+            rows = problem.model.nx + len(self.position) * (self._links + room)
+            if problem.ns != rows:
+                raise InvalidProblemError(
+                    f"the planner for {room} others must have {rows} signals, "
+                    f"got {problem.ns}"
+                )
+
+    @property
+    def dt(self) -> float:
+        """Length of a control interval [s]."""
+        return self._controllers[0][self._rooms[0]].dt
+
+    def decide(
+        self,
+        time: float,
+        state: Array,
+        previous: Decision | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Decision:
+        """Let every agent plan in order; see Controller."""
+        states = state.reshape(len(self.agents), self._nx)
+        made: dict[int, Plan] = {}
+        for place, number in enumerate(self.order):
+            others = self.within_range(states, number, self.order[:place])
+            room = next(room for room in self._rooms if room >= len(others))
+            made[number] = self._controllers[number][room].plan(
+                time,
+                states[number],
+                previous.plans[number] if previous else None,
+                seen=self._seen(number, time, made, others, room),
+                rng=rng,
+            )
+        plans = tuple(made[number] for number in range(len(self.agents)))
+        return Decision(control=first_controls(plans), plans=plans)
+
+    def within_range(
+        self, states: Array, number: int, among: Sequence[int]
+    ) -> list[int]:
+        """Return those of `among` that an agent sees now.
+
+        Args:
+            states: Of all agents, shape (agents, nx).
+            number: The agent.
+            among: Numbers of other agents.
+        """
+        positions = states[:, list(self.position)]
+        chosen = np.array(among, dtype=np.int64)
+        apart = np.linalg.norm(positions[chosen] - positions[number], axis=1)
+        return [int(j) for j in chosen[apart <= self.range]]
+
+    def _seen(
+        self,
+        number: int,
+        time: float,
+        made: Mapping[int, Plan],
+        others: Sequence[int],
+        room: int,
+    ) -> tuple[Array, ...]:
+        """Return the rows of an agent's signals, each block (k, nodes)."""
+        agent, rows = self.agents[number], list(self.position)
+        problem = self._controllers[number][room].planner.problem
+        if agent.reference is None:
+            followed = made[self.order[0]].states
+        else:
+            followed = agent.reference(time + problem.times)
+        shown = [
+            *[made[j].states[rows] for j in agent.links],
+            *self._nobody(self._links - len(agent.links), problem.nodes),
+            *[made[j].states[rows] for j in others],
+            *self._nobody(room - len(others), problem.nodes),
+        ]
+        return (followed, *shown)
+
+    def _nobody(self, count: int, nodes: int) -> list[Array]:
+        return [np.full((len(self.position), nodes), FAR)] * count
+
+
+def _controller(agent: LocalAgent, planner: Planner) -> RecedingHorizon:
+    parameters = np.asarray(agent.parameters, dtype=np.float64)
+    candidates = agent.candidates
+    return RecedingHorizon(
+        planner=planner,
+        parameters=lambda time: parameters,
+        candidates=None if candidates is None else lambda time: candidates,
+        append="last",
+    )
