@@ -1,92 +1,10 @@
 """What the close formation flights must reach: a bar is a command and a bound."""
 
-import shlex
-from dataclasses import dataclass
-from typing import NamedTuple
+from swarmstart.benchmarks.bars import Bar, Job
 
 SCENARIO = "close_formation"
 FAST = "close_formation_fast"
 VORTEX = "close_formation_vortex"
-
-
-class Job(NamedTuple):
-    """One run: hashable, so that it is flown once.
-
-    Attributes:
-        scenario: Its name.
-        sets: What `--set` changes.
-        variant: `--variant`; empty where the scenario has none.
-        ipopt: Whether IPOPT alone plans: `--search none --polish ipopt`.
-        seed: Of the search; the gusts have the same.
-        repeat: Tells a run from the same run again.
-    """
-
-    scenario: str
-    sets: tuple[str, ...] = ()
-    variant: str = ""
-    ipopt: bool = False
-    seed: int = 0
-    repeat: int = 0
-
-    def assignments(self) -> tuple[str, ...]:
-        """Return what is set, with the run's seed as that of the gusts."""
-        if not any("gusts.sigma" in text for text in self.sets):
-            return self.sets
-        return (*self.sets, f"plant.gusts.seed={self.seed}")
-
-    def command(self) -> str:
-        """Return the command line, without the seed."""
-        words = ["swarmstart", "run", self.scenario]
-        words += ["--variant", self.variant] if self.variant else []
-        words += ["--search", "none", "--polish", "ipopt"] if self.ipopt else []
-        for text in self.sets:
-            words += ["--set", text]
-        return shlex.join(words)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Bar:
-    """A bound on a measure.
-
-    Attributes:
-        name: As in the fact sheet; several bars may share it.
-        job: What is flown, for every seed.
-        measure: A measure of the run, or one of `measured_by`.
-        relation: "<=", ">=", "<", ">", or "+-" with a bound and a width.
-        bound: The number, or (centre, half-width).
-        over: Whether "every" seed must reach it, their "median", or their "mean".
-        seeds: How many; 1 where nothing is random.
-        against: A second job: its median is divided by that of `job`.
-    """
-
-    name: str
-    job: Job
-    measure: str
-    relation: str
-    bound: float | tuple[float, float]
-    over: str = "every"
-    seeds: int = 10
-    against: Job | None = None
-
-    def reached(self, value: float | None) -> bool:
-        """Return whether one number reaches the bound."""
-        if value is None:
-            return False
-        if isinstance(self.bound, tuple):
-            centre, width = self.bound
-            return abs(value - centre) <= width
-        return {
-            "<=": value <= self.bound,
-            ">=": value >= self.bound,
-            "<": value < self.bound,
-            ">": value > self.bound,
-        }[self.relation]
-
-    def asked(self) -> str:
-        """Return the bound in words."""
-        if isinstance(self.bound, tuple):
-            return f"{self.bound[0]:g} ± {self.bound[1]:g}"
-        return f"{self.relation} {self.bound:g}"
 
 
 def sampled(dt: float, *more: str) -> tuple[str, ...]:
@@ -343,15 +261,3 @@ GUSTS: list[Bar] = [
     )
     for level in GUST_LEVELS_FT_S
 ]
-
-
-def jobs_of(bar: Bar, seeds: int) -> list[Job]:
-    """Return every run a bar needs, at most that many seeds."""
-    several = [j for j in (bar.job, bar.against) if j is not None]
-    if bar.measure == "same_again":
-        several.append(bar.job._replace(repeat=1))
-    return [
-        job._replace(seed=seed)
-        for job in several
-        for seed in range(min(bar.seeds, seeds))
-    ]

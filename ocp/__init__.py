@@ -18,7 +18,7 @@ from swarmstart.ocp.dual_mode import DualMode
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.family import TrajectoryFamily
 from swarmstart.ocp.fitness import Fitness, Known
-from swarmstart.ocp.guess import shifted_controls
+from swarmstart.ocp.guess import shifted_controls, zero_controls
 from swarmstart.ocp.integrators import INTEGRATORS, held_step
 from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
@@ -85,4 +85,5 @@ __all__ = [
     "solve",
     "stack_models",
     "verified",
+    "zero_controls",
 ]

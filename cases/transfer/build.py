@@ -30,6 +30,7 @@ from swarmstart.ocp import (
     Plant,
     Separation,
     TerminalConstraint,
+    TrajectoryFamily,
     stack_models,
 )
 
@@ -45,10 +46,12 @@ class TransferFlight(Flight):
 
     Attributes:
         planner: Search and polish of the problem.
+        family: The paths that the search chooses from.
         goals: Of each UAV, shape (uavs, 2) [m].
     """
 
     planner: Planner
+    family: TrajectoryFamily
     goals: Array
 
 
@@ -61,17 +64,18 @@ def build(scenario: TransferScenario) -> TransferFlight:
     goals = assigned_goals(scenario)
     model = stack_models([bank_to_turn(turn=scenario.vehicle.turn)] * len(goals))
     problem = transfer_problem(scenario, model, goals)
+    family = flat_paths(
+        problem,
+        goals,
+        turn=scenario.vehicle.turn,
+        lateral=scenario.paths.lateral,
+        along=scenario.paths.along,
+    )
     planner = Planner(
         problem,
         search=scenario.search_settings(),
         polish=scenario.ipopt.options() if scenario.polish == "ipopt" else None,
-        family=flat_paths(
-            problem,
-            goals,
-            turn=scenario.vehicle.turn,
-            lateral=scenario.paths.lateral,
-            along=scenario.paths.along,
-        ),
+        family=family,
         backend=scenario.backend,
     )
     return TransferFlight(
@@ -80,6 +84,7 @@ def build(scenario: TransferScenario) -> TransferFlight:
         x0=np.concatenate([uav.start.vector() for uav in scenario.uavs]),
         agents=1,
         planner=planner,
+        family=family,
         goals=goals,
     )
 

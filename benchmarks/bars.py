@@ -1,0 +1,315 @@
+"""What flights must reach, and the tables that say whether they do.
+
+A bar is a command and a bound on a measure; a claim is one of a scenario's. Every
+distinct run is flown once, in worker processes.
+"""
+
+import multiprocessing
+import os
+import re
+import shlex
+import statistics
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from swarmstart.benchmarks.formation_flight import (
+    assignments_of,
+    claim_assignments,
+    paired_verdict,
+    row,
+    spread,
+)
+from swarmstart.cases.claims import holds
+from swarmstart.cases.run import Run, run
+from swarmstart.cases.scenario import read_document, resolve
+
+CLAIM_SEEDS = 10
+
+
+class Job(NamedTuple):
+    """One run: hashable, so that it is flown once.
+
+    Attributes:
+        scenario: Its name.
+        sets: What `--set` changes.
+        variant: `--variant`; empty where the scenario has none.
+        ipopt: Whether IPOPT alone plans: `--search none --polish ipopt`.
+        seed: Of all randomness.
+        repeat: Tells a run from the same run again.
+    """
+
+    scenario: str
+    sets: tuple[str, ...] = ()
+    variant: str = ""
+    ipopt: bool = False
+    seed: int = 0
+    repeat: int = 0
+
+    def command(self) -> str:
+        """Return the command line, without the seed."""
+        words = ["swarmstart", "run", self.scenario]
+        words += ["--variant", self.variant] if self.variant else []
+        words += ["--search", "none", "--polish", "ipopt"] if self.ipopt else []
+        for text in self.sets:
+            words += ["--set", text]
+        return shlex.join(words)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bar:
+    """A bound on a measure.
+
+    Attributes:
+        name: As in the fact sheet; several bars may share it.
+        job: What is flown, for every seed.
+        measure: A measure of the run, or one of `measured_by`.
+        relation: "<=", ">=", "<", ">", or "+-" with a bound and a width.
+        bound: The number, or (centre, half-width).
+        over: Whether "every" seed must reach it, their "median", or their "mean".
+        seeds: How many; 1 where nothing is random.
+        against: A second job: its median is divided by that of `job`.
+    """
+
+    name: str
+    job: Job
+    measure: str
+    relation: str
+    bound: float | tuple[float, float]
+    over: str = "every"
+    seeds: int = 10
+    against: Job | None = None
+
+    def reached(self, value: float | None) -> bool:
+        """Return whether one number reaches the bound."""
+        if value is None:
+            return False
+        if isinstance(self.bound, tuple):
+            centre, width = self.bound
+            return abs(value - centre) <= width
+        return {
+            "<=": value <= self.bound,
+            ">=": value >= self.bound,
+            "<": value < self.bound,
+            ">": value > self.bound,
+        }[self.relation]
+
+    def asked(self) -> str:
+        """Return the bound in words."""
+        if isinstance(self.bound, tuple):
+            return f"{self.bound[0]:g} ± {self.bound[1]:g}"
+        return f"{self.relation} {self.bound:g}"
+
+
+def jobs_of(bar: Bar, seeds: int) -> list[Job]:
+    """Return every run a bar needs, at most that many seeds."""
+    several = [j for j in (bar.job, bar.against) if j is not None]
+    if bar.measure == "same_again":
+        several.append(bar.job._replace(repeat=1))
+    return [
+        job._replace(seed=seed)
+        for job in several
+        for seed in range(min(bar.seeds, seeds))
+    ]
+
+
+Measured = Mapping[Job, Mapping[str, Any]]
+
+
+def flown(job: Job, *more: str) -> Run:
+    """Fly one run.
+
+    Args:
+        job: The run.
+        more: Further settings, as `--set` takes them.
+    """
+    resolved = resolve(
+        read_document(job.scenario),
+        variant=job.variant or None,
+        search="none" if job.ipopt else None,
+        polish="ipopt" if job.ipopt else None,
+        assignments=(*job.sets, *more),
+    )
+    return run(resolved, seed=job.seed)
+
+
+def fly_all(
+    fly: Callable[[Job], dict[str, Any]], jobs: Iterable[Job], workers: int
+) -> Measured:
+    """Return what `fly` measures of every distinct run."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    distinct = list(dict.fromkeys(jobs))
+    print(f"{len(distinct)} runs", file=sys.stderr)
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        return dict(zip(distinct, pool.map(fly, distinct, chunksize=1), strict=True))
+
+
+_ENTRY = re.compile(r"(\w+)\[(-?\d+)\]")
+
+
+def measure_of(measures: Mapping[str, Any], name: str) -> Any:
+    """Return a measure, or with "name[k]" the k-th entry of a list."""
+    entry = _ENTRY.fullmatch(name)
+    return measures[name] if entry is None else measures[entry[1]][int(entry[2])]
+
+
+def values_of(bar: Bar, measured: Measured, most: int) -> list[Any]:
+    """Return what is compared with the bound: one number a seed, or a ratio."""
+    jobs = [bar.job._replace(seed=seed) for seed in range(min(bar.seeds, most))]
+    if bar.measure == "same_again":
+        return [
+            int(
+                measured[job]["trajectory"]
+                == measured[job._replace(repeat=1)]["trajectory"]
+            )
+            for job in jobs
+        ]
+    values = [measure_of(measured[job], bar.measure) for job in jobs]
+    if bar.against is None:
+        return values
+    others = [
+        measure_of(measured[bar.against._replace(seed=job.seed)], bar.measure)
+        for job in jobs
+    ]
+    return [statistics.median(others) / statistics.median(values)]
+
+
+def _reached(bar: Bar, values: list[Any]) -> tuple[bool, str]:
+    """Return whether a bar is reached, and what the table says of it."""
+    if bar.against is not None or bar.over in ("median", "mean"):
+        known = [v for v in values if v is not None]
+        middle = statistics.mean if bar.over == "mean" else statistics.median
+        reached = len(known) == len(values) and bar.reached(middle(known))
+        return reached, "yes" if reached else "NO"
+    count = sum(bar.reached(value) for value in values)
+    return count == len(values), f"{count} of {len(values)}"
+
+
+def bar_table(
+    bars: Sequence[Bar], measured: Measured, most: int
+) -> tuple[list[str], int]:
+    """Return the bars with what was measured, as Markdown, and how many are missed."""
+    lines = [
+        "## Bars",
+        "",
+        row("bar", "measure", "bound", "measured", "seeds", "reached", "command"),
+        row(*["---"] * 7),
+    ]
+    failed = 0
+    for bar in bars:
+        values = values_of(bar, measured, most)
+        reached, said = _reached(bar, values)
+        failed += not reached
+        over = "" if bar.over == "every" else f", {bar.over}"
+        over += ", ratio of medians" if bar.against is not None else ""
+        command = f"`{bar.job.command()}`"
+        command += f"; against `{bar.against.command()}`" if bar.against else ""
+        lines.append(
+            row(
+                bar.name,
+                bar.measure + over,
+                bar.asked(),
+                f"{statistics.mean(values):.3g}"
+                if bar.over == "mean"
+                else spread(values),
+                str(min(bar.seeds, most)),
+                said,
+                command,
+            )
+        )
+    return [*lines, ""], failed
+
+
+class Found(NamedTuple):
+    """A claim of a scenario.
+
+    Attributes:
+        scenario: Its name.
+        variant: The variant; empty where there is none, or for the default.
+        claim: The claim.
+        settings: The resolved scenario.
+    """
+
+    scenario: str
+    variant: str
+    claim: Any
+    settings: Mapping[str, Any]
+
+
+def claims_of(scenarios: Iterable[tuple[str, str]]) -> list[Found]:
+    """Return every claim of some scenarios, given by name and variant."""
+    found: list[Found] = []
+    for name, variant in scenarios:
+        resolved = resolve(read_document(name), variant=variant or None)
+        found += [
+            Found(name, variant, claim, resolved.settings)
+            for claim in resolved.scenario.claims
+        ]
+    return found
+
+
+def claim_jobs(found: Found, most: int) -> list[tuple[Job, ...]]:
+    """Return the runs of a claim, or the pairs; one where nothing is random."""
+    claim, settings = found.claim, found.settings
+    base = claim_assignments(claim, settings)
+    both = [base]
+    if claim.against is not None:
+        both.append(base + assignments_of(claim.against))
+    exact = claim.when.get("search.name") == "none"
+    seeds = 1 if exact else min(CLAIM_SEEDS, most)
+    return [
+        tuple(Job(found.scenario, sets, found.variant, seed=seed) for sets in both)
+        for seed in range(seeds)
+    ]
+
+
+def claim_table(
+    title: str, claims: Sequence[Found], measured: Measured, most: int
+) -> list[str]:
+    """Return the claims with what was measured, as lines of Markdown."""
+    lines = [
+        f"## {title}",
+        "",
+        "A ratio is to the second run that the claim names. Where nothing is random "
+        "one run decides; else every seed, or for ratios the median and a Wilcoxon "
+        "test.",
+        "",
+        row("claim", "scenario", "text", "asked", "measured", "verdict", "note"),
+        row(*["---"] * 7),
+    ]
+    for found in claims:
+        claim = found.claim
+        values, verdict = _judged(claim, claim_jobs(found, most), measured)
+        bound = "never" if claim.bound is None else f"{claim.bound:.6g}"
+        ratio = " (ratio)" if claim.against is not None else ""
+        lines.append(
+            row(
+                claim.id,
+                " ".join(filter(None, (found.scenario, found.variant))),
+                f"{claim.text} ({claim.source})",
+                f"{claim.measure}{ratio} {claim.relation} {bound}",
+                spread(values),
+                verdict,
+                claim.note or "-",
+            )
+        )
+    return [*lines, ""]
+
+
+def _judged(
+    claim: Any, jobs: list[tuple[Job, ...]], measured: Measured
+) -> tuple[list[Any], str]:
+    found = [[measured[job][claim.measure] for job in pair] for pair in jobs]
+    if claim.against is None:
+        values = [value for (value,) in found]
+    else:
+        values = [a / b for a, b in found]
+        if len(values) > 1:
+            return values, paired_verdict(values, claim)
+    kept = sum(bool(holds(v, claim.relation, claim.bound)) for v in values)
+    if kept == len(values):
+        return values, "holds"
+    if kept:
+        return values, f"in part: {kept} of {len(values)} seeds"
+    return values, "does not hold"

@@ -1,0 +1,167 @@
+"""Many UAVs that plan one after the other: time of a step against what each sees.
+
+    python benchmarks/formation_100.py --write docs/formation_100.md
+
+The scenario formation_100 with 25, 50 and 100 UAVs, and with longer ranges of sight. A
+neighbour is one that has planned before and is within range; a step's neighbours are
+summed over the UAVs.
+"""
+
+import argparse
+import statistics
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmstart.benchmarks.formation_flight import row
+from swarmstart.cases.reconfiguration.build import build
+from swarmstart.cases.reconfiguration.measures import measure
+from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario
+from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.ocp import LocalTeam, Trajectory, simulate
+
+SPACING_M = 15
+SIZES = (25, 50, 100)
+RANGES_M = (35, 70, 140)
+
+
+class Flown(NamedTuple):
+    """One flight.
+
+    Attributes:
+        uavs: How many.
+        range_m: How far each sees.
+        neighbours: Mean number that a UAV avoids.
+        seconds: Median of a step.
+        min_distance_m: Between the samples.
+        position_error_m: At the end.
+    """
+
+    uavs: int
+    range_m: float
+    neighbours: float
+    seconds: float
+    min_distance_m: float
+    position_error_m: float
+
+
+def scenario_of(uavs: int, range_m: float, steps: int) -> ReconfigurationScenario:
+    """Return formation_100 with another number of UAVs: a square, then a wedge."""
+    side = int(np.ceil(np.sqrt(uavs)))
+    starts = [(-SPACING_M * r, SPACING_M * k) for r in range(side) for k in range(side)]
+    slots = [
+        (-SPACING_M * r, SPACING_M * (r - k))
+        for r in range(side)
+        for k in range(2 * r + 1)
+    ]
+    given = ", ".join(
+        f"{{speed_m_s: 20, heading_rad: 0, x_m: {x}, y_m: {y}}}"
+        for x, y in starts[:uavs]
+    )
+    wanted = ", ".join(f"{{x_m: {x}, y_m: {y}}}" for x, y in slots[:uavs])
+    scenario = resolve(
+        read_document("formation_100"),
+        assignments=[
+            f"uavs=[{given}]",
+            f"slots=[{wanted}]",
+            f"leader_uav={side // 2 + 1}",
+            f"planning.range_m={range_m}",
+            f"steps={steps}",
+        ],
+    ).scenario
+    if not isinstance(scenario, ReconfigurationScenario):
+        raise TypeError(f"expected a reconfiguration, got {scenario.kind}")
+    return scenario
+
+
+def fly(uavs: int, range_m: float, steps: int) -> Flown:
+    """Fly one, seed 0."""
+    scenario = scenario_of(uavs, range_m, steps)
+    flight = build(scenario)
+    team = flight.controller
+    if not isinstance(team, LocalTeam):
+        raise TypeError("expected a team that plans in order")
+    trajectory = simulate(
+        flight.plant, team, flight.x0, steps=steps, rng=np.random.default_rng(0)
+    )
+    measures = measure(scenario, flight, trajectory)
+    return Flown(
+        uavs=uavs,
+        range_m=range_m,
+        neighbours=neighbours_of(team, trajectory),
+        seconds=statistics.median(trajectory.step_seconds.tolist()),
+        min_distance_m=float(str(measures["min_distance_m"])),
+        position_error_m=float(str(measures["position_error_m"])),
+    )
+
+
+def neighbours_of(team: LocalTeam, trajectory: Trajectory) -> float:
+    """Return the mean number of UAVs that one avoids, over UAVs and steps."""
+    uavs = len(team.agents)
+    counts = [
+        len(team.within_range(state.reshape(uavs, -1), number, team.order[:place]))
+        for state in trajectory.states[:, :-1].T
+        for place, number in enumerate(team.order)
+    ]
+    return statistics.mean(counts)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly all, print the table, and write it where asked."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--steps", type=int, default=60)
+    parser.add_argument("--write", type=Path, help="a Markdown file to write")
+    options = parser.parse_args(arguments)
+    asked = [(uavs, RANGES_M[0]) for uavs in SIZES]
+    asked += [(SIZES[-1], range_m) for range_m in RANGES_M[1:]]
+    flights = [fly(uavs, range_m, options.steps) for uavs, range_m in asked]
+    text = "\n".join(_table(flights))
+    print(text)
+    if options.write:
+        options.write.write_text(_HEAD + text + "\n", encoding="utf-8")
+    return 0
+
+
+def _table(flights: Sequence[Flown]) -> list[str]:
+    lines = [
+        row(
+            "UAVs", "range [m]", "neighbours of a UAV", "step [s]", "UAV [ms]",
+            "UAV and neighbour [ms]", "smallest distance [m]", "error at the end [m]",
+        ),
+        row(*["---"] * 8),
+    ]  # fmt: skip
+    for one in flights:
+        each = 1e3 * one.seconds / one.uavs
+        lines.append(
+            row(
+                str(one.uavs),
+                f"{one.range_m:g}",
+                f"{one.neighbours:.1f}",
+                f"{one.seconds:.3f}",
+                f"{each:.2f}",
+                f"{each / one.neighbours:.2f}",
+                f"{one.min_distance_m:.2f}",
+                f"{one.position_error_m:.3f}",
+            )
+        )
+    return lines
+
+
+_HEAD = """# A hundred UAVs that plan one after the other
+
+Made by `python benchmarks/formation_100.py --write docs/formation_100.md`, seed 0, 60
+steps of 0.5 s. A neighbour of a UAV has planned before it and is within range now. The
+time of a step is that of all UAVs, one after the other on one core: its median. The
+smallest distance is that at the plant's steps, ten to a control step; 5 m are asked.
+
+The time grows with the number of UAVs, and more slowly than with the number of
+neighbours: from row to row the last but two columns fall or stay.
+
+"""
+
+
+if __name__ == "__main__":
+    sys.exit(main())
