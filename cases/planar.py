@@ -4,10 +4,13 @@ A UAV's state is (v, psi, x, y), speed [m/s], heading [rad] and position [m]; th
 several are stacked, UAV after UAV.
 """
 
+import math
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.settings import Number, Part
+from swarmstart.cases.settings import Number, Part, Problem, Range
 
 Array = NDArray[np.float64]
 
@@ -34,6 +37,16 @@ class Point(Part):
 
     x_m: Number
     y_m: Number
+
+
+def bank_problems(turn: str, bank: Range) -> Iterator[Problem]:
+    """Yield what is wrong with a range of the bank: its tangent must be finite."""
+    if turn == "tan" and not -math.pi / 2 < bank.lower < bank.upper < math.pi / 2:
+        yield (
+            ("bank_rad",),
+            "expected limits between -pi/2 and pi/2 with turn tan, found "
+            f"[{bank.lower:g}, {bank.upper:g}]",
+        )
 
 
 def by_uav(stacked: Array, uavs: int) -> Array:

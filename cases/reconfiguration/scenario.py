@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from swarmstart.cases.planar import PlanarState, Point
+from swarmstart.cases.planar import PlanarState, Point, bank_problems
 from swarmstart.cases.settings import (
     NonNegative,
     Part,
@@ -36,6 +36,7 @@ class Vehicle(Part):
 
     def problems(self) -> Iterator[Problem]:
         """Yield what is wrong with it."""
+        yield from bank_problems(self.turn, self.bank_rad)
         if self.speed_m_s is not None and self.speed_m_s.lower <= 0:
             yield (
                 ("speed_m_s",),
@@ -120,7 +121,8 @@ class ReconfigurationScenario(Scenario):
         for key in ("vehicle", "distances", "planning"):
             for path, message in getattr(self, key).problems():
                 yield (key, *path), message
-        yield from self._slot_problems()
+        if not any(self.distances.problems()):  # Else slots could not keep them.
+            yield from self._slot_problems()
         yield from self._speed_problems()
         yield from self._leader_problems()
         yield from self._range_problems()

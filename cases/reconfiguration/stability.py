@@ -11,7 +11,7 @@ Linearised about straight flight in the slot, no bound active,
     dv+   = dv + a T          dx+ = dx + dv T + a T^2/2
     dpsi+ = dpsi + w T        dy+ = dy + v dpsi T + v w T^2/2
 
-Both lines are the same pair, with (r, s, u, c) = (dv, dx, a T, T), (dpsi, dy, w T, v T):
+Both are the same pair, with (r, s, u, c) = (dv, dx, a T, T) or (dpsi, dy, w T, v T):
 
     r+ = r + u,   s+ = s + c r + c u/2,   u = argmin q r+^2 + p s+^2
 
@@ -30,7 +30,8 @@ The second, lambda, is inside (-1, 1) if and only if q > 0 and p > 0: with q1 to
 the slot is asymptotically stable, for any T and v. It is -1 for q = 0 (position only:
 marginal, dv and dpsi change sign for ever) and 1 for p = 0 (the slot is not sought). It
 is 0 at c = 2 sqrt(q/p), and towards -1 as c grows: where v T is large the follower
-rings, with 1 - |lambda| about 8 q / (p c^2). The J of a pair falls by lambda^2 a step.
+rings, with 1 - |lambda| about 8 q / (p c^2). From step to step a pair's J is multiplied
+by lambda^2.
 
 What this describes. J is a sum over the followers, and where the leader flies straight
 each is this system by itself. The nonlinear closed loop has these eigenvalues too: J is

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from swarmstart.cases.planar import PlanarState, Point
+from swarmstart.cases.planar import PlanarState, Point, bank_problems
 from swarmstart.cases.settings import (
     NonNegative,
     Part,
@@ -83,6 +83,8 @@ class TransferScenario(Scenario):
                 f"expected at most prediction.intervals = {self.prediction.intervals}, "
                 f"found {self.steps}",
             )
+        for path, message in bank_problems(self.vehicle.turn, self.vehicle.bank_rad):
+            yield ("vehicle", *path), message
         yield from self._speed_problems()
         yield from self._place_problems()
 
