@@ -2,9 +2,7 @@
 
     python benchmarks/formation_100.py --write docs/formation_100.md
 
-The scenario formation_100 with 25, 50 and 100 UAVs, and with longer ranges of sight. A
-neighbour is one that has planned before and is within range; a step's neighbours are
-summed over the UAVs.
+The scenario formation_100 with 25, 50 and 100 UAVs, and with longer ranges of sight.
 """
 
 import argparse
@@ -102,9 +100,9 @@ def neighbours_of(team: LocalTeam, trajectory: Trajectory) -> float:
     """Return the mean number of UAVs that one avoids, over UAVs and steps."""
     uavs = len(team.agents)
     counts = [
-        len(team.within_range(state.reshape(uavs, -1), number, team.order[:place]))
+        len(team.within_range(state.reshape(uavs, -1), number, team.order))
         for state in trajectory.states[:, :-1].T
-        for place, number in enumerate(team.order)
+        for number in team.order
     ]
     return statistics.mean(counts)
 
@@ -153,7 +151,7 @@ def _table(flights: Sequence[Flown]) -> list[str]:
 _HEAD = """# A hundred UAVs that plan one after the other
 
 Made by `python benchmarks/formation_100.py --write docs/formation_100.md`, seed 0, 60
-steps of 0.5 s. A neighbour of a UAV has planned before it and is within range now. The
+steps of 0.5 s. A neighbour of a UAV is another within range. The
 time of a step is that of all UAVs, one after the other on one core: its median. The
 smallest distance is that at the plant's steps, ten to a control step; 5 m are asked.
 

@@ -5,6 +5,7 @@ from swarmstart.benchmarks.bars import Bar, Job
 FIRST, SECOND = "reconfiguration", "reconfiguration_reverse"
 LSHADE = ("search={name: lshade, size: 100}",)
 REFERENCE = ("reference=ipopt",)
+POLISHED = ("polish=ipopt",)
 HARD = ("order={name: feasibility_first}",)
 GENTLE = (*HARD, "vehicle.bank_rad=[-radians(3), radians(3)]", "steps=12")
 STRAIGHT = ("vehicle.bank_rad=[-1e-9, 1e-9]",)
@@ -82,11 +83,11 @@ BARS: list[Bar] = [
         *_DISTANCES,
     ),
     *_bars(
-        "corrected, L-SHADE", Job(FIRST, LSHADE, "corrected"),
+        "corrected, polished", Job(FIRST, POLISHED, "corrected"),
         ("position_error_m", "<=", 2.0),
     ),
     *_bars(
-        "corrected, L-SHADE", Job(SECOND, LSHADE, "corrected"),
+        "corrected, polished", Job(SECOND, POLISHED, "corrected"),
         ("position_error_m", "<=", 1.5),
     ),
     *_bars(

@@ -188,10 +188,11 @@ UAVs on a circle of 25 m, headed for its centre, change places in 10 s: the inte
 (between them it falls to 4.95 m). Scenarios `swap_5` and `swap_8`, solved as one
 problem by IPOPT from several starts.
 
-Plainly: the problem has many local minima, and most starts end in worse ones. A search
-in flat paths followed by IPOPT finds the best known cost every time. But so does IPOPT
-alone from straight lines with a millimetre of noise, which breaks the symmetry: at this
-size, the search is worth its time only where no such start is at hand.
+Plainly: the problem has many local minima, and most starts end in worse ones. L-SHADE
+in flat paths followed by IPOPT finds the best known cost every time, the other searches
+not always. But IPOPT alone does as well from straight lines with a millimetre of noise,
+which breaks the symmetry: at this size a search is worth its time only where no such
+start is at hand.
 
 Made by `python benchmarks/swap.py --write docs/swap.md`; seeds from 0, cost lowest /
 median / highest of the feasible ones, seconds the median of one start. A deterministic

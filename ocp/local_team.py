@@ -4,7 +4,13 @@ An agent receives, as time-varying signals of its problem and in this order,
 
     the plan that it follows (the first planner's), or a reference of its own
     the positions of the agents it is linked to; each plans before it
-    the positions of all that have planned before it and are within range now
+    the positions of all that are within range now: the fresh plans of those that have
+    planned before it, the last plans, shifted, of those that plan after it
+
+So each plan keeps clear of what the others will do if they find nothing better, and the
+shifted last plan, but for its appended end, stays a feasible one for everybody. (Seeing
+the fresh plans alone, a late planner can be left without any.) At the first step there
+are no last plans, and only those that have planned are seen.
 
 How many are within range changes from step to step, and a compiled problem has a fixed
 number of signals. So there is one planner for each of a few numbers of others, and an
@@ -13,6 +19,9 @@ share the planners: a step of a team costs what its agents see, not what there a
 
 Two agents that are out of range of each other now cannot meet before the next step if
 the range is at least the safe distance and twice what one can fly in a step.
+
+Source: Richards and How (2007), Robust distributed model predictive control,
+International Journal of Control 80, for planning in turn against others' last plans.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,6 +32,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.controller import Decision, RecedingHorizon, Reference
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.fitness import Known
+from swarmstart.ocp.guess import shifted_controls
 from swarmstart.ocp.planner import Plan, Planner
 from swarmstart.ocp.team import first_controls
 
@@ -150,32 +161,50 @@ class LocalTeam:
     ) -> Decision:
         """Let every agent plan in order; see Controller."""
         states = state.reshape(len(self.agents), self._nx)
-        made: dict[int, Plan] = {}
-        for place, number in enumerate(self.order):
-            others = self.within_range(states, number, self.order[:place])
+        shown = self._last_plans(states, previous)
+        plans: dict[int, Plan] = {}
+        for number in self.order:
+            others = self.within_range(states, number, list(shown))
             room = next(room for room in self._rooms if room >= len(others))
-            made[number] = self._controllers[number][room].plan(
+            plans[number] = self._controllers[number][room].plan(
                 time,
                 states[number],
                 previous.plans[number] if previous else None,
-                seen=self._seen(number, time, made, others, room),
+                seen=self._seen(number, time, shown, others, room),
                 rng=rng,
             )
-        plans = tuple(made[number] for number in range(len(self.agents)))
-        return Decision(control=first_controls(plans), plans=plans)
+            shown[number] = plans[number].states
+        made = tuple(plans[number] for number in range(len(self.agents)))
+        return Decision(control=first_controls(made), plans=made)
+
+    def _last_plans(self, states: Array, previous: Decision | None) -> dict[int, Array]:
+        """Return where each agent's last plan, shifted, leads, each (nx, nodes)."""
+        if previous is None:
+            return {}
+        planner = self._controllers[0][self._rooms[0]].planner
+        problem = planner.problem
+        unseen = np.zeros((problem.ns, problem.nodes))
+        return {
+            number: planner.fitness.states(
+                shifted_controls(problem, plan.controls, "last"),
+                states[number],
+                Known(self.agents[number].parameters, unseen),
+            )
+            for number, plan in enumerate(previous.plans)
+        }
 
     def within_range(
         self, states: Array, number: int, among: Sequence[int]
     ) -> list[int]:
-        """Return those of `among` that an agent sees now.
+        """Return those of `among` that an agent sees now, itself never.
 
         Args:
             states: Of all agents, shape (agents, nx).
             number: The agent.
-            among: Numbers of other agents.
+            among: Numbers of agents.
         """
         positions = states[:, list(self.position)]
-        chosen = np.array(among, dtype=np.int64)
+        chosen = np.array([j for j in among if j != number], dtype=np.int64)
         apart = np.linalg.norm(positions[chosen] - positions[number], axis=1)
         return [int(j) for j in chosen[apart <= self.range]]
 
@@ -183,7 +212,7 @@ class LocalTeam:
         self,
         number: int,
         time: float,
-        made: Mapping[int, Plan],
+        shown: Mapping[int, Array],
         others: Sequence[int],
         room: int,
     ) -> tuple[Array, ...]:
@@ -191,16 +220,16 @@ class LocalTeam:
         agent, rows = self.agents[number], list(self.position)
         problem = self._controllers[number][room].planner.problem
         if agent.reference is None:
-            followed = made[self.order[0]].states
+            followed = shown[self.order[0]]
         else:
             followed = agent.reference(time + problem.times)
-        shown = [
-            *[made[j].states[rows] for j in agent.links],
+        return (
+            followed,
+            *[shown[j][rows] for j in agent.links],
             *self._nobody(self._links - len(agent.links), problem.nodes),
-            *[made[j].states[rows] for j in others],
+            *[shown[j][rows] for j in others],
             *self._nobody(room - len(others), problem.nodes),
-        ]
-        return (followed, *shown)
+        )
 
     def _nobody(self, count: int, nodes: int) -> list[Array]:
         return [np.full((len(self.position), nodes), FAR)] * count
