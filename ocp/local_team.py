@@ -94,8 +94,8 @@ class LocalTeam:
 
         Raises:
             InvalidProblemError: If the order is no permutation, a link plans later or
-                there are too many of them, no planner has room for all others, or a
-                planner has another number of signals.
+                there are too many of them, no planner has room for all others, or the
+                planners' problems do not fit each other.
         """
         self.agents, self.order = tuple(agents), tuple(order)
         self.range, self.position, self._links = range, position, links
@@ -132,6 +132,15 @@ class LocalTeam:
             )
 
     def _check_planners(self, planners: Mapping[int, Planner]) -> None:
+        grids = {
+            (p.problem.intervals, p.problem.checks, p.problem.dt, p.problem.model.np)
+            for p in planners.values()
+        }
+        if len(grids) > 1:
+            raise InvalidProblemError(
+                "planners must share intervals, checks, dt and the number of "
+                f"parameters, got {sorted(grids)}"
+            )
         most = len(self.agents) - 1
         if not planners or self._rooms[-1] < most:
             raise InvalidProblemError(

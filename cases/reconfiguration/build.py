@@ -25,7 +25,7 @@ from swarmstart.cases.reconfiguration.problem import (
 )
 from swarmstart.cases.reconfiguration.scenario import (
     ReconfigurationScenario,
-    start_problem,
+    start_problems,
 )
 from swarmstart.cases.reconfiguration.target import assigned_slots
 from swarmstart.cases.settings import Problem
@@ -101,11 +101,18 @@ def problems(scenario: ReconfigurationScenario) -> Iterator[Problem]:
     yield from found
     if found:
         return
-    slots, limits = assigned_slots(scenario), scenario.distances
+    slots, (_, far) = assigned_slots(scenario), scenario.distances.kept_m
     linked = {(min(pair), max(pair)) for pair in _links(scenario, slots)}
-    for i, j in itertools.combinations(range(len(slots)), 2):
-        far = limits.communication_m if (i, j) in linked else np.inf
-        yield from start_problem(scenario, i, j, near=limits.safe_m, far=far)
+    for pair in itertools.combinations(range(len(slots)), 2):
+        yield from start_problems(scenario, pair, linked=pair in linked)
+    for i, j in sorted(linked):
+        apart = float(np.hypot(*(slots[i] - slots[j])))
+        if apart > far:
+            yield (
+                ("slots",),
+                f"expected slots of the linked UAVs {i + 1} and {j + 1} at most "
+                f"{far:g} m (distances.communication_m) apart, found {apart:g} m",
+            )
 
 
 def _links(

@@ -7,6 +7,7 @@ each horizon (5.20, 5.25); (d) bank and (e) thrust of each UAV (5.21, 5.22, 5.26
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,11 +85,14 @@ def trajectories_figure(
 
 
 def evolution_figure(trajectory: Trajectory) -> "Figure":
-    """Return (b): the search's best cost against generations, a panel a horizon."""
+    """Return (b): the search's best cost against generations, a panel a horizon.
+
+    Where each UAV plans alone it is the sum of their costs; a search that ended early
+    counts on with its last.
+    """
     histories = [
-        np.sum([plan.search_history for plan in decision.plans], axis=0)
+        _summed([plan.search_history for plan in decision.plans])
         for decision in trajectory.decisions[:MOST_PANELS]
-        if len({plan.search_history.size for plan in decision.plans}) == 1
     ]
     columns = min(len(histories), WIDE) or 1
     rows = math.ceil(len(histories) / columns) or 1
@@ -107,6 +111,14 @@ def evolution_figure(trajectory: Trajectory) -> "Figure":
             0.5, 0.5, "no search", ha="center", transform=panels[0].transAxes
         )
     return figure
+
+
+def _summed(histories: Sequence[Array]) -> Array:
+    """Return the sum of histories, the shorter ones held at their last value."""
+    longest = max(history.size for history in histories)
+    searched = [history for history in histories if history.size]
+    padded = [np.pad(h, (0, longest - h.size), mode="edge") for h in searched]
+    return np.sum(padded, axis=0) if padded else np.empty(0)
 
 
 def cost_figure(

@@ -53,10 +53,15 @@ class Distances(Part):
     along: Literal["points", "segments"] = "points"
     margin_m: NonNegative = 0.0
 
+    @property
+    def kept_m(self) -> tuple[float, float]:
+        """What plans keep: the limits, with the margin taken off on both sides."""
+        return self.safe_m + self.margin_m, self.communication_m - self.margin_m
+
     def problems(self) -> Iterator[Problem]:
         """Yield what is wrong with them."""
-        room = self.communication_m - self.safe_m
-        if room <= 2 * self.margin_m:
+        near, far = self.kept_m
+        if near >= far:
             yield (
                 ("communication_m",),
                 f"expected more than safe_m = {self.safe_m:g}, and the margin twice; "
@@ -136,26 +141,17 @@ class ReconfigurationScenario(Scenario):
                 f"expected a slot for each of the {uavs} UAVs, found {slots}: {word} "
                 "slots than UAVs",
             )
-        farthest = math.inf
-        if self.planning.name == "joint":
-            farthest = self.distances.communication_m
+        near, far = self.distances.kept_m
+        if self.planning.name == "priority":
+            far = math.inf  # Only linked UAVs stay within it; see build.problems.
         for i, j in itertools.combinations(range(slots), 2):
             apart = _distance(self.slots[i], self.slots[j])
             if apart < SAME_PLACE_M:
                 what = "expected a place of its own"
                 yield (("slots", j), f"{what}, found that of slot {i + 1}")
-            elif apart < self.distances.safe_m:
-                yield (
-                    ("slots", j),
-                    f"expected at least {self.distances.safe_m:g} m (distances.safe_m) "
-                    f"from slot {i + 1}, found {apart:g} m",
-                )
-            elif apart > farthest:
-                yield (
-                    ("slots", j),
-                    f"expected at most {farthest:g} m (distances.communication_m) from "
-                    f"slot {i + 1}, found {apart:g} m",
-                )
+            else:
+                for what in _out_of_range(apart, near=near, far=far):
+                    yield ("slots", j), f"expected {what.format(f'slot {i + 1}')}"
 
     def _speed_problems(self) -> Iterator[Problem]:
         limits = self.vehicle.speed_m_s
@@ -230,23 +226,30 @@ class ReconfigurationScenario(Scenario):
                 )
 
 
-def start_problem(
-    scenario: ReconfigurationScenario, i: int, j: int, *, near: float, far: float
+def start_problems(
+    scenario: ReconfigurationScenario, pair: tuple[int, int], *, linked: bool
 ) -> Iterator[Problem]:
-    """Yield what is wrong with the distance of two starts."""
+    """Yield what is wrong with the distance of two starts.
+
+    Args:
+        scenario: The scenario.
+        pair: Numbers of the two UAVs from 0.
+        linked: Whether they keep the communication distance.
+    """
+    i, j = pair
+    near, far = scenario.distances.kept_m
     apart = _distance(scenario.uavs[i], scenario.uavs[j])
+    for what in _out_of_range(apart, near=near, far=far if linked else math.inf):
+        yield ("uavs", j), f"expected a start {what.format(f'that of UAV {i + 1}')}"
+
+
+def _out_of_range(apart: float, *, near: float, far: float) -> Iterator[str]:
+    """Yield what was expected of a distance that is out of its limits."""
     if apart < near:
-        yield (
-            ("uavs", j),
-            f"expected a start at least {near:g} m (distances.safe_m) from that of UAV "
-            f"{i + 1}, found {apart:g} m",
-        )
+        yield f"at least {near:g} m (distances.safe_m) from {{}}, found {apart:g} m"
     elif apart > far:
-        yield (
-            ("uavs", j),
-            f"expected a start at most {far:g} m (distances.communication_m) from that "
-            f"of UAV {i + 1}, found {apart:g} m",
-        )
+        limit = f"{far:g} m (distances.communication_m)"
+        yield f"at most {limit} from {{}}, found {apart:g} m"
 
 
 def _distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
