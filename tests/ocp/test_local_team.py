@@ -453,3 +453,10 @@ def test_refuses_a_planner_with_other_signals(double_integrator: Model) -> None:
         local_team(members(3), planners)
     with pytest.raises(InvalidProblemError, match=r"must have 6 signals, got 5$"):
         local_team(members(3), planners, links=2)
+
+
+def test_refuses_planners_on_different_grids(double_integrator: Model) -> None:
+    small, large = (recorded(double_integrator, room=room) for room in (1, 2))
+    finer = replace(large.problem, checks=2)
+    with pytest.raises(InvalidProblemError, match="planners must share intervals"):
+        local_team(members(3), {1: small, 2: Recorded(finer, 0.0)})
