@@ -31,7 +31,11 @@ def resolved(name: str = "formation_v", **how: Any) -> Resolved:
     return resolve(read_document(name), **how)
 
 
-SEARCH = {"formation_flight": "cpso", "close_formation": "de"}  # the chapter's
+SEARCH = {  # the chapter's
+    "formation_flight": "cpso",
+    "close_formation": "de",
+    "reconfiguration": "de",
+}
 EVERY = [(n, v) for n in shipped() for v in variants_of(n)]
 
 
@@ -41,8 +45,9 @@ def test_every_shipped_scenario_is_valid_in_every_variant(
 ) -> None:
     scenario = resolved(name, variant=variant).scenario
     assert scenario.name == name
-    assert scenario.polish == "none"
-    assert scenario.search.name == SEARCH[scenario.kind]
+    if scenario.source.startswith("Chapter 5"):  # Flown as the text does.
+        assert scenario.polish == "none"
+        assert scenario.search.name == SEARCH[scenario.kind]
 
 
 def test_corrected_is_the_default_variant() -> None:
