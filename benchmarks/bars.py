@@ -14,16 +14,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from swarmstart.benchmarks.formation_flight import (
-    assignments_of,
-    claim_assignments,
-    paired_verdict,
-    row,
-    spread,
-)
-from swarmstart.cases.claims import holds
+from swarmstart.benchmarks.formation_flight import row, spread
+from swarmstart.cases.claims import assignments_of, claim_assignments, holds
 from swarmstart.cases.run import Run, run
 from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.verdicts import paired_verdict
 
 CLAIM_SEEDS = 10
 
@@ -306,7 +301,8 @@ def _judged(
     else:
         values = [a / b for a, b in found]
         if len(values) > 1:
-            return values, paired_verdict(values, claim)
+            verdict, test = paired_verdict(values, claim.relation, claim.bound)
+            return values, f"{verdict} ({test})"
     kept = sum(bool(holds(v, claim.relation, claim.bound)) for v in values)
     if kept == len(values):
         return values, "holds"

@@ -8,7 +8,6 @@ same seed, whose ratio must be in the relation to the bound.
 """
 
 import argparse
-import json
 import multiprocessing
 import os
 import statistics
@@ -17,11 +16,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from scipy.stats import wilcoxon
-
-from swarmstart.cases.claims import holds, value_at
+from swarmstart.cases.claims import assignments_of, claim_assignments, holds
 from swarmstart.cases.run import run
 from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.verdicts import paired_verdict
 from swarmstart.ocp import Source
 from swarmstart.ocp.polish import is_better
 
@@ -105,27 +103,6 @@ def fly(job: Job) -> dict[str, Any]:
         if plan.source in (Source.SEARCH, Source.POLISH)
     )
     return {**finished.measures, "steps_worse_than_search": worse}
-
-
-def assignments_of(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return dotted settings as `--set` takes them; a search by name comes first."""
-    ordered = sorted(settings.items(), key=lambda item: item[0] != "search.name")
-    return tuple(
-        f"search={{name: {value}}}"
-        if key == "search.name"
-        else f"{key}={json.dumps(value)}"
-        for key, value in ordered
-    )
-
-
-def claim_assignments(claim: Any, settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return what must be set for a run to judge a claim."""
-    wanted = {k: v for k, v in claim.when.items() if value_at(settings, k) != v}
-    if "search.name" in wanted:  # Its own defaults, then whatever else is asked for.
-        wanted = {
-            k: v for k, v in claim.when.items() if k.startswith("search.")
-        } | wanted
-    return assignments_of(wanted)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -320,17 +297,8 @@ def _judged(
         for seed in range(options.pairs)
     ]
     ratios = [a / b for a, b in pairs]
-    return ratios, paired_verdict(ratios, claim)
-
-
-def paired_verdict(ratios: list[float], claim: Any) -> str:
-    """Judge by the median ratio; a difference must show in a paired test as well."""
-    p = float(wilcoxon([r - 1.0 for r in ratios]).pvalue)
-    test = f"{len(ratios)} pairs, Wilcoxon p = {p:.2g}"
-    if p > 0.05:  # the usual level, stated in the table's head
-        return f"no difference shown ({test})"
-    kept = holds(statistics.median(ratios), claim.relation, claim.bound)
-    return f"{'holds' if kept else 'does not hold'} ({test})"
+    verdict, test = paired_verdict(ratios, claim.relation, claim.bound)
+    return ratios, f"{verdict} ({test})"
 
 
 def row(*cells: str) -> str:

@@ -1,5 +1,6 @@
 """What a run says of the published claims of its scenario."""
 
+import json
 import operator
 from collections.abc import Mapping
 from typing import Any
@@ -91,3 +92,24 @@ def _judged(
         "note": claim.note,
         "needs": reason,
     }
+
+
+def assignments_of(settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return dotted settings as `--set` takes them; a search by name comes first."""
+    ordered = sorted(settings.items(), key=lambda item: item[0] != "search.name")
+    return tuple(
+        f"search={{name: {value}}}"
+        if key == "search.name"
+        else f"{key}={json.dumps(value)}"
+        for key, value in ordered
+    )
+
+
+def claim_assignments(claim: Claim, settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return what must be set for a run to judge a claim."""
+    wanted = {k: v for k, v in claim.when.items() if value_at(settings, k) != v}
+    if "search.name" in wanted:  # Its own defaults, then whatever else is asked for.
+        wanted = {
+            k: v for k, v in claim.when.items() if k.startswith("search.")
+        } | wanted
+    return assignments_of(wanted)

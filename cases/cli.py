@@ -1,4 +1,4 @@
-"""The command line: `swarmstart run | list | check | schema`.
+"""The command line: `swarmstart run | replicate | list | check | schema`.
 
 Exit codes: 0 done; 1 internal error; 2 wrong usage or invalid input; 3 ran, but a gate
 failed; 4 no feasible solution; 5 a file could not be read or written; 130 interrupted,
@@ -26,6 +26,7 @@ _EPILOG = """for example:
   swarmstart run formation_v
   swarmstart run formation_obstacle --variant literal --search ga --seed 3
   swarmstart run my_scenario.yaml --set steps=20 --out my_run
+  swarmstart replicate --quick
 
 exit codes: 0 done, 1 internal error, 2 invalid input, 3 a gate failed,
 4 no feasible solution, 5 a file could not be read or written, 130 interrupted"""
@@ -77,6 +78,9 @@ def parser() -> argparse.ArgumentParser:
     )
     commands = top.add_subparsers(required=True, metavar="COMMAND")
     _add_run(commands.add_parser("run", help="fly one scenario", parents=[common]))
+
+    about = "every claim of the chapter: what was measured, whether it holds"
+    _add_replicate(commands.add_parser("replicate", help=about, parents=[common]))
 
     listing = commands.add_parser(
         "list", help="scenarios, searches, measures", parents=[common]
@@ -131,6 +135,37 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.set_defaults(command=_run)
 
 
+def _add_replicate(replicate: argparse.ArgumentParser) -> None:
+    several = replicate.add_mutually_exclusive_group()
+    several.add_argument(
+        "--quick", action="store_true", help="one seed: 'not judged' where too few"
+    )
+    several.add_argument(
+        "--seeds", type=_count, metavar="N", help="seeds where anything is random"
+    )
+    replicate.add_argument(
+        "--only", type=_count, action="append", default=[], metavar="ID",
+        help="one claim, by its number; may be given several times",
+    )  # fmt: skip
+    replicate.add_argument(
+        "--dry-run", action="store_true", help="say what is to be done, and how long"
+    )
+    replicate.add_argument("--out", metavar="DIR", help="default: results/replication")
+    _add_campaign(replicate)
+    replicate.set_defaults(command=_replicate)
+
+
+def _add_campaign(command: argparse.ArgumentParser) -> None:
+    """Add what all commands of many runs have."""
+    command.add_argument(
+        "--workers", type=_count, metavar="N", help="processes; default: every core"
+    )
+    command.add_argument(
+        "--json", action="store_true", help="one JSON object on stdout"
+    )
+    command.add_argument("-q", "--quiet", action="store_true", help="no progress")
+
+
 class _Version(argparse.Action):
     """Print the versions that matter and leave."""
 
@@ -182,6 +217,21 @@ def _schema(options: argparse.Namespace) -> int:
 
     print(json.dumps(scenario_schema(options.kind), indent=2))  # noqa: T201
     return DONE
+
+
+def _replicate(options: argparse.Namespace) -> int:
+    from swarmstart.cases.replicate_command import replicate_command
+
+    return replicate_command(options)
+
+
+def _count(text: str) -> int:
+    """Return a whole number from 1."""
+    if not text.isdecimal() or not 1 <= int(text) <= 10_000:  # noqa: PLR2004
+        raise argparse.ArgumentTypeError(
+            f"expected a whole number from 1 to 10000, found {text!r}"
+        )
+    return int(text)
 
 
 def _seed(text: str) -> int:

@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.settings import Scenario
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp import Controller, Plant, Trajectory
+from swarmstart.ocp import (
+    Controller,
+    Known,
+    OptimalControlProblem,
+    Plant,
+    Trajectory,
+    TrajectoryFamily,
+)
 
 Array = NDArray[np.float64]
 Measure = float | int | list[float | None] | None
@@ -32,6 +39,27 @@ class Flight:
     agents: int
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Posed:
+    """One planning problem, from one state.
+
+    Attributes:
+        problem: The problem.
+        x0: The state, shape (nx,).
+        known: Its parameters and signals.
+        family: What a search looks for; None means control sequences.
+    """
+
+    problem: OptimalControlProblem
+    x0: Array
+    known: Known
+    family: TrajectoryFamily | None = None
+
+
+class SeveralPlansError(SwarmstartError):
+    """A step of the scenario has several planning problems."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Kind:
     """A kind of scenario.
@@ -39,6 +67,8 @@ class Kind:
     Attributes:
         scenario: The pydantic model of its scenarios.
         build: Scenario -> flight; everything is compiled here, nothing later.
+        pose: Scenario -> the planning problem of its first step, nothing compiled;
+            raises SeveralPlansError where a step has several.
         measure: (scenario, flight, trajectory) -> measures by name.
         measures: Name -> what it is, for the list.
         problems: Scenario -> what is wrong across its parts, with the place.
@@ -49,6 +79,7 @@ class Kind:
 
     scenario: type[Scenario]
     build: Callable[..., Flight]
+    pose: Callable[..., Posed]
     measure: Callable[..., Mapping[str, Measure]]
     measures: Mapping[str, str]
     problems: Callable[..., Iterator[tuple[tuple[str | int, ...], str]]]

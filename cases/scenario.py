@@ -195,6 +195,20 @@ def resolve(
     )
 
 
+def resolved_again(settings: Mapping[str, Any], variant: str) -> Resolved:
+    """Return what `resolve` had returned, from its settings.
+
+    Args:
+        settings: As in Resolved: plain data, complete and checked.
+        variant: As in Resolved.
+
+    Raises:
+        InvalidScenarioError: If they are not what `resolve` returns.
+    """
+    text = json.dumps(settings)
+    return replace(resolve(parse_yaml(text.encode(), name="settings")), variant=variant)
+
+
 def _with_variant(document: Document, variant: str | None) -> tuple[Document, str]:
     """Return the document with its variant laid over it, and the variant's name."""
     variants = document.data.get("variants")

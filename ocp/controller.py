@@ -87,6 +87,8 @@ class RecedingHorizon:
         candidates: Time [s] -> controls (nu, N, k) that a search looks at besides the
             last plan; None: none.
         append: What the last plan, shifted, ends with.
+        first: Controls (nu, N) that the plan at the start begins from; None: none are
+            known. Without search and polish they are that plan.
     """
 
     planner: Planner
@@ -94,6 +96,7 @@ class RecedingHorizon:
     parameters: Callable[[float], Array] | None = None
     candidates: Callable[[float], Array] | None = None
     append: Appended = "zero"
+    first: Array | None = None
 
     @property
     def dt(self) -> float:
@@ -148,7 +151,7 @@ class RecedingHorizon:
         """
         known = self.known(time, seen)
         problem = self.planner.problem
-        guess = None
+        guess = self.first
         if last is not None:
             guess = shifted_controls(problem, last.controls, self.append)
         plan = self.planner.plan(
@@ -158,7 +161,7 @@ class RecedingHorizon:
             candidates=None if self.candidates is None else self.candidates(time),
             rng=rng,
         )
-        if plan.feasible or guess is None:
+        if plan.feasible or last is None or guess is None:
             return plan
         return self._fallback(plan, guess, state, known)
 

@@ -20,7 +20,7 @@ from swarmstart.cases.close_formation.scenario import (
     PlantPart,
     Prediction,
 )
-from swarmstart.cases.kind import Flight
+from swarmstart.cases.kind import Flight, Posed
 from swarmstart.cases.models.close_formation import (
     Wingman,
     close_formation,
@@ -29,6 +29,7 @@ from swarmstart.cases.models.horseshoe_vortex import Aircraft
 from swarmstart.cases.settings import Problem
 from swarmstart.ocp import (
     Bounds,
+    Known,
     Model,
     OptimalControlProblem,
     Planner,
@@ -71,6 +72,21 @@ def build(scenario: CloseFormationScenario) -> CloseFormationFlight:
         aircraft=wingman.aircraft,
         leader=leader,
         loop=loop,
+    )
+
+
+def pose(scenario: CloseFormationScenario) -> Posed:
+    """Return the planning problem of the first step.
+
+    Args:
+        scenario: The scenario, checked.
+    """
+    leader = leader_of(scenario.leader)
+    model = _model(scenario, _wingman(scenario), scenario.prediction)
+    return Posed(
+        problem=planning_problem(scenario, model),
+        x0=np.array(scenario.start.vector()),
+        known=Known(parameters=leader(np.zeros(1))[:, 0]),
     )
 
 

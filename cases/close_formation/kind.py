@@ -1,6 +1,6 @@
 """Close formation as the commands run it."""
 
-from swarmstart.cases.close_formation.build import build, problems
+from swarmstart.cases.close_formation.build import build, pose, problems
 from swarmstart.cases.close_formation.figures import draw
 from swarmstart.cases.close_formation.measures import measure
 from swarmstart.cases.close_formation.names import MEASURES
@@ -10,6 +10,7 @@ from swarmstart.cases.kind import Kind, animate_nothing, refuse_animation
 KIND = Kind(
     scenario=CloseFormationScenario,
     build=build,
+    pose=pose,
     measure=measure,
     measures=MEASURES,
     problems=problems,

@@ -6,7 +6,7 @@ Source: the chapter, section 5.2.
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -40,11 +40,20 @@ class Vehicle(Part):
     speed_m_s: Range | None = None
 
 
+Controls = Annotated[list[Number], Field(min_length=2, max_length=2)]
+"""An acceleration [m/s^2] and a turn rate [rad/s]."""
+
+
 class Uav(Part):
-    """One UAV: its start, and its slot relative to the leader, in axes not turned."""
+    """One UAV: its start, and its slot relative to the leader, in axes not turned.
+
+    With a plan, controls for each interval of the horizon, it flies that and does not
+    plan.
+    """
 
     start: PlanarState
     slot: Point
+    plan: list[Controls] | None = None
 
 
 class Prediction(Part):
@@ -144,6 +153,7 @@ class FormationScenario(Scenario):
         yield from self._order_problems()
         yield from self._place_problems()
         yield from self._control_problems()
+        yield from self._plan_problems()
         if self.vehicle.speed_m_s is not None:
             yield from self._speed_problems(self.vehicle.speed_m_s)
 
@@ -193,6 +203,46 @@ class FormationScenario(Scenario):
                 f"expected a number, or one for each of the {variables} controls of "
                 f"a horizon; found {len(each)}",
             )
+
+    def _plan_problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with plans that are given."""
+        given = {i: uav.plan for i, uav in enumerate(self.uavs) if uav.plan is not None}
+        if given and self.steps != 1:
+            first = min(given) + 1
+            yield (
+                ("steps",),
+                f"expected 1, since the plan of UAV {first} is given, for the first "
+                f"step only; found {self.steps}",
+            )
+        if len(given) == len(self.uavs):
+            yield (
+                ("uavs",),
+                f"expected a UAV without the key 'plan', which plans; found a plan for "
+                f"each of {len(given)}",
+            )
+        for i, plan in given.items():
+            if len(plan) != self.prediction.intervals:
+                yield (
+                    ("uavs", i, "plan"),
+                    f"expected controls for each of the {self.prediction.intervals} "
+                    f"intervals of the horizon, found {len(plan)}",
+                )
+            for k, controls in enumerate(plan):
+                yield from self._bound_problems(("uavs", i, "plan", k), controls)
+
+    def _bound_problems(
+        self, place: tuple[str | int, ...], controls: list[float]
+    ) -> Iterator[Problem]:
+        """Yield the controls of one interval that are out of the vehicle's bounds."""
+        keys = ("acceleration_m_s2", "turn_rate_rad_s")
+        for row, (key, value) in enumerate(zip(keys, controls, strict=True)):
+            limits: Range = getattr(self.vehicle, key)
+            if not limits.lower <= value <= limits.upper:
+                yield (
+                    (*place, row),
+                    f"expected a value within vehicle.{key} [{limits.lower:g}, "
+                    f"{limits.upper:g}], found {value:g}",
+                )
 
     def _speed_problems(self, limits: Range) -> Iterator[Problem]:
         allowed = f"vehicle.speed_m_s [{limits.lower:g}, {limits.upper:g}]"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.kind import Flight
+from swarmstart.cases.kind import Flight, Posed, SeveralPlansError
 from swarmstart.cases.reconfiguration.priority import (
     links_of,
     planning_order,
@@ -29,7 +29,14 @@ from swarmstart.cases.reconfiguration.scenario import (
 )
 from swarmstart.cases.reconfiguration.target import assigned_slots
 from swarmstart.cases.settings import Problem
-from swarmstart.ocp import Controller, Planner, Plant, RecedingHorizon
+from swarmstart.ocp import (
+    Controller,
+    Known,
+    OptimalControlProblem,
+    Planner,
+    Plant,
+    RecedingHorizon,
+)
 
 Array = NDArray[np.float64]
 
@@ -85,13 +92,34 @@ def build(scenario: ReconfigurationScenario) -> ReconfigurationFlight:
             substeps=scenario.plant.substeps,
         ),
         controller=controller,
-        x0=np.concatenate([uav.vector() for uav in scenario.uavs]),
+        x0=_start(scenario),
         agents=1 if joint else len(slots),
         slots=slots,
         steered=steered,
         trim=trim(scenario.vehicle),
         links=_links(scenario, slots),
         joint=joint,
+    )
+
+
+def pose(scenario: ReconfigurationScenario) -> Posed:
+    """Return the planning problem of the first step, of all UAVs at once.
+
+    Args:
+        scenario: The scenario, checked.
+
+    Raises:
+        SeveralPlansError: If each UAV plans alone.
+    """
+    if scenario.planning.name != "joint":
+        raise SeveralPlansError(
+            "expected planning.name to be joint, one planning problem a step; found "
+            f"{scenario.planning.name}, one for each of {len(scenario.uavs)} UAVs"
+        )
+    return Posed(
+        problem=_joint_problem(scenario, assigned_slots(scenario)),
+        x0=_start(scenario),
+        known=Known(),
     )
 
 
@@ -136,12 +164,23 @@ def _steered(scenario: ReconfigurationScenario) -> tuple[int, ...]:
     )
 
 
+def _start(scenario: ReconfigurationScenario) -> Array:
+    """Return the states of all UAVs at the start, shape (uavs * 4,)."""
+    return np.concatenate([uav.vector() for uav in scenario.uavs])
+
+
+def _joint_problem(
+    scenario: ReconfigurationScenario, slots: Array
+) -> OptimalControlProblem:
+    return joint_problem(scenario, team_model(scenario, _steered(scenario)), slots)
+
+
 def _joint_controller(
     scenario: ReconfigurationScenario, slots: Array
 ) -> RecedingHorizon:
     polish = scenario.ipopt.options() if scenario.polish == "ipopt" else None
     planner = Planner(
-        joint_problem(scenario, team_model(scenario, _steered(scenario)), slots),
+        _joint_problem(scenario, slots),
         search=scenario.search_settings(),
         polish=polish,
         backend=scenario.backend,

@@ -1,7 +1,7 @@
 """Reconfiguration as the commands run it."""
 
 from swarmstart.cases.kind import Kind, animate_nothing, refuse_animation
-from swarmstart.cases.reconfiguration.build import build, problems
+from swarmstart.cases.reconfiguration.build import build, pose, problems
 from swarmstart.cases.reconfiguration.figures import draw
 from swarmstart.cases.reconfiguration.measures import measure
 from swarmstart.cases.reconfiguration.names import MEASURES
@@ -10,6 +10,7 @@ from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario
 KIND = Kind(
     scenario=ReconfigurationScenario,
     build=build,
+    pose=pose,
     measure=measure,
     measures=MEASURES,
     problems=problems,

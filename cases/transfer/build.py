@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.assignment import shortest_assignment
-from swarmstart.cases.kind import Flight
+from swarmstart.cases.kind import Flight, Posed
 from swarmstart.cases.models.bank_to_turn import bank_to_turn
 from swarmstart.cases.planar import POSITION
 from swarmstart.cases.settings import Problem
@@ -23,6 +23,7 @@ from swarmstart.cases.transfer.paths import flat_paths
 from swarmstart.cases.transfer.scenario import TransferScenario
 from swarmstart.ocp import (
     Bounds,
+    Known,
     Model,
     OpenLoop,
     OptimalControlProblem,
@@ -62,15 +63,9 @@ def build(scenario: TransferScenario) -> TransferFlight:
         scenario: The scenario, checked.
     """
     goals = assigned_goals(scenario)
-    model = stack_models([bank_to_turn(turn=scenario.vehicle.turn)] * len(goals))
+    model = _model(scenario)
     problem = transfer_problem(scenario, model, goals)
-    family = flat_paths(
-        problem,
-        goals,
-        turn=scenario.vehicle.turn,
-        lateral=scenario.paths.lateral,
-        along=scenario.paths.along,
-    )
+    family = _family(scenario, problem, goals)
     planner = Planner(
         problem,
         search=scenario.search_settings(),
@@ -81,11 +76,27 @@ def build(scenario: TransferScenario) -> TransferFlight:
     return TransferFlight(
         plant=Plant(model, dt=problem.dt, substeps=scenario.plant.substeps),
         controller=OpenLoop(planner=planner),
-        x0=np.concatenate([uav.start.vector() for uav in scenario.uavs]),
+        x0=_start(scenario),
         agents=1,
         planner=planner,
         family=family,
         goals=goals,
+    )
+
+
+def pose(scenario: TransferScenario) -> Posed:
+    """Return the one planning problem of the transfer, with the paths searched.
+
+    Args:
+        scenario: The scenario, checked.
+    """
+    goals = assigned_goals(scenario)
+    problem = transfer_problem(scenario, _model(scenario), goals)
+    return Posed(
+        problem=problem,
+        x0=_start(scenario),
+        known=Known(),
+        family=_family(scenario, problem, goals),
     )
 
 
@@ -144,4 +155,26 @@ def transfer_problem(
         checks=prediction.checks,
         substeps=prediction.substeps,
         tolerance=TOLERANCE_M,
+    )
+
+
+def _model(scenario: TransferScenario) -> Model:
+    """Return all UAVs as one model."""
+    return stack_models([bank_to_turn(turn=scenario.vehicle.turn)] * len(scenario.uavs))
+
+
+def _start(scenario: TransferScenario) -> Array:
+    """Return the states of all UAVs at the start, shape (uavs * 4,)."""
+    return np.concatenate([uav.start.vector() for uav in scenario.uavs])
+
+
+def _family(
+    scenario: TransferScenario, problem: OptimalControlProblem, goals: Array
+) -> TrajectoryFamily:
+    return flat_paths(
+        problem,
+        goals,
+        turn=scenario.vehicle.turn,
+        lateral=scenario.paths.lateral,
+        along=scenario.paths.along,
     )

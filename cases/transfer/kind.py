@@ -1,7 +1,7 @@
 """Transfer as the commands run it."""
 
 from swarmstart.cases.kind import Kind, animate_nothing, refuse_animation
-from swarmstart.cases.transfer.build import build, problems
+from swarmstart.cases.transfer.build import build, pose, problems
 from swarmstart.cases.transfer.figures import draw
 from swarmstart.cases.transfer.measures import measure
 from swarmstart.cases.transfer.names import MEASURES
@@ -10,6 +10,7 @@ from swarmstart.cases.transfer.scenario import TransferScenario
 KIND = Kind(
     scenario=TransferScenario,
     build=build,
+    pose=pose,
     measure=measure,
     measures=MEASURES,
     problems=problems,

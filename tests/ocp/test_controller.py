@@ -50,6 +50,20 @@ def test_plan_starts_at_the_last_one_shifted_with_zero_controls_appended(
     np.testing.assert_array_equal(plan.controls, [[1, 2, 3, 4]])
 
 
+def test_the_plan_at_the_start_begins_from_the_first_controls(
+    double_integrator: Model,
+) -> None:
+    """Without search and polish it is them; later ones begin from the last plan."""
+    problem = OptimalControlProblem(double_integrator, horizon=2.0, intervals=4)
+    given = np.array([[1.0, 2, 3, 4]])
+    controller = RecedingHorizon(planner=Planner(problem, search=None), first=given)
+    start = controller.decide(0.0, np.zeros(2), None, rng=rng())
+    np.testing.assert_array_equal(start.plans[0].controls, given)
+    assert start.plans[0].source is Source.GUESS
+    after = controller.decide(0.5, np.zeros(2), start, rng=rng())
+    np.testing.assert_array_equal(after.plans[0].controls, [[2, 3, 4, 0]])
+
+
 def test_unconstrained_receding_horizon_is_the_linear_quadratic_law(
     lq: OptimalControlProblem, riccati: tuple[Array, Array]
 ) -> None:
@@ -128,6 +142,16 @@ def test_first_plan_is_flown_even_if_infeasible_and_says_so(
     plan = hopeless.plan(0.0, np.array([0.25, 0.0]), None, rng=rng())
     assert plan.source is Source.SEARCH
     assert not plan.feasible
+
+
+def test_first_controls_that_are_infeasible_are_not_called_shifted(
+    hopeless: RecedingHorizon,
+) -> None:
+    planner = Planner(hopeless.planner.problem, search=None)
+    given = np.zeros((planner.problem.model.nu, planner.problem.intervals))
+    controller = RecedingHorizon(planner=planner, first=given)
+    plan = controller.plan(0.0, np.array([0.25, 0.0]), None, rng=rng())
+    assert not plan.feasible and plan.source is Source.GUESS
 
 
 def test_control_interval_is_the_problems(hopeless: RecedingHorizon) -> None:

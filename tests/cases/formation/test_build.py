@@ -13,8 +13,8 @@ from swarmstart.cases.formation.build import (
     build,
     leader_positions,
     problems,
-    slot_states,
 )
+from swarmstart.cases.formation.problem import slot_states
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.models.unicycle import unicycle
 from swarmstart.ocp import DualMode, Team, right_hand_side

@@ -1,0 +1,261 @@
+"""Many independent cells of work in worker processes, each finished once and kept.
+
+A cell is a piece of work that a few plain data determine: their hash is its key and the
+name of its folder, whose `cell.json` is written last and is the commit mark. So a
+campaign that was interrupted or killed goes on from what is there, whoever asks next.
+
+Workers are spawned, not forked (a fork of a process that has used BLAS can hang), with
+one BLAS thread each. One that dies costs only its own cell, which is tried once more; a
+cell that dies twice, or that takes too long, is recorded as failed, and so kept. When
+the command itself is killed, its workers notice that their parent is gone, and go too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+import threading
+import time as clock
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from swarmstart.cases.record import prepare_folder, write_json
+from swarmstart.cases.registry import load
+from swarmstart.cases.versions import versions
+from swarmstart.errors import SwarmstartError
+
+MARK = "cell.json"
+ATTEMPTS = 2
+BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+POLL_S = 0.2
+
+Done = Callable[[int, int, str], None]
+"""(finished cells, all cells, what has finished) -> None."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Cell:
+    """A piece of work.
+
+    Attributes:
+        work: "module:function" of what does it: (job, folder) -> a mapping to keep.
+            The function writes what else it makes into the folder.
+        job: Plain data that determine the result, with the versions of the packages.
+        label: What it is, for progress and errors.
+        timeout_s: After how many seconds it is given up; None: never.
+    """
+
+    work: str
+    job: Mapping[str, Any]
+    label: str
+    timeout_s: float | None = None
+
+    @property
+    def key(self) -> str:
+        """The 16 characters that name the cell."""
+        determines = {"work": self.work, "job": self.job, **_environment()}
+        text = json.dumps(
+            determines, sort_keys=True, separators=(",", ":"), allow_nan=False
+        )
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Outcome:
+    """What came of a cell.
+
+    Attributes:
+        result: What the work returned; None where it failed.
+        failure: Why it failed, in a sentence; empty where it did not.
+        seconds: Wall time in the worker [s].
+        folder: Its folder.
+    """
+
+    result: Mapping[str, Any] | None
+    failure: str
+    seconds: float
+    folder: Path
+
+
+@cache
+def _environment() -> dict[str, Any]:
+    """Return what determines every cell: the packages' versions, and this code."""
+    root = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    for folder in ("cases", "ocp", "heuristics", "terminal_set"):
+        for file in sorted((root / folder).rglob("*")):
+            if file.suffix in (".py", ".yaml"):
+                digest.update(file.read_bytes())
+    return {"versions": versions(), "code": digest.hexdigest()}
+
+
+def finished(cell: Cell, root: Path) -> Outcome | None:
+    """Return what came of a cell before, or None.
+
+    Args:
+        cell: The cell.
+        root: The folder of all cells.
+
+    Returns:
+        None where it has not finished, or its mark cannot be read.
+    """
+    folder = root / cell.key
+    try:
+        kept = json.loads((folder / MARK).read_text(encoding="utf-8"))
+        return Outcome(
+            result=kept["result"],
+            failure=kept["failure"],
+            seconds=kept["seconds"],
+            folder=folder,
+        )
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+
+
+def carried_out(
+    cells: Sequence[Cell], root: Path, *, workers: int, told: Done = lambda *_: None
+) -> list[Outcome]:
+    """Return what came of every cell; those that have not finished are done now.
+
+    Args:
+        cells: The cells; equal ones are done once.
+        root: The folder of all cells; made where it is missing.
+        workers: Number of worker processes.
+        told: Called after each cell.
+
+    Raises:
+        RecordError: If nothing can be written to the folder.
+        KeyboardInterrupt: On Ctrl-C; what has finished is kept.
+    """
+    prepare_folder(root)
+    distinct = {cell.key: cell for cell in cells}
+    outcomes = {key: finished(cell, root) for key, cell in distinct.items()}
+    missing = [cell for key, cell in distinct.items() if outcomes[key] is None]
+    count = len(distinct) - len(missing)
+    told(count, len(distinct), "kept from before")
+    for cell, outcome in _worked(missing, root, workers) if missing else ():
+        outcomes[cell.key], count = outcome, count + 1
+        told(count, len(distinct), cell.label)
+    found = [outcomes[cell.key] for cell in cells]
+    return [outcome for outcome in found if outcome is not None]
+
+
+def _worked(
+    cells: Sequence[Cell], root: Path, workers: int
+) -> Iterator[tuple[Cell, Outcome]]:
+    """Yield each cell with its outcome, as they finish."""
+    from pebble import ProcessPool
+
+    before = {name: os.environ.get(name) for name in BLAS_THREADS}
+    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # Read when NumPy is imported.
+    pool = ProcessPool(
+        max_workers=workers,
+        context=multiprocessing.get_context("spawn"),
+        initializer=_follow_parent,
+    )
+    try:
+        pending = {_scheduled(pool, cell, root): (cell, 1) for cell in cells}
+        while pending:
+            done, _ = wait(pending, timeout=POLL_S, return_when=FIRST_COMPLETED)
+            for future in done:
+                cell, attempt = pending.pop(future)
+                failure = _failure(future)
+                if failure and attempt < ATTEMPTS and _is_death(future):
+                    pending[_scheduled(pool, cell, root)] = (cell, attempt + 1)
+                else:
+                    yield cell, _outcome(cell, root, failure)
+        pool.close()  # type: ignore[no-untyped-call]
+    finally:
+        pool.stop()  # type: ignore[no-untyped-call]
+        pool.join()
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+def _scheduled(pool: Any, cell: Cell, root: Path) -> Future[None]:
+    scheduled: Future[None] = pool.schedule(
+        work_on, args=(cell, root), timeout=cell.timeout_s
+    )
+    return scheduled
+
+
+def _is_death(future: Future[None]) -> bool:
+    """Return whether the worker died, which need not be the cell's fault."""
+    from pebble import ProcessExpired
+
+    return isinstance(future.exception(), ProcessExpired)
+
+
+def _failure(future: Future[None]) -> str:
+    """Return why a future failed, in a sentence; empty where it did not."""
+    error = future.exception()
+    if error is None:
+        return ""
+    if isinstance(error, TimeoutError):
+        return "it took longer than its time"
+    if _is_death(future):
+        return f"its process died: {error}"
+    if isinstance(error, SwarmstartError):
+        return str(error)
+    return f"{type(error).__name__}: {error}"
+
+
+def _outcome(cell: Cell, root: Path, failure: str) -> Outcome:
+    """Return a finished cell's outcome; a failure is recorded here."""
+    if failure:
+        _commit(cell, root, result=None, failure=failure, seconds=0.0)
+    outcome = finished(cell, root)
+    if outcome is None:
+        raise SwarmstartError(
+            f"{cell.label}: expected its result in {root / cell.key}, found none"
+        )
+    return outcome
+
+
+def work_on(cell: Cell, root: Path) -> None:
+    """Do a cell's work and commit its result; called in a worker."""
+    began = clock.perf_counter()
+    folder = root / cell.key
+    folder.mkdir(parents=True, exist_ok=True)
+    result = load(cell.work)(dict(cell.job), folder)
+    seconds = clock.perf_counter() - began
+    _commit(cell, root, result=result, failure="", seconds=seconds)
+
+
+def _commit(
+    cell: Cell,
+    root: Path,
+    *,
+    result: Mapping[str, Any] | None,
+    failure: str,
+    seconds: float,
+) -> None:
+    content = {
+        "schema": 1,
+        "label": cell.label,
+        "work": cell.work,
+        "job": dict(cell.job),
+        "failure": failure,
+        "seconds": seconds,
+        "result": result,
+    }
+    write_json(root / cell.key / MARK, content)
+
+
+def _follow_parent() -> None:
+    """Leave when the parent does: run in every worker before its first cell."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

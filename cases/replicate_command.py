@@ -1,0 +1,253 @@
+"""`swarmstart replicate`: every claim of the chapter, measured and judged."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import statistics
+import time as clock
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from swarmstart.cases.campaign import Cell, Outcome, carried_out, finished
+from swarmstart.cases.cli import DONE, GATE
+from swarmstart.cases.page import embedded, rendered
+from swarmstart.cases.progress import Progress
+from swarmstart.cases.record import to_json, write_atomically, write_json
+from swarmstart.cases.replication import (
+    Chapter,
+    ChapterClaim,
+    JudgedClaim,
+    JudgedPart,
+    PlannedPart,
+    cells_of,
+    chapter,
+    figure_cells,
+    judged,
+    planned,
+)
+from swarmstart.cases.statistics import spread
+from swarmstart.cases.versions import versions
+from swarmstart.errors import SwarmstartError
+
+RESULTS = Path("results") / "replication"
+TYPICAL_S = 2.5
+"""Of a cell of which nothing is known yet."""
+
+
+class UnknownClaimError(SwarmstartError, LookupError):
+    """What follows --only is no claim."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Plan:
+    """What a call of the command does.
+
+    Attributes:
+        chapter: The chapter.
+        claims: Those asked for.
+        parts: Of each claim, in the same order.
+        figures: Cells of the figures; none where single claims are asked for.
+    """
+
+    chapter: Chapter
+    claims: list[ChapterClaim]
+    parts: list[list[PlannedPart]]
+    figures: list[Cell]
+
+    def cells(self) -> list[Cell]:
+        """Return every distinct cell, the longest kind first."""
+        every = [cell for parts in self.parts for cell in cells_of(parts)]
+        return list({cell.key: cell for cell in (*self.figures, *every)}.values())
+
+
+def replicate_command(options: argparse.Namespace) -> int:
+    """Replicate what the options ask for; return the exit code."""
+    began = clock.perf_counter()
+    seeds = 1 if options.quick else options.seeds
+    plan = _planned(options.only, seeds)
+    root = Path(options.out) if options.out else RESULTS
+    cells, folder = plan.cells(), root / "cells"
+    workers = options.workers or os.cpu_count() or 1
+    if options.dry_run:
+        _tell(_dry(cells, folder, workers))
+        return DONE
+    with Progress("replicate", quiet=options.quiet) as progress:
+        outcomes = carried_out(cells, folder, workers=workers, told=progress.update)
+    by_key = dict(zip((cell.key for cell in cells), outcomes, strict=True))
+    claims = [
+        judged(claim, parts, by_key)
+        for claim, parts in zip(plan.claims, plan.parts, strict=True)
+    ]
+    content = _content(plan, claims, len(cells), options)
+    write_json(
+        root / "replication.json",
+        {**content, "wall_s": clock.perf_counter() - began},
+    )
+    page = rendered("replication.html", {**content, "figures": _figures(plan, by_key)})
+    write_atomically(
+        root / "replication.html", lambda file: file.write(page.encode("utf-8"))
+    )
+    _tell(to_json(content) if options.json else _report(content, root))
+    return DONE if all(claim.is_expected for claim in claims) else GATE
+
+
+def _tell(text: str) -> None:
+    print(text)  # noqa: T201 - the command's answer
+
+
+def _planned(only: Sequence[int], seeds: int | None) -> Plan:
+    """Return what is to be done; raises UnknownClaimError for an unknown number."""
+    whole = chapter()
+    known = {claim.id: claim for claim in whole.claims}
+    unknown = [number for number in only if number not in known]
+    if unknown:
+        raise UnknownClaimError(
+            f"expected --only to be a claim from {min(known)} to {max(known)}, "
+            f"found {unknown[0]}"
+        )
+    claims = [known[number] for number in sorted(set(only))] or whole.claims
+    return Plan(
+        chapter=whole,
+        claims=claims,
+        parts=[planned(whole, claim, seeds=seeds) for claim in claims],
+        figures=[] if only else figure_cells(whole),
+    )
+
+
+def _dry(cells: Sequence[Cell], folder: Path, workers: int) -> str:
+    """Return how many cells there are, how many are kept, and how long it takes."""
+    kept = [outcome for cell in cells if (outcome := finished(cell, folder))]
+    missing = len(cells) - len(kept)
+    known = [outcome.seconds for outcome in kept if outcome.seconds > 0]
+    each = statistics.mean(known) if known else TYPICAL_S
+    lines = [f"{len(cells)} runs, {len(kept)} kept from before, {missing} to do"]
+    if missing:
+        lines.append(
+            f"about {missing * each / workers:.0f} s with {workers} worker processes"
+        )
+    return "\n".join(lines)
+
+
+def _content(
+    plan: Plan,
+    claims: Sequence[JudgedClaim],
+    runs: int,
+    options: argparse.Namespace,
+) -> dict[str, Any]:
+    """Return what replication.json holds and the page shows."""
+    counts = Counter(str(claim.verdict) for claim in claims)
+    if options.quick:
+        seeds = "one seed each"
+    elif options.seeds:
+        seeds = f"{options.seeds} seeds where anything is random"
+    else:
+        seeds = "1 to 6 seeds each"
+    only = "".join(f" --only {number}" for number in options.only)
+    return {
+        "schema": 1,
+        "command": "swarmstart replicate"
+        + (" --quick" if options.quick else "")
+        + (f" --seeds {options.seeds}" if options.seeds else "")
+        + only,
+        "quick": options.quick,
+        "seeds_in_words": seeds,
+        "runs": runs,
+        "counted": ", ".join(f"{n} {verdict}" for verdict, n in counts.most_common()),
+        "claims": [_claim(plan.chapter, claim) for claim in claims],
+        "versions": versions(),
+    }
+
+
+def _claim(chapter: Chapter, judged_claim: JudgedClaim) -> dict[str, Any]:
+    claim = judged_claim.claim
+    return {
+        "id": claim.id,
+        "text": claim.text,
+        "source": claim.source,
+        "verdict": str(judged_claim.verdict),
+        "expected": str(claim.expected),
+        "as_expected": judged_claim.is_expected,
+        "because": claim.because,
+        "parts": [_part(chapter, part) for part in judged_claim.parts],
+    }
+
+
+def _part(chapter: Chapter, judged_part: JudgedPart) -> dict[str, Any]:
+    part, claim = judged_part.planned.part, judged_part.planned.claim
+    ratio = ", ratio" if claim.against is not None else ""
+    bound = "never" if claim.bound is None else f"{claim.bound:.4g}"
+    commands = judged_part.planned.commands
+    return {
+        "scenario": part.scenario,
+        "variant": chapter.variants.get(part.scenario, ""),
+        "claim": part.claim,
+        "text": claim.text,
+        "asked": f"{claim.measure}{ratio} {claim.relation} {bound}",
+        "measure": claim.measure,
+        "relation": claim.relation,
+        "bound": claim.bound,
+        "values": list(judged_part.values),
+        "measured": spread(judged_part.values),
+        "runs": len(judged_part.values),
+        "verdict": str(judged_part.verdict),
+        "test": judged_part.test,
+        "command": commands[0],
+        "against": commands[1] if len(commands) > 1 else "",
+        "failures": list(judged_part.failures),
+    }
+
+
+def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]]:
+    """Return the figures with their images as text."""
+    drawn = []
+    for figure, cell in zip(plan.chapter.figures, plan.figures, strict=False):
+        outcome = outcomes[cell.key]
+        names = outcome.result["figures"] if outcome.result else []
+        variant = plan.chapter.variants.get(figure.scenario)
+        words = ["swarmstart", "run", figure.scenario]
+        words += ["--variant", variant] if variant else []
+        words += ["--search", figure.search] if figure.search else []
+        images = [
+            {
+                "name": Path(name).stem,
+                "data": embedded(outcome.folder / "figures" / name),
+            }
+            for name in names
+        ]
+        drawn.append(
+            {
+                "number": figure.number,
+                "title": figure.title,
+                "command": shlex.join(words),
+                "images": images,
+            }
+        )
+    return drawn
+
+
+def _report(content: Mapping[str, Any], root: Path) -> str:
+    """Return what a person reads."""
+    lines = [f"{content['runs']} runs, {content['seeds_in_words']}", ""]
+    width = max(len(claim["verdict"]) for claim in content["claims"])
+    for claim in content["claims"]:
+        head = f"{claim['id']:>2}  {claim['verdict'].ljust(width)}  {claim['text']}"
+        lines.append(f"{head} ({claim['source']})")
+        if not claim["as_expected"]:
+            lines.append(f"      expected: {claim['expected']}. {claim['because']}")
+        for part in claim["parts"]:
+            where = part["scenario"] or "computed"
+            test = f" ({part['test']})" if part["test"] else ""
+            lines.append(
+                f"      {where.ljust(23)}  {part['asked']}: {part['measured']}, "
+                f"{part['verdict']}{test}"
+            )
+            lines += [f"        a run failed: {text}" for text in part["failures"]]
+    lines += ["", f"{content['counted']}"]
+    lines += [f"page    {root / 'replication.html'}"]
+    lines += [f"record  {root / 'replication.json'}"]
+    return "\n".join(lines)

@@ -1,0 +1,47 @@
+"""A run as a cell of a campaign."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from swarmstart.cases.campaign import Cell
+from swarmstart.cases.run import run
+from swarmstart.cases.scenario import Resolved, resolved_again
+
+
+def run_cell(resolved: Resolved, seed: int, *, figures: bool = False) -> Cell:
+    """Return the cell of one run.
+
+    Args:
+        resolved: The scenario.
+        seed: The seed.
+        figures: Whether its figures are wanted: drawn into `figures` of its folder.
+    """
+    settings = dict(resolved.settings)
+    if not figures:
+        settings |= {"claims": [], "title": "", "source": ""}
+    variant = f" {resolved.variant}" if resolved.variant else ""
+    return Cell(
+        work="swarmstart.cases.run_cell:fly",
+        job={
+            "settings": settings,
+            "variant": resolved.variant,
+            "seed": seed,
+            "figures": figures,
+        },
+        label=f"{resolved.scenario.name}{variant}, seed {seed}",
+    )
+
+
+def fly(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Fly a run; called in a worker. With figures, its record is kept too."""
+    resolved = resolved_again(job["settings"], job["variant"])
+    finished = run(
+        resolved,
+        seed=job["seed"],
+        folder=folder if job["figures"] else None,
+        figures=job["figures"],
+    )
+    summary = finished.summary()
+    kept = ("status", "measures", "wall_s", "backend", "figures")
+    return {name: summary[name] for name in kept}
