@@ -155,8 +155,8 @@ steps of 0.5 s. A neighbour of a UAV is another within range. The
 time of a step is that of all UAVs, one after the other on one core: its median. The
 smallest distance is that at the plant's steps, ten to a control step; 5 m are asked.
 
-The time of a step grows with the number of UAVs times less than the number of neighbours:
-the milliseconds for each UAV and neighbour fall from row to row.
+The time of a step grows with the number of UAVs, and with that of their neighbours more
+slowly than linearly: the milliseconds for each UAV and neighbour fall from row to row.
 
 """
 

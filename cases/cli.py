@@ -1,4 +1,4 @@
-"""The command line: `swarmstart run | replicate | list | check | schema`.
+"""The command line: `swarmstart run | replicate | compare | list | ...`.
 
 Exit codes: 0 done; 1 internal error; 2 wrong usage or invalid input; 3 ran, but a gate
 failed; 4 no feasible solution; 5 a file could not be read or written; 130 interrupted,
@@ -22,11 +22,14 @@ from swarmstart.errors import SwarmstartError
 
 DONE, INTERNAL, INVALID, GATE, INFEASIBLE, FILE, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 
+SOLVERS = "cpso,de,ga,lshade+ipopt,multistart-ipopt,ipopt"
+
 _EPILOG = """for example:
   swarmstart run formation_v
   swarmstart run formation_obstacle --variant literal --search ga --seed 3
   swarmstart run my_scenario.yaml --set steps=20 --out my_run
   swarmstart replicate --quick
+  swarmstart compare passing_side --solvers lshade+ipopt,ipopt
 
 exit codes: 0 done, 1 internal error, 2 invalid input, 3 a gate failed,
 4 no feasible solution, 5 a file could not be read or written, 130 interrupted"""
@@ -81,6 +84,9 @@ def parser() -> argparse.ArgumentParser:
 
     about = "every claim of the chapter: what was measured, whether it holds"
     _add_replicate(commands.add_parser("replicate", help=about, parents=[common]))
+
+    about = "solvers on planning problems: same budget, paired seeds"
+    _add_compare(commands.add_parser("compare", help=about, parents=[common]))
 
     listing = commands.add_parser(
         "list", help="scenarios, searches, measures", parents=[common]
@@ -155,6 +161,32 @@ def _add_replicate(replicate: argparse.ArgumentParser) -> None:
     replicate.set_defaults(command=_replicate)
 
 
+def _add_compare(compare: argparse.ArgumentParser) -> None:
+    compare.add_argument("scenarios", nargs="+", metavar="SCENARIO")
+    compare.add_argument(
+        "--solvers", default=SOLVERS, metavar="NAME,...",
+        help=f"searches, with +ipopt or without, multistart-ipopt, ipopt; "
+        f"default: {SOLVERS}",
+    )  # fmt: skip
+    compare.add_argument("--seeds", type=_count, default=10, metavar="N")
+    compare.add_argument(
+        "--budget", default="4000evals", metavar="4000evals|5s",
+        help="of one planning problem; default: 4000evals",
+    )  # fmt: skip
+    compare.add_argument("--variant", metavar="NAME", help="default: corrected")
+    compare.add_argument(
+        "--set", action="append", default=[], metavar="KEY.PATH=VALUE",
+        dest="assignments", help="as in run",
+    )  # fmt: skip
+    compare.add_argument(
+        "--timeout", type=_count, default=300, metavar="S",
+        help="seconds after which a run is given up; default: 300",
+    )  # fmt: skip
+    compare.add_argument("--out", metavar="DIR", help="default: results/compare")
+    _add_campaign(compare)
+    compare.set_defaults(command=_compare)
+
+
 def _add_campaign(command: argparse.ArgumentParser) -> None:
     """Add what all commands of many runs have."""
     command.add_argument(
@@ -223,6 +255,12 @@ def _replicate(options: argparse.Namespace) -> int:
     from swarmstart.cases.replicate_command import replicate_command
 
     return replicate_command(options)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from swarmstart.cases.compare_command import compare_command
+
+    return compare_command(options)
 
 
 def _count(text: str) -> int:

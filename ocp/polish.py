@@ -28,7 +28,7 @@ class PolishStatus(Enum):
     """How an NLP solver ended."""
 
     CONVERGED = "converged to a local optimum"
-    ITERATION_LIMIT = "stopped at the limit of iterations"
+    ITERATION_LIMIT = "stopped at the limit of iterations or time"
     INFEASIBLE = "found no feasible point near the guess"
     NUMERICAL_FAILURE = "broke off for a numerical reason"
     WORSE = "converged to a point that is worse than the guess"
@@ -39,6 +39,7 @@ _IPOPT_STATUS = {
     "Solved_To_Acceptable_Level": PolishStatus.CONVERGED,
     "Maximum_Iterations_Exceeded": PolishStatus.ITERATION_LIMIT,
     "Maximum_CpuTime_Exceeded": PolishStatus.ITERATION_LIMIT,
+    "Maximum_WallTime_Exceeded": PolishStatus.ITERATION_LIMIT,
     "Infeasible_Problem_Detected": PolishStatus.INFEASIBLE,
 }
 
@@ -50,10 +51,12 @@ class IpoptOptions:
     Attributes:
         max_iterations: Largest number of iterations.
         tolerance: IPOPT's convergence tolerance `tol`.
+        max_seconds: Wall time after which it stops [s]; None means no limit.
     """
 
     max_iterations: int = 300
     tolerance: float = 1e-8
+    max_seconds: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse values IPOPT would refuse later."""
@@ -61,6 +64,10 @@ class IpoptOptions:
         if not self.tolerance > 0:
             raise InvalidProblemError(
                 f"tolerance must be positive, got {self.tolerance}"
+            )
+        if self.max_seconds is not None and not self.max_seconds > 0:
+            raise InvalidProblemError(
+                f"max_seconds must be positive, got {self.max_seconds}"
             )
 
 
@@ -114,6 +121,7 @@ class Polisher:
                 # By default IPOPT leaves bounds by 1e-8; brought back into them, its
                 # controls would break path constraints that are active.
                 "ipopt.bound_relax_factor": 0.0,
+                **_time_limit(options.max_seconds),
             },
         )
 
@@ -195,6 +203,10 @@ class Polisher:
         size = problem.model.nu * problem.intervals
         w = np.array(answer["x"]).ravel()
         return unflatten(w[:size], problem.model.nu), self._solver.stats()
+
+
+def _time_limit(seconds: float | None) -> dict[str, float]:
+    return {} if seconds is None else {"ipopt.max_wall_time": seconds}
 
 
 def is_better(

@@ -1,0 +1,260 @@
+"""Solvers of one planning problem, by name: what `compare` sets side by side.
+
+    lshade             a population search (any of `swarmstart list`)
+    lshade+ipopt       the same with nine tenths of the budget, then IPOPT from there
+    multistart-ipopt   IPOPT from random starts until the budget is spent; the best
+    ipopt              IPOPT once, from zero controls: deterministic
+
+All have one budget for the planning problem. Evaluations are those of the objective,
+IPOPT's included; a limit of seconds holds for search and polish, not for compiling.
+"""
+
+from __future__ import annotations
+
+import re
+import time as clock
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmstart.cases.kind import Posed
+from swarmstart.cases.registry import SEARCHES
+from swarmstart.cases.scenario import resolved_again
+from swarmstart.cases.settings import Scenario
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics import Budget
+from swarmstart.ocp import (
+    Fitness,
+    IpoptOptions,
+    Plan,
+    Planner,
+    Polisher,
+    SearchSettings,
+    SolutionStatus,
+    Source,
+    verified,
+)
+from swarmstart.ocp.family import FamilySpace
+from swarmstart.ocp.polish import is_better
+from swarmstart.ocp.search_space import ControlSpace, SearchSpace
+
+IPOPT, MULTISTART = "ipopt", "multistart-ipopt"
+SEARCHED = tuple(name for name in SEARCHES if name != "none")
+SEARCH_SHARE = 0.9
+"""Of the budget, where a polish follows."""
+MOST_ITERATIONS = 300
+_BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m)")
+
+
+class UnknownSolverError(SwarmstartError, LookupError):
+    """A name that is no solver."""
+
+
+class InvalidBudgetTextError(SwarmstartError, ValueError):
+    """What follows --budget is no budget."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Solver:
+    """A solver of one planning problem.
+
+    Attributes:
+        name: As given.
+        search: A key of SEARCHES; "none" for IPOPT without one.
+        polished: Whether IPOPT goes on from the search's answer.
+        starts: "one" or "many", of IPOPT without a search.
+    """
+
+    name: str
+    search: str
+    polished: bool
+    starts: str = "one"
+
+    @property
+    def is_deterministic(self) -> bool:
+        """Whether every seed gives the same."""
+        return self.search == "none" and self.starts == "one"
+
+
+def solver_of(name: str) -> Solver:
+    """Return the solver of a name; see the head of this module.
+
+    Raises:
+        UnknownSolverError: If there is none.
+    """
+    if name == IPOPT:
+        return Solver(name=name, search="none", polished=True)
+    if name == MULTISTART:
+        return Solver(name=name, search="none", polished=True, starts="many")
+    search, plus, polish = name.partition("+")
+    if search not in SEARCHED or (plus and polish != IPOPT):
+        known = ", ".join((*SEARCHED, IPOPT, MULTISTART))
+        raise UnknownSolverError(
+            f"expected a solver: one of {known}, or a search with +ipopt; "
+            f"found {name!r}"
+        )
+    return Solver(name=name, search=search, polished=bool(plus))
+
+
+def budget_of(text: str) -> dict[str, float | int]:
+    """Return a budget as `heuristics.Budget` takes it.
+
+    Args:
+        text: "4000evals", "5s", "2m", or two of them with "|" between.
+
+    Raises:
+        InvalidBudgetTextError: If it is none of these.
+    """
+    budget: dict[str, float | int] = {}
+    for part in text.split("|"):
+        match = _BUDGET.fullmatch(part.strip())
+        key = "evaluations" if match and match["unit"] == "evals" else "seconds"
+        number = _number(match["number"]) if match else 0.0
+        whole = key == "seconds" or number.is_integer()
+        if match is None or number <= 0 or not whole or key in budget:
+            raise InvalidBudgetTextError(
+                "expected a budget such as 4000evals, 5s or 4000evals|5s, "
+                f"found {text!r}"
+            )
+        scale = 60 if match["unit"] == "m" else 1
+        budget[key] = int(number) if key == "evaluations" else number * scale
+    return budget
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
+def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Solve a planning problem; called in a worker.
+
+    The answer is simulated again ten times finer: "claimed" is what the solver says of
+    it, "verified" what the one reference says.
+    """
+    del folder
+    resolved = resolved_again(job["settings"], job["variant"])
+    posed: Posed = resolved.kind.pose(resolved.scenario)
+    solver = solver_of(job["solver"])
+    rng = np.random.default_rng(job["seed"])
+    solve = _many_starts if solver.starts == "many" else _planned
+    plan, seconds = solve(resolved.scenario, posed, solver, job["budget"], rng)
+    found = verified(posed.problem, plan, posed.x0, posed.known)
+    confirmed = (SolutionStatus.CONVERGED, SolutionStatus.FEASIBLE)
+    return {
+        "claimed_cost": plan.cost,
+        "claimed_violation": plan.violation,
+        "verified_cost": found.verified_cost,
+        "verified_violation": found.verified_violation,
+        "feasible": found.status in confirmed,
+        "status": found.status.value,
+        "evaluations": plan.evaluations,
+        "seconds": seconds,
+        "controls": plan.controls.tolist(),
+    }
+
+
+def _planned(
+    scenario: Scenario,
+    posed: Posed,
+    solver: Solver,
+    budget: Mapping[str, Any],
+    rng: np.random.Generator,
+) -> tuple[Plan, float]:
+    """Return the plan of a search, a polish or both, and how long it took [s]."""
+    share = SEARCH_SHARE if solver.polished else 1.0
+    planner = Planner(
+        posed.problem,
+        search=_search(scenario, budget, share),
+        polish=_ipopt(budget, 1 - share if solver.search != "none" else 1.0)
+        if solver.polished
+        else None,
+        family=posed.family,
+        backend=scenario.backend,
+    )
+    began = clock.perf_counter()
+    plan = planner.plan(posed.x0, known=posed.known, rng=rng)
+    return plan, clock.perf_counter() - began
+
+
+def _search(
+    scenario: Scenario, budget: Mapping[str, Any], share: float
+) -> SearchSettings | None:
+    """Return the scenario's search with a share of the budget."""
+    settings = scenario.search_settings()
+    if settings is None:
+        return None
+    evaluations, seconds = budget.get("evaluations"), budget.get("seconds")
+    return SearchSettings(
+        algorithm=settings.algorithm,
+        budget=Budget(
+            evaluations=None
+            if evaluations is None
+            else max(1, int(share * evaluations)),
+            seconds=None if seconds is None else share * seconds,
+        ),
+        order=settings.order,
+        sampling=settings.sampling,
+    )
+
+
+def _ipopt(budget: Mapping[str, Any], share: float) -> IpoptOptions:
+    """Return IPOPT with a share of the budget; an iteration counts as an evaluation."""
+    evaluations, seconds = budget.get("evaluations"), budget.get("seconds")
+    most = MOST_ITERATIONS
+    if evaluations is not None:
+        most = max(1, min(most, int(share * evaluations)))
+    return IpoptOptions(
+        max_iterations=most, max_seconds=None if seconds is None else share * seconds
+    )
+
+
+def _many_starts(
+    scenario: Scenario,
+    posed: Posed,
+    solver: Solver,
+    budget: Mapping[str, Any],
+    rng: np.random.Generator,
+) -> tuple[Plan, float]:
+    """Return the best of IPOPT from random points until the budget is spent."""
+    del solver
+    problem = posed.problem
+    fitness = Fitness(problem, backend=scenario.backend)
+    polish = Polisher(fitness, _ipopt(budget, 1.0))
+    space: SearchSpace = (
+        ControlSpace(fitness)
+        if posed.family is None
+        else FamilySpace(problem, posed.family)
+    )
+    most = budget.get("evaluations", np.inf)
+    best, evaluations, began = None, 0, clock.perf_counter()
+    limit = budget.get("seconds", np.inf)
+    while best is None or (evaluations < most and clock.perf_counter() - began < limit):
+        x = space.box.lower + space.box.width * rng.random(space.box.dim)
+        start = space.decoded(x, posed.x0, posed.known)
+        one = polish(start.controls, posed.x0, posed.known, states=start.states)
+        evaluations += max(one.evaluations, 1)
+        if best is None or is_better(
+            (one.cost, one.violation),
+            (best.cost, best.violation),
+            tolerance=problem.tolerance,
+        ):
+            best = one
+    seconds = clock.perf_counter() - began
+    feasible = best.violation <= problem.tolerance and np.isfinite(best.cost)
+    plan = Plan(
+        controls=best.controls,
+        states=fitness.states(best.controls, posed.x0, posed.known),
+        cost=best.cost,
+        violation=best.violation,
+        feasible=bool(feasible),
+        source=Source.POLISH,
+        evaluations=evaluations,
+        polish_status=best.status,
+    )
+    return plan, seconds
