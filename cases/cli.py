@@ -156,6 +156,9 @@ def _add_replicate(replicate: argparse.ArgumentParser) -> None:
     replicate.add_argument(
         "--dry-run", action="store_true", help="say what is to be done, and how long"
     )
+    replicate.add_argument(
+        "--markdown", action="store_true", help="print a Markdown table"
+    )
     replicate.add_argument("--out", metavar="DIR", help="default: results/replication")
     _add_campaign(replicate)
     replicate.set_defaults(command=_replicate)

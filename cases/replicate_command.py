@@ -31,6 +31,7 @@ from swarmstart.cases.replication import (
     planned,
 )
 from swarmstart.cases.statistics import spread
+from swarmstart.cases.verdicts import Verdict
 from swarmstart.cases.versions import versions
 from swarmstart.errors import SwarmstartError
 
@@ -92,7 +93,10 @@ def replicate_command(options: argparse.Namespace) -> int:
     write_atomically(
         root / "replication.html", lambda file: file.write(page.encode("utf-8"))
     )
-    _tell(to_json(content) if options.json else _report(content, root))
+    if options.json:
+        _tell(to_json(content))
+    else:
+        _tell(markdown(content) if options.markdown else _report(content, root))
     return DONE if all(claim.is_expected for claim in claims) else GATE
 
 
@@ -196,6 +200,7 @@ def _part(chapter: Chapter, judged_part: JudgedPart) -> dict[str, Any]:
         "runs": len(judged_part.values),
         "verdict": str(judged_part.verdict),
         "test": judged_part.test,
+        "tolerance": part.tolerance,
         "command": commands[0],
         "against": commands[1] if len(commands) > 1 else "",
         "failures": list(judged_part.failures),
@@ -228,6 +233,32 @@ def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]
             }
         )
     return drawn
+
+
+def deciding(claim: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the first part of a claim that does not hold, or else its first."""
+    holding = str(Verdict.HOLDS)
+    parts: Sequence[Mapping[str, Any]] = claim["parts"]
+    return next((part for part in parts if part["verdict"] != holding), parts[0])
+
+
+def markdown(content: Mapping[str, Any]) -> str:
+    """Return a row a claim, with the part that decides, as a Markdown table."""
+    lines = [
+        "| claim | what the chapter says | asked | measured | verdict |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for claim in content["claims"]:
+        part = deciding(claim)
+        cells = (
+            str(claim["id"]),
+            claim["text"],
+            f"`{part['asked']}`",
+            part["measured"],
+            claim["verdict"],
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def _report(content: Mapping[str, Any], root: Path) -> str:

@@ -23,7 +23,7 @@ from swarmstart.cases.document import Document
 from swarmstart.cases.kind import Measure
 from swarmstart.cases.run_cell import run_cell
 from swarmstart.cases.scenario import Resolved, read_document, resolve
-from swarmstart.cases.settings import Claim, Number, Part
+from swarmstart.cases.settings import Claim, NonNegative, Number, Part
 from swarmstart.cases.statistics import too_few
 from swarmstart.cases.verdicts import (
     Verdict,
@@ -47,6 +47,7 @@ class PartOfClaim(Part):
     seeds: int = Field(default=3, ge=1)
     least: int = Field(default=1, ge=1)
     guarantee: bool = False
+    tolerance: NonNegative | None = 0.25
 
     @model_validator(mode="after")
     def _one_of_both(self) -> PartOfClaim:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from swarmstart.cases.formation.names import MEASURES
-from swarmstart.cases.registry import POLISHES, SEARCHES
+from swarmstart.cases.registry import KINDS, POLISHES, SEARCHES
 from swarmstart.cases.scenario import shipped
 
 if TYPE_CHECKING:
@@ -99,6 +99,6 @@ def test_the_schema_of_an_unknown_kind_is_refused(command: Command) -> None:
     said = command("schema", "formation")
     assert (said.code, said.out) == (2, "")
     assert said.err == (
-        "swarmstart: expected KIND to be one of formation_flight, close_formation, "
+        f"swarmstart: expected KIND to be one of {', '.join(KINDS)}, "
         "found 'formation'\n"
     )

@@ -1,0 +1,109 @@
+"""Solvers compared as a user types it."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from swarmstart.cases.compare_command import COLUMNS
+
+if TYPE_CHECKING:
+    from swarmstart.tests.system.conftest import Command
+
+SMALL = (
+    *("compare", "passing_side", "--solvers", "lshade+ipopt,de,ipopt"),
+    *("--seeds", "2", "--budget", "600evals", "--quiet"),
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("comparison")
+
+
+def test_the_table_and_the_runs_are_there(folder: Path, command: Command) -> None:
+    said = command(*SMALL, "--out", folder)
+    assert said.code == 0
+    lines = said.out.splitlines()
+    assert lines[0] == "budget 600evals a planning problem, seeds 0 to 1"
+    cold = next(line for line in lines if line.startswith("  ipopt "))
+    assert "1 of 1" in cold and "one run" in cold and "1810.16" in cold
+    with (folder / "results.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == COLUMNS
+    assert [(row["solver"], row["seed"]) for row in rows] == [
+        ("lshade+ipopt", "0"), ("lshade+ipopt", "1"), ("de", "0"), ("de", "1"),
+        ("ipopt", "0"),
+    ]  # fmt: skip
+    for row in rows:
+        assert row["failure"] == ""
+        assert float(row["verified_cost"]) == pytest.approx(
+            float(row["claimed_cost"]), rel=1e-3
+        )
+
+
+def test_what_is_missing_is_computed_and_the_table_is_the_same(
+    folder: Path, command: Command
+) -> None:
+    first = command(*SMALL, "--out", folder)
+    marks = sorted(folder.glob("cells/*/cell.json"))
+    kept = {file: file.stat().st_mtime_ns for file in marks[1:]}
+    marks[0].unlink()
+    again = command(*SMALL, "--out", folder)
+    assert (again.code, again.out) == (first.code, first.out)
+    assert marks[0].exists()
+    assert kept == {file: file.stat().st_mtime_ns for file in kept}
+
+
+def test_one_worker_and_two_print_the_same(
+    folder: Path, tmp_path: Path, command: Command
+) -> None:
+    two = command(*SMALL, "--out", folder)
+    one = command(*SMALL, "--workers", "1", "--out", tmp_path)
+    assert one.out.replace(str(tmp_path), "") == two.out.replace(str(folder), "")
+
+
+def test_json_is_one_object(folder: Path, command: Command) -> None:
+    content = json.loads(command(*SMALL, "--json", "--out", folder).out)
+    assert content["schema"] == 1
+    rows = {row["solver"]: row for row in content["rows"]}
+    assert rows["ipopt"]["deterministic"] and rows["ipopt"]["runs"] == 1
+    assert rows["de"]["near_best_interval"][0] >= 0
+    assert rows["de"]["against_first"] == "not compared: 2 seeds, 6 are needed"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["formation_v"], "expected one UAV that plans, one planning problem a step"),
+        (["formation_100"], "expected planning.name to be joint"),
+        (["passing_side", "--solvers", "snopt"], "expected a solver: one of cpso"),
+        (["passing_side", "--budget", "5"], "expected a budget such as 4000evals"),
+        (["nowhere"], "expected a path or one of"),
+        (["passing_side", "--set", "steps=0"], "expected steps to be at least 1"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(
+    arguments: list[str], said: str, command: Command, tmp_path: Path
+) -> None:
+    answer = command("compare", *arguments, "--out", tmp_path)
+    assert answer.code == 2
+    assert said in answer.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_feasible_answer_has_an_exit_code_of_its_own(
+    command: Command, tmp_path: Path
+) -> None:
+    """A disc on the start: every plan begins within it."""
+    said = command(
+        *("compare", "passing_side", "--solvers", "random", "--seeds", "1"),
+        *("--budget", "40evals", "--quiet", "--out", tmp_path),
+        *("--set", "avoidance.safe_distance_m=3", "--set", "obstacles.0.radius_m=55"),
+    )
+    assert said.code == 4
+    assert "0 of 1" in said.out

@@ -1,0 +1,151 @@
+"""The chapter replicated as a user types it, and what the README says of it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from swarmstart.cases.cli import main
+from swarmstart.cases.replicate_command import deciding
+
+if TYPE_CHECKING:
+    from swarmstart.tests.system.conftest import Command
+
+README = Path(__file__).parents[2] / "README.md"
+CLAIMS, FIGURES = 25, 8
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `replicate --quick` leaves."""
+    root = tmp_path_factory.mktemp("replication")
+    assert main(["replicate", "--quick", "--quiet", "--out", str(root)]) == 0
+    return root
+
+
+@pytest.fixture(scope="module")
+def record(folder: Path) -> Any:
+    return json.loads((folder / "replication.json").read_text(encoding="utf-8"))
+
+
+def test_every_claim_is_judged_or_says_why_not(record: Any) -> None:
+    assert [claim["id"] for claim in record["claims"]] == list(range(1, CLAIMS + 1))
+    for claim in record["claims"]:
+        assert claim["as_expected"] and claim["source"] and claim["because"]
+        if claim["verdict"] == "not judged":
+            assert any("needed" in part["test"] for part in claim["parts"])
+        else:
+            assert claim["verdict"] == claim["expected"]
+        assert not any(part["failures"] for part in claim["parts"])
+
+
+def test_a_second_call_reads_what_the_first_has_left(
+    folder: Path, command: Command
+) -> None:
+    cells = {file: file.stat().st_mtime_ns for file in folder.glob("cells/*/cell.json")}
+    began = time.monotonic()
+    said = command("replicate", "--quick", "--quiet", "--out", folder)
+    assert time.monotonic() - began < 30  # Not forty runs; in itself a few seconds.
+    assert said.code == 0
+    assert f"{len(cells)} runs, one seed each" in said.out
+    assert cells == {file: file.stat().st_mtime_ns for file in cells}
+    assert len(list(folder.glob("cells/*"))) == len(cells)
+
+
+def test_a_dry_run_tells_what_is_kept_and_what_is_missing(
+    folder: Path, command: Command
+) -> None:
+    said = command("replicate", "--quick", "--dry-run", "--out", folder)
+    number = len(list(folder.glob("cells/*")))
+    assert said.out == f"{number} runs, {number} kept from before, 0 to do\n"
+    more = command("replicate", "--dry-run", "--out", folder)
+    assert re.search(rf", {number} kept from before, \d+ to do\nabout \d+ s", more.out)
+
+
+def test_one_claim_alone_takes_its_runs_only(folder: Path, command: Command) -> None:
+    said = command(
+        "replicate", "--only", "8", "--only", "24", "--json", "--quiet", "--out", folder
+    )
+    content = json.loads(said.out)
+    assert [claim["id"] for claim in content["claims"]] == [8, 24]
+    assert content["runs"] == 2
+    # The page of all claims comes back with the next call; put it back for the others.
+    assert command("replicate", "--quick", "--quiet", "--out", folder).code == 0
+
+
+def test_a_claim_that_is_none_is_refused(command: Command) -> None:
+    said = command("replicate", "--only", "99")
+    assert said.code == 2
+    assert "expected --only to be a claim from 1 to 25, found 99" in said.err
+
+
+def test_the_page_holds_every_claim_and_every_figure(folder: Path) -> None:
+    page = (folder / "replication.html").read_text(encoding="utf-8")
+    for number in range(1, CLAIMS + 1):
+        assert f'id="claim-{number}"' in page
+    assert page.count("<h3>Fig. ") == FIGURES
+    # 7 panels a formation flight, 7 a close formation, 6 a reconfiguration.
+    assert page.count('src="data:image/png;base64,') == 4 * 7 + 2 * 7 + 2 * 6
+    assert not re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page)
+    assert "url(" not in page and "@import" not in page
+
+
+def browser() -> str:
+    found = shutil.which("chromium") or shutil.which("google-chrome")
+    if found is None:
+        pytest.skip("no Chromium on the path: the page is not opened in a browser")
+    return found
+
+
+def test_the_page_opens_without_an_error_and_asks_nobody(folder: Path) -> None:
+    program = browser()
+    api = pytest.importorskip("playwright.sync_api", reason="playwright not installed")
+    said: list[str] = []
+    asked: list[str] = []
+    with api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(
+            executable_path=program, args=["--no-sandbox"]
+        )
+        page = opened.new_page()
+        page.on("console", lambda message: said.append(message.text))
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto((folder / "replication.html").as_uri())
+        assert page.locator("section.claim").count() == CLAIMS
+        widths = page.eval_on_selector_all("img", "all => all.map(i => i.naturalWidth)")
+        opened.close()
+    assert all(width > 100 for width in widths) and len(widths) > 40
+    assert said == []
+    assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
+
+
+def noted() -> dict[int, list[str]]:
+    """Return the README's table by claim."""
+    rows = re.findall(r"^\| (\d+) \| (.*) \|$", README.read_text("utf-8"), re.MULTILINE)
+    return {int(number): rest.split(" | ") for number, rest in rows}
+
+
+def numbers(text: str) -> list[float]:
+    return [float(one) for one in re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", text)]
+
+
+def test_the_readme_says_what_is_found(record: Any) -> None:
+    table = noted()
+    assert list(table) == list(range(1, CLAIMS + 1))
+    for claim in record["claims"]:
+        part = deciding(claim)
+        text, asked, measured, verdict = table[claim["id"]]
+        assert (text, verdict) == (claim["text"], claim["verdict"]), claim["id"]
+        assert asked == f"`{part['asked']}`"
+        if part["tolerance"] is None:
+            continue
+        assert numbers(measured) == pytest.approx(
+            numbers(part["measured"]), rel=part["tolerance"], abs=1e-12
+        ), claim["id"]
+        assert bool(numbers(measured)) == (measured != "never")
