@@ -18,7 +18,7 @@ from swarmstart.benchmarks.formation_flight import row, spread
 from swarmstart.cases.claims import assignments_of, claim_assignments, holds
 from swarmstart.cases.run import Run, run
 from swarmstart.cases.scenario import read_document, resolve
-from swarmstart.cases.verdicts import paired_verdict
+from swarmstart.cases.verdicts import Verdict, paired_verdict, verdict_of_seeds
 
 CLAIM_SEEDS = 10
 
@@ -57,9 +57,10 @@ class Bar:
     """A bound on a measure.
 
     Attributes:
-        name: As in the fact sheet; several bars may share it.
+        name: Several bars may share it.
         job: What is flown, for every seed.
-        measure: A measure of the run, or one of `measured_by`.
+        measure: A measure of the run, an entry of a list, "name[k]", or one that the
+            benchmark adds.
         relation: "<=", ">=", "<", ">", or "+-" with a bound and a width.
         bound: The number, or (centre, half-width).
         over: Whether "every" seed must reach it, their "median", or their "mean".
@@ -303,9 +304,7 @@ def _judged(
         if len(values) > 1:
             verdict, test = paired_verdict(values, claim.relation, claim.bound)
             return values, f"{verdict} ({test})"
+    verdict = verdict_of_seeds(values, claim.relation, claim.bound, share=claim.share)
     kept = sum(bool(holds(v, claim.relation, claim.bound)) for v in values)
-    if kept == len(values):
-        return values, "holds"
-    if kept:
-        return values, f"in part: {kept} of {len(values)} seeds"
-    return values, "does not hold"
+    part = verdict is Verdict.IN_PART
+    return values, f"{verdict}: {kept} of {len(values)} seeds" if part else str(verdict)

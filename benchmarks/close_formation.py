@@ -148,7 +148,7 @@ D: deterministic, IPOPT alone. S: differential evolution. `settled`: 1 where x a
 both settle; `same_again`: 1 where the same seed gives the same trajectory to the bit;
 `error_in_turn_ft`: largest distance from the slot while the leader turns, from 20 s
 after its beginning; `wall_s`: of a run of 30 s of flight, while another ran beside it.
-S4 asks of every seed what the fact sheet asks of all seeds pooled.
+S4 asks of every seed what might be asked of all seeds pooled.
 
 """
 

@@ -49,7 +49,12 @@ class Flown(NamedTuple):
 def scenario_of(uavs: int, range_m: float, steps: int) -> ReconfigurationScenario:
     """Return formation_100 with another number of UAVs: a square, then a wedge."""
     side = int(np.ceil(np.sqrt(uavs)))
-    starts = [(-SPACING_M * r, SPACING_M * k) for r in range(side) for k in range(side)]
+    middle = (side - 1) / 2
+    starts = [
+        (-SPACING_M * r, SPACING_M * (k - middle))
+        for r in range(side)
+        for k in range(side)
+    ]
     slots = [
         (-SPACING_M * r, SPACING_M * (r - k))
         for r in range(side)
@@ -65,7 +70,7 @@ def scenario_of(uavs: int, range_m: float, steps: int) -> ReconfigurationScenari
         assignments=[
             f"uavs=[{given}]",
             f"slots=[{wanted}]",
-            f"leader_uav={side // 2 + 1}",
+            f"leader_uav={(side + 1) // 2}",
             f"planning.range_m={range_m}",
             f"steps={steps}",
         ],
@@ -98,10 +103,11 @@ def fly(uavs: int, range_m: float, steps: int) -> Flown:
 
 def neighbours_of(team: LocalTeam, trajectory: Trajectory) -> float:
     """Return the mean number of UAVs that one avoids, over UAVs and steps."""
-    uavs = len(team.agents)
+    uavs, states = len(team.agents), trajectory.states[:, :-1].T
     counts = [
-        len(team.within_range(state.reshape(uavs, -1), number, team.order))
-        for state in trajectory.states[:, :-1].T
+        len(team.within_range(shown, state.reshape(uavs, -1), number))
+        for decision, state in zip(trajectory.decisions, states, strict=True)
+        for shown in [{j: plan.states for j, plan in enumerate(decision.plans)}]
         for number in team.order
     ]
     return statistics.mean(counts)
@@ -151,9 +157,10 @@ def _table(flights: Sequence[Flown]) -> list[str]:
 _HEAD = """# A hundred UAVs that plan one after the other
 
 Made by `python benchmarks/formation_100.py --write docs/formation_100.md`, seed 0, 60
-steps of 0.5 s. A neighbour of a UAV is another within range. The
-time of a step is that of all UAVs, one after the other on one core: its median. The
-smallest distance is that at the plant's steps, ten to a control step; 5 m are asked.
+steps of 0.5 s. A neighbour of a UAV is another whose plan comes within range of its
+own. The time of a step is that of all UAVs, one after the other on one core: its
+median. The smallest distance is that at the plant's steps, ten to a control step; 5 m
+are asked.
 
 The time of a step grows with the number of UAVs, and with that of their neighbours more
 slowly than linearly: the milliseconds for each UAV and neighbour fall from row to row.

@@ -1,4 +1,4 @@
-"""Reconfigurations and transfers over seeds: bars and the chapter's claims 19 to 25.
+"""Reconfigurations and transfers over seeds: bars, and the claims 19 to 23 and 25.
 
     python benchmarks/reconfiguration.py --write docs/reconfiguration_bars.md
 

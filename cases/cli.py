@@ -22,6 +22,8 @@ from swarmstart.errors import SwarmstartError
 
 DONE, INTERNAL, INVALID, GATE, INFEASIBLE, FILE, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 
+MOST_FLAWS = 20
+"""What is wrong with a scenario beyond that many is counted."""
 SOLVERS = "cpso,de,ga,lshade+ipopt,multistart-ipopt,ipopt"
 
 _EPILOG = """for example:
@@ -62,7 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:  # noqa: BLE001 - the last resort of a command line
         if options.debug:
             traceback.print_exc()
-        return _reported(error)
+        try:
+            return _reported(error)
+        except BrokenPipeError:
+            return INVALID
     return code
 
 
@@ -102,7 +107,10 @@ def parser() -> argparse.ArgumentParser:
 
     about = "JSON Schema of the scenario format, for editors"
     schema = commands.add_parser("schema", help=about, parents=[common])
-    schema.add_argument("kind", nargs="?", default="formation_flight")
+    schema.add_argument(
+        "kind", nargs="?", default="formation_flight", metavar="KIND",
+        help="of scenario; default: formation_flight",
+    )  # fmt: skip
     schema.set_defaults(command=_schema)
     return top
 
@@ -300,8 +308,10 @@ def _reported(error: Exception) -> int:
     from swarmstart.cases.scenario import InvalidScenarioError
 
     if isinstance(error, InvalidScenarioError):
-        for flaw in error.flaws:
+        for flaw in error.flaws[:MOST_FLAWS]:
             _say_with_frame(str(flaw), flaw.frame)
+        if len(error.flaws) > MOST_FLAWS:
+            _say(f"and {len(error.flaws) - MOST_FLAWS} more of the kind")
         return INVALID
     if isinstance(error, YamlError):
         _say_with_frame(str(error), error.frame)

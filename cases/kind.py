@@ -30,7 +30,7 @@ class Flight:
         plant: What is flown.
         controller: What flies it.
         x0: Where it starts, shape (nx,).
-        agents: Number of agents whose states are stacked.
+        agents: Number of agents that plan, with as many plans in a decision.
     """
 
     plant: Plant
@@ -66,7 +66,8 @@ class Kind:
 
     Attributes:
         scenario: The pydantic model of its scenarios.
-        build: Scenario -> flight; everything is compiled here, nothing later.
+        build: Scenario -> flight; all of its problems are compiled here. Kernels of a
+            search that this machine has never run are compiled at the first step.
         pose: Scenario -> the planning problem of its first step, nothing compiled;
             raises SeveralPlansError where a step has several.
         measure: (scenario, flight, trajectory) -> measures by name.

@@ -94,10 +94,10 @@ def distances_figure(
             name = f"{pair[0]}, {pair[1]}"
             axes.plot(times, values, style, color=colour(number), lw=1.2, label=name)
     else:
-        axes.plot(times, pairs.min(axis=0), lw=1.4, label="smallest")
+        axes.plot(times, pairs.min(axis=0), color=COLOURS[0], lw=1.4, label="smallest")
         if linked is not None:
             name = "largest" if len(linked) == len(pairs) else "largest of a link"
-            axes.plot(times, linked.max(axis=0), lw=1.4, label=name)
+            axes.plot(times, linked.max(axis=0), color=COLOURS[1], lw=1.4, label=name)
     for name, limit in limits.items():
         label = f"{name}, {limit:g} m"
         axes.axhline(limit, color="0.2", linestyle=":", linewidth=1.2, label=label)

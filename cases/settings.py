@@ -302,6 +302,10 @@ class Scenario(Part):
         line = Box(lower=np.zeros(1), upper=np.ones(1))
         return algorithm.first_size(line, self.budget.evaluations)
 
+    def polish_options(self) -> IpoptOptions | None:
+        """Return the polish as a planner takes it; None where it is `none`."""
+        return self.ipopt.options() if self.polish == "ipopt" else None
+
     def search_settings(self) -> SearchSettings | None:
         """Return the search as a planner takes it; None where it is `none`."""
         part: SearchPart = self.search

@@ -4,21 +4,25 @@ An agent receives, as time-varying signals of its problem and in this order,
 
     the plan that it follows (the first planner's), or a reference of its own
     the positions of the agents it is linked to; each plans before it
-    the positions of all that are within range now: the fresh plans of those that have
+    the positions of all that are within range: the fresh plans of those that have
     planned before it, the last plans, shifted, of those that plan after it
 
-So each plan keeps clear of what the others will do if they find nothing better, and the
-shifted last plan, but for its appended end, stays a feasible one for everybody. (Seeing
-the fresh plans alone, a late planner can be left without any.) At the first step there
-are no last plans, and only those that have planned are seen.
+An agent is within range if that plan of it comes within the range of one's own last
+plan, shifted, at any node, the present included. Before the first step an agent's last
+plan is its first candidate, where it has one.
+
+So a plan keeps clear of what the others will do if they find nothing better: among
+agents that saw each other the shifted last plan, but for its appended end, keeps the
+distances from the others. (Seeing the fresh plans alone, a late planner can be left
+without any.) It is no guarantee: two that did not see each other may turn towards each
+other in one step. They cannot meet within that step if the range is at least the safe
+distance and twice what one can fly in it; what they need beyond depends on how fast
+they can turn away.
 
 How many are within range changes from step to step, and a compiled problem has a fixed
 number of signals. So there is one planner for each of a few numbers of others, and an
 agent takes the smallest with room enough; signals to spare lie FAR away. All agents
 share the planners: a step of a team costs what its agents see, not what there are.
-
-Two agents that are out of range of each other now cannot meet before the next step if
-the range is at least the safe distance and twice what one can fly in a step.
 
 Source: Richards and How (2007), Robust distributed model predictive control,
 International Journal of Control 80, for planning in turn against others' last plans.
@@ -34,7 +38,7 @@ from swarmstart.ocp.controller import Decision, RecedingHorizon, Reference
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.guess import shifted_controls
-from swarmstart.ocp.planner import Plan, Planner
+from swarmstart.ocp.planner import Plan, Planner, Source
 from swarmstart.ocp.team import first_controls
 
 Array = NDArray[np.float64]
@@ -52,13 +56,31 @@ class LocalAgent:
         links: Numbers of the agents whose positions it is always told.
         reference: What it follows; None: the plan of the first in the order.
         candidates: Controls that its search looks at besides, shape (nu, N, k); None:
-            none.
+            none. Copied.
+        held: Controls that it flies in place of planning, shape (nu, N), the same in
+            every step; None: it plans. Copied.
+
+    Raises:
+        InvalidProblemError: If a number is not finite.
     """
 
     parameters: ArrayLike
     links: tuple[int, ...] = ()
     reference: Reference | None = None
     candidates: Array | None = None
+    held: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and set them read-only."""
+        for name in ("parameters", "candidates", "held"):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            array = np.array(given, dtype=np.float64)
+            if not np.isfinite(array).all():
+                raise InvalidProblemError(f"{name} must be finite, got {array}")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
 
 
 class LocalTeam:
@@ -67,7 +89,7 @@ class LocalTeam:
     Attributes:
         agents: The agents, in the order of their states and controls.
         order: Their numbers in the order in which they plan.
-        range: Distance within which an agent sees others [m].
+        range: Distance within which an agent sees others' plans [m].
         position: Rows of an agent's states that are its position.
     """
 
@@ -87,7 +109,7 @@ class LocalTeam:
             agents: At least one agent.
             planners: Number of others -> the planner with signals for that many.
             order: A permutation of 0..len(agents) - 1.
-            range: Distance within which an agent sees others [m].
+            range: Distance within which an agent sees others' plans [m].
             position: Rows of an agent's states that are its position.
             links: How many links the problems have signals for; an agent with fewer is
                 told the position FAR for the rest.
@@ -173,49 +195,72 @@ class LocalTeam:
         shown = self._last_plans(states, previous)
         plans: dict[int, Plan] = {}
         for number in self.order:
-            others = self.within_range(states, number, list(shown))
+            held = self.agents[number].held
+            others = []
+            if held is None:
+                others = self.within_range(shown, states, number)
             room = next(room for room in self._rooms if room >= len(others))
-            plans[number] = self._controllers[number][room].plan(
-                time,
-                states[number],
-                previous.plans[number] if previous else None,
-                seen=self._seen(number, time, shown, others, room),
-                rng=rng,
-            )
-            shown[number] = plans[number].states
+            controller = self._controllers[number][room]
+            seen = self._seen(number, time, shown, others, room)
+            if held is None:
+                last = previous.plans[number] if previous else None
+                plan = controller.plan(time, states[number], last, seen=seen, rng=rng)
+            else:
+                known = controller.known(time, seen)
+                plan = controller.planner.evaluated(
+                    held, states[number], known=known, source=Source.GUESS
+                )
+            plans[number], shown[number] = plan, plan.states
         made = tuple(plans[number] for number in range(len(self.agents)))
         return Decision(control=first_controls(made), plans=made)
 
     def _last_plans(self, states: Array, previous: Decision | None) -> dict[int, Array]:
-        """Return where each agent's last plan, shifted, leads, each (nx, nodes)."""
-        if previous is None:
-            return {}
+        """Return where each agent's last plan, shifted, leads, each (nx, nodes).
+
+        Before the first step those are the first candidates, of agents that have any.
+        """
         planner = self._controllers[0][self._rooms[0]].planner
         problem = planner.problem
         unseen = np.zeros((problem.ns, problem.nodes))
+        expected: dict[int, Array] = {}
+        for number, agent in enumerate(self.agents):
+            if previous is not None:
+                last = previous.plans[number].controls
+                expected[number] = shifted_controls(problem, last, "last")
+            elif agent.held is not None:
+                expected[number] = agent.held
+            elif agent.candidates is not None:
+                expected[number] = agent.candidates[:, :, 0]
         return {
             number: planner.fitness.states(
-                shifted_controls(problem, plan.controls, "last"),
-                states[number],
-                Known(self.agents[number].parameters, unseen),
+                controls, states[number], Known(self.agents[number].parameters, unseen)
             )
-            for number, plan in enumerate(previous.plans)
+            for number, controls in expected.items()
         }
 
     def within_range(
-        self, states: Array, number: int, among: Sequence[int]
+        self, shown: Mapping[int, Array], states: Array, number: int
     ) -> list[int]:
-        """Return those of `among` that an agent sees now, itself never.
+        """Return the other agents whose plans come within range of one's own last.
 
         Args:
-            states: Of all agents, shape (agents, nx).
+            shown: Plans by number, each (nx, nodes).
+            states: Of all agents now, shape (agents, nx): where an agent without a last
+                plan is taken to stay.
             number: The agent.
-            among: Numbers of agents.
         """
-        positions = states[:, list(self.position)]
-        chosen = np.array([j for j in among if j != number], dtype=np.int64)
-        apart = np.linalg.norm(positions[chosen] - positions[number], axis=1)
-        return [int(j) for j in chosen[apart <= self.range]]
+        rows = list(self.position)
+        own = shown[number][rows] if number in shown else states[number, rows][:, None]
+        others = [j for j in shown if j != number]
+        if not others:
+            return []
+        plans = np.stack([shown[j][rows] for j in others])
+        nearest = np.linalg.norm(plans - own, axis=1).min(axis=1)
+        return [
+            j
+            for j, distance in zip(others, nearest, strict=True)
+            if distance <= self.range
+        ]
 
     def _seen(
         self,
@@ -245,11 +290,10 @@ class LocalTeam:
 
 
 def _controller(agent: LocalAgent, planner: Planner) -> RecedingHorizon:
-    parameters = np.asarray(agent.parameters, dtype=np.float64)
     candidates = agent.candidates
     return RecedingHorizon(
         planner=planner,
-        parameters=lambda time: parameters,
+        parameters=lambda time: np.asarray(agent.parameters),
         candidates=None if candidates is None else lambda time: candidates,
         append="last",
     )

@@ -167,11 +167,10 @@ def _controller(
 ) -> RecedingHorizon:
     believed = scenario.prediction
     model = _model(scenario, wingman, believed)
-    polish = scenario.ipopt.options() if scenario.polish == "ipopt" else None
     planner = Planner(
         planning_problem(scenario, model),
         search=scenario.search_settings(),
-        polish=polish,
+        polish=scenario.polish_options(),
         backend=scenario.backend,
     )
 

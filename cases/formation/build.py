@@ -198,9 +198,7 @@ def _agent(
     planner = Planner(
         planning_problem(scenario, model, terminal_cost, others=len(watches)),
         search=scenario.search_settings() if given is None else None,
-        polish=scenario.ipopt.options()
-        if given is None and scenario.polish == "ipopt"
-        else None,
+        polish=scenario.polish_options() if given is None else None,
         backend=scenario.backend,
     )
     return Agent(

@@ -44,8 +44,8 @@ class Thrust:
 
     def acceleration(self, thrust: ca.SX | float) -> ca.SX | float:
         """Return a [m/s^2] for a thrust [N]."""
-        force = GRAVITY_M_S2 if self.equation == "newton" else 1.0
-        return force * (thrust - self.drag) / self.weight
+        factor = GRAVITY_M_S2 if self.equation == "newton" else 1.0
+        return factor * (thrust - self.drag) / self.weight
 
 
 def bank_to_turn(*, turn: Turn, thrust: Thrust | None = None) -> Model:

@@ -18,7 +18,7 @@ from swarmstart.cases.reconfiguration.priority import (
     priority_team,
 )
 from swarmstart.cases.reconfiguration.problem import (
-    CONTROLS,
+    NU,
     joint_problem,
     team_model,
     trim,
@@ -68,7 +68,7 @@ class ReconfigurationFlight(Flight):
         steps = controls.shape[1]
         full = np.repeat(self.trim[:, None], steps, axis=1)
         stacked = np.repeat(full[None], len(self.slots), axis=0)
-        stacked[list(self.steered)] = controls.reshape(-1, CONTROLS, steps)
+        stacked[list(self.steered)] = controls.reshape(-1, NU, steps)
         return stacked
 
 
@@ -178,11 +178,10 @@ def _joint_problem(
 def _joint_controller(
     scenario: ReconfigurationScenario, slots: Array
 ) -> RecedingHorizon:
-    polish = scenario.ipopt.options() if scenario.polish == "ipopt" else None
     planner = Planner(
         _joint_problem(scenario, slots),
         search=scenario.search_settings(),
-        polish=polish,
+        polish=scenario.polish_options(),
         backend=scenario.backend,
     )
     return RecedingHorizon(planner=planner, append="last")

@@ -1,9 +1,9 @@
 """Figures of a reconfiguration, after the chapter's Figs. 5.18 to 5.28.
 
 (a) tracks in the plane, "o" where they begin, an arrowhead where they end (5.18, 5.24);
-(b) the search's best cost after each generation, a panel a horizon (5.19); (c) J of
-each horizon (5.20, 5.25); (d) bank and (e) thrust of each UAV (5.21, 5.22, 5.26, 5.27);
-(f) distances of all pairs, with both limits (5.23, 5.28).
+(b) J of the search's best point after each generation, a panel a horizon (5.19); (c) J
+of each horizon (5.20, 5.25); (d) bank and (e) thrust of each UAV (5.21, 5.22, 5.26,
+5.27); (f) distances of all pairs, with both limits (5.23, 5.28).
 """
 
 import math
@@ -85,7 +85,9 @@ def trajectories_figure(
 
 
 def evolution_figure(trajectory: Trajectory) -> "Figure":
-    """Return (b): the search's best cost against generations, a panel a horizon.
+    """Return (b): J of the search's best point, a panel a horizon.
+
+    It may rise where the point comes to break less.
 
     Where each UAV plans alone it is the sum of their costs; a search that ended early
     counts on with its last.
@@ -105,7 +107,9 @@ def evolution_figure(trajectory: Trajectory) -> "Figure":
         axes.plot(histories[number], color=COLOURS[0], linewidth=1.2)
         axes.set_title(f"horizon {number + 1}", fontsize="medium")
         axes.set_xlabel("generation")
-    panels[0].set_ylabel("best J")
+    panels[0].set_ylabel("J of the best point")
+    if len(trajectory.decisions) > len(histories):
+        figure.suptitle(f"the first {len(histories)} horizons")
     if not any(history.size for history in histories):
         panels[0].text(
             0.5, 0.5, "no search", ha="center", transform=panels[0].transAxes

@@ -18,7 +18,7 @@ MEASURES = {
     "distance, at the plant's steps",
     "penalty_max": "largest summed violation of a plan; 0: all limits kept",
     "heading_error_rad": "largest difference of a UAV's heading from the leader's, at "
-    "the end",
+    "the end; whole turns count",
     "speed_min_m_s": "smallest speed of a UAV",
     "speed_max_m_s": "largest speed of a UAV",
     "bank_max_rad": "largest bank",

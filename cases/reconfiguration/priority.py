@@ -5,7 +5,7 @@ safe distance (5.33) to all within range: to the fresh plans of those that have 
 before it, to the last plans of the others. It keeps the communication distance (5.34)
 to its links only: the nearest in the new formation among those that have planned before
 it. With one link each, the links are a tree that hangs at the leader, so that everybody
-stays in touch with everybody.
+stays in touch with everybody. The leader holds its course.
 
 They plan in the order of their slots' distances from the leader.
 """
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.planar import POSITION
 from swarmstart.cases.reconfiguration.problem import (
-    STATES,
+    NX,
     connection,
     control_limits,
     error,
@@ -89,15 +89,15 @@ def priority_team(scenario: ReconfigurationScenario, slots: Array) -> LocalTeam:
             if number == scenario.leader_index
             else None,
             candidates=straight[:, :, None],
+            held=straight if number == scenario.leader_index else None,
         )
         for number, slot in enumerate(slots)
     ]
-    polish = scenario.ipopt.options() if scenario.polish == "ipopt" else None
     planners = {
         others: Planner(
             uav_problem(scenario, others=others),
             search=scenario.search_settings(),
-            polish=polish,
+            polish=scenario.polish_options(),
             backend=scenario.backend,
         )
         for others in rooms(len(slots))
@@ -134,7 +134,7 @@ def uav_problem(
     model = replace(
         uav_model(scenario.vehicle), parameters=ca.SX.sym("parameters", 2 + kept)
     )
-    leader = ca.SX.sym("leader", STATES)
+    leader = ca.SX.sym("leader", NX)
     linked = [ca.SX.sym(f"link{k}", len(POSITION)) for k in range(kept)]
     near = [ca.SX.sym(f"other{k}", len(POSITION)) for k in range(others)]
     slot, is_link = model.parameters[:2], model.parameters[2:]

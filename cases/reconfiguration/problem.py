@@ -33,7 +33,7 @@ from swarmstart.ocp import (
 )
 
 Array = NDArray[np.float64]
-STATES, CONTROLS = 4, 2  # Of one UAV.
+NX, NU = 4, 2  # Of one UAV.
 
 
 def trim(vehicle: Vehicle) -> Array:
@@ -55,15 +55,11 @@ def team_model(scenario: ReconfigurationScenario, steered: Sequence[int]) -> Mod
     stacked = stack_models([uav_model(scenario.vehicle)] * uavs)
     if len(steered) == uavs:
         return stacked
-    u = ca.SX.sym("u", CONTROLS * len(steered))
-    own = dict(zip(steered, ca.vertsplit(u, CONTROLS), strict=True))
+    u = ca.SX.sym("u", NU * len(steered))
+    own = dict(zip(steered, ca.vertsplit(u, NU), strict=True))
     straight = ca.SX(trim(scenario.vehicle))
     every = ca.vertcat(*[own.get(i, straight) for i in range(uavs)])
-    names = [
-        stacked.control_names[CONTROLS * i + row]
-        for i in steered
-        for row in range(CONTROLS)
-    ]
+    names = [stacked.control_names[NU * i + row] for i in steered for row in range(NU)]
     return Model(
         states=stacked.states,
         controls=u,
@@ -83,7 +79,7 @@ def joint_problem(
         model: All UAVs, as of `team_model`.
         slots: Of each UAV relative to the leader, shape (uavs, 2) [m].
     """
-    prediction, uavs = scenario.prediction, ca.vertsplit(model.states, STATES)
+    prediction, uavs = scenario.prediction, ca.vertsplit(model.states, NX)
     leader = uavs[scenario.leader_index]
     turned = scenario.frame == "leader"
     Q, dt = ca.diag(ca.DM(scenario.weights)), prediction.dt_s
@@ -92,7 +88,7 @@ def joint_problem(
         for uav, slot in zip(uavs, slots, strict=True)
     ]
     lower, upper = control_limits(scenario.vehicle)
-    steered = model.nu // CONTROLS
+    steered = model.nu // NU
     return OptimalControlProblem(
         model,
         horizon=dt * prediction.intervals,
@@ -136,7 +132,7 @@ def state_limits(vehicle: Vehicle, uavs: int) -> tuple[Array, Array] | None:
     limits = vehicle.speed_m_s
     if limits is None:
         return None
-    free = [np.inf] * (STATES - 1)
+    free = [np.inf] * (NX - 1)
     return (
         np.tile([limits.lower, *np.negative(free)], uavs),
         np.tile([limits.upper, *free], uavs),

@@ -1,7 +1,7 @@
 """The best J that is known from each state of a flight, for its gap.
 
-The best of three, each polished by IPOPT: the flown plan, the basins of a long L-SHADE
-search, and points drawn at random. From the first state of the text's experiment one
+The best of the flown plan as it is and, polished by IPOPT, the basins of a long L-SHADE
+search and of points drawn at random. From the first state of the text's experiment one
 random start in seven finds the best minimum; from the later ones all do.
 """
 
@@ -39,6 +39,8 @@ EXACT = IpoptOptions(tolerance=1e-10)
 
 def gaps(joint: RecedingHorizon, trajectory: Trajectory) -> Array:
     """Return J of each plan less the best J found there, shape (T,).
+
+    Below 0 where a flown plan is cheap since it breaks a limit.
 
     Seeded by the step, so that the best does not depend on how a flight was searched.
 

@@ -21,6 +21,8 @@ from swarmstart.cases.settings import (
 )
 
 SAME_PLACE_M = 1e-9
+MOST_JOINT = 40
+"""UAVs: with more, one problem of all pairs takes minutes to build."""
 
 
 class Vehicle(Part):
@@ -126,7 +128,16 @@ class ReconfigurationScenario(Scenario):
         for key in ("vehicle", "distances", "planning"):
             for path, message in getattr(self, key).problems():
                 yield (key, *path), message
-        if not any(self.distances.problems()):  # Else slots could not keep them.
+        if not any(self.weights):
+            yield ("weights",), "expected a weight above 0, found zeros only"
+        many = len(self.uavs) > MOST_JOINT
+        if self.planning.name == "joint" and many:
+            yield (
+                ("planning", "name"),
+                f"expected priority with more than {MOST_JOINT} UAVs, found joint with "
+                f"{len(self.uavs)}",
+            )
+        elif not any(self.distances.problems()):  # Else slots could not keep them.
             yield from self._slot_problems()
         yield from self._speed_problems()
         yield from self._leader_problems()
@@ -177,22 +188,29 @@ class ReconfigurationScenario(Scenario):
                 f"expected a UAV from 1 to {len(self.uavs)}, found {self.leader_uav}",
             )
             return
-        own = [math.hypot(slot.x_m, slot.y_m) for slot in self.slots]
-        if self.assignment == "given":
-            own = own[self.leader_index : self.leader_index + 1]
-        if own and min(own) > SAME_PLACE_M:
-            yield (
-                ("slots",),
-                "expected the leader's own slot at (0, 0), since slots are relative to "
-                "the leader; found none there",
-            )
-        thrust, drag = self.vehicle.thrust_n, self.vehicle.drag_n
-        if self.leader == "straight" and not thrust.lower <= drag <= thrust.upper:
-            yield (
-                ("vehicle", "thrust_n"),
-                f"expected a range that includes drag_n = {drag:g}, since the leader "
-                f"flies straight; found [{thrust.lower:g}, {thrust.upper:g}]",
-            )
+        yield from self._own_slot_problems()
+        for key, trim in (("thrust_n", self.vehicle.drag_n), ("bank_rad", 0.0)):
+            limits: Range = getattr(self.vehicle, key)
+            if self.leader == "straight" and not limits.lower <= trim <= limits.upper:
+                yield (
+                    ("vehicle", key),
+                    f"expected a range that includes {trim:g}, with which the leader "
+                    f"flies straight; found [{limits.lower:g}, {limits.upper:g}]",
+                )
+
+    def _own_slot_problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with the leader's slot: slots are relative to it."""
+        expected = "expected the leader's own slot at (0, 0)"
+        if self.assignment == "shortest":
+            if all(math.hypot(s.x_m, s.y_m) > SAME_PLACE_M for s in self.slots):
+                yield ("slots",), f"{expected}, found none there"
+        elif self.leader_uav <= len(self.slots):
+            slot = self.slots[self.leader_index]
+            if math.hypot(slot.x_m, slot.y_m) > SAME_PLACE_M:
+                yield (
+                    ("slots", self.leader_index),
+                    f"{expected}, found ({slot.x_m:g}, {slot.y_m:g})",
+                )
 
     def _range_problems(self) -> Iterator[Problem]:
         if self.planning.name != "priority":

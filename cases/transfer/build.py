@@ -20,7 +20,7 @@ from swarmstart.cases.models.bank_to_turn import bank_to_turn
 from swarmstart.cases.planar import POSITION
 from swarmstart.cases.settings import Problem
 from swarmstart.cases.transfer.paths import flat_paths
-from swarmstart.cases.transfer.scenario import TransferScenario
+from swarmstart.cases.transfer.scenario import TransferScenario, goal_problems
 from swarmstart.ocp import (
     Bounds,
     Known,
@@ -36,7 +36,7 @@ from swarmstart.ocp import (
 )
 
 Array = NDArray[np.float64]
-STATES, CONTROLS = 4, 2  # Of one UAV.
+NX, NU = 4, 2  # Of one UAV.
 TOLERANCE_M = 1e-4
 """Summed violation that counts as none: what IPOPT leaves, rolled out."""
 
@@ -69,7 +69,7 @@ def build(scenario: TransferScenario) -> TransferFlight:
     planner = Planner(
         problem,
         search=scenario.search_settings(),
-        polish=scenario.ipopt.options() if scenario.polish == "ipopt" else None,
+        polish=scenario.polish_options(),
         family=family,
         backend=scenario.backend,
     )
@@ -103,6 +103,8 @@ def pose(scenario: TransferScenario) -> Posed:
 def problems(scenario: TransferScenario) -> Iterator[Problem]:
     """Yield what is wrong across the scenario's parts, with the place."""
     yield from scenario.problems()
+    for number, (x, y) in enumerate(assigned_goals(scenario)):
+        yield from goal_problems(scenario, number, (float(x), float(y)))
 
 
 def assigned_goals(scenario: TransferScenario) -> Array:
@@ -125,10 +127,10 @@ def transfer_problem(
         goals: Of each UAV, shape (uavs, 2) [m].
     """
     vehicle, prediction, uavs = scenario.vehicle, scenario.prediction, len(goals)
-    positions = [state[list(POSITION)] for state in ca.vertsplit(model.states, STATES)]
+    positions = [state[list(POSITION)] for state in ca.vertsplit(model.states, NX)]
     R = ca.diag(ca.DM(np.tile(scenario.weights, uavs)))
     ranges = (vehicle.acceleration_m_s2, vehicle.bank_rad)
-    free, speed = [np.inf] * (STATES - 1), vehicle.speed_m_s
+    free, speed = [np.inf] * (NX - 1), vehicle.speed_m_s
     return OptimalControlProblem(
         model,
         horizon=prediction.horizon_s,
@@ -145,7 +147,13 @@ def transfer_problem(
             ),
         ),
         constraints=[
-            Separation(relative=a - b, distance=scenario.safe_distance_m)
+            Separation(
+                relative=a - b,
+                distance=scenario.safe_distance_m,
+                margin=scenario.margin_m,
+                smooth_margin=scenario.margin_m,
+                along=scenario.along,
+            )
             for a, b in itertools.combinations(positions, 2)
         ],
         terminal=[

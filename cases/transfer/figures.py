@@ -12,7 +12,7 @@ from swarmstart.cases.planar_figures import (
     held_controls_figure,
     tracks_figure,
 )
-from swarmstart.cases.transfer.build import CONTROLS, TransferFlight
+from swarmstart.cases.transfer.build import NU, TransferFlight
 from swarmstart.cases.transfer.scenario import TransferScenario
 from swarmstart.ocp import Trajectory
 
@@ -40,9 +40,7 @@ def draw(
     uavs, times = len(flight.goals), trajectory.times
     tracks = by_uav(trajectory.dense_states, uavs)
     steps = trajectory.controls.shape[1]
-    acceleration, bank = np.moveaxis(
-        trajectory.controls.reshape(uavs, CONTROLS, steps), 1, 0
-    )
+    acceleration, bank = np.moveaxis(trajectory.controls.reshape(uavs, NU, steps), 1, 0)
     figures = [
         (
             "a_trajectories",
@@ -69,7 +67,9 @@ def evolution_figure(trajectory: Trajectory) -> "Figure":
     axes = figure.add_subplot()
     plan = trajectory.decisions[0].plans[0]
     if plan.search_history.size:
-        axes.plot(plan.search_history, color=COLOURS[0], label="search, best so far")
+        axes.plot(
+            plan.search_history, color=COLOURS[0], label="best point of the search"
+        )
     label = f"plan, {plan.cost:.4g}"
     axes.axhline(plan.cost, ls="--", color=COLOURS[1], label=label)
     axes.set(xlabel="generation", ylabel="cost", ylim=(0, None))

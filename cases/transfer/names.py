@@ -5,7 +5,7 @@ MEASURES = {
     "violation": "summed violation of the plan",
     "verified_cost": "cost integrated ten times finer",
     "confirmed": "1 where the finer integration confirms the plan, else 0",
-    "converged": "1 where IPOPT has converged from the search's answer, else 0",
+    "converged": "1 where IPOPT has converged, else 0",
     "search_cost": "cost of the search's own answer; null without a search",
     "search_violation": "violation of that answer; null without a search",
     "goal_error_m": "largest distance of a UAV from its goal at the end, as flown",

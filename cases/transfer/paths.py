@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 COEFFICIENTS = 3
 SMALLEST_SPEED_M_S = 1e-3
 """Keeps a path that stands still finite."""
-STATES = 4
+NX = 4
 
 
 def flat_paths(
@@ -47,14 +47,14 @@ def flat_paths(
         along: m, likewise.
     """
     uavs = len(goals)
-    c, x0 = ca.SX.sym("c", COEFFICIENTS * uavs), ca.SX.sym("x0", STATES * uavs)
+    c, x0 = ca.SX.sym("c", COEFFICIENTS * uavs), ca.SX.sym("x0", NX * uavs)
     path = flat_path(problem.horizon, turn=turn, lateral=lateral, along=along)
     states, controls = [], []
     for time in problem.times:
         parts = [
             path(own, start, goal, time)
             for own, start, goal in zip(
-                ca.vertsplit(c, COEFFICIENTS), ca.vertsplit(x0, STATES), goals,
+                ca.vertsplit(c, COEFFICIENTS), ca.vertsplit(x0, NX), goals,
                 strict=True,
             )
         ]  # fmt: skip
@@ -82,7 +82,7 @@ def flat_path(
         lateral: As in `flat_paths`.
         along: As in `flat_paths`.
     """
-    c, x0 = ca.SX.sym("c", COEFFICIENTS), ca.SX.sym("x0", STATES)
+    c, x0 = ca.SX.sym("c", COEFFICIENTS), ca.SX.sym("x0", NX)
     goal, t = ca.SX.sym("goal", 2), ca.SX.sym("t")
     speed, psi, begin = x0[0], x0[1], x0[2:]
     velocity = speed * ca.vertcat(ca.cos(psi), ca.sin(psi))

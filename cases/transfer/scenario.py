@@ -69,6 +69,8 @@ class TransferScenario(Scenario):
     uavs: list[Uav] = Field(min_length=1, max_length=50)
     assignment: Literal["given", "shortest"] = "given"
     safe_distance_m: Positive
+    along: Literal["points", "segments"] = "points"
+    margin_m: NonNegative = 0.0
     prediction: Prediction
     weights: Annotated[list[NonNegative], Field(min_length=2, max_length=2)]
     paths: Paths = Paths()
@@ -105,27 +107,40 @@ class TransferScenario(Scenario):
                 )
 
     def _place_problems(self) -> Iterator[Problem]:
-        reach = self.vehicle.speed_m_s.upper * self.prediction.horizon_s
-        for i, uav in enumerate(self.uavs):
-            way = _distance(uav.start, uav.goal)
-            if way < SAME_PLACE_M:
-                yield ("uavs", i, "goal"), "expected a goal away from the start"
-            elif way > reach and self.assignment == "given":
-                yield (
-                    ("uavs", i, "goal"),
-                    f"expected a goal within {reach:g} m of the start, as far as the "
-                    f"highest speed comes in prediction.horizon_s; found {way:g} m",
-                )
+        safe = self.safe_distance_m + self.margin_m
         for (i, one), (j, other) in itertools.combinations(enumerate(self.uavs), 2):
             for key in ("start", "goal"):
                 apart = _distance(getattr(one, key), getattr(other, key))
-                if apart < self.safe_distance_m:
+                if apart < safe:
                     yield (
                         ("uavs", j, key),
-                        f"expected a {key} at least {self.safe_distance_m:g} m "
+                        f"expected a {key} at least {safe:g} m "
                         f"(safe_distance_m) from that of UAV {i + 1}, "
                         f"found {apart:g} m",
                     )
+
+
+def goal_problems(
+    scenario: TransferScenario, number: int, goal: tuple[float, float]
+) -> Iterator[Problem]:
+    """Yield what is wrong with the goal that a UAV has, its own or an assigned one.
+
+    Args:
+        scenario: The scenario.
+        number: The UAV's, from 0.
+        goal: Where it is to be at the end [m].
+    """
+    start, place = scenario.uavs[number].start, ("uavs", number, "goal")
+    reach = scenario.vehicle.speed_m_s.upper * scenario.prediction.horizon_s
+    way = math.hypot(goal[0] - start.x_m, goal[1] - start.y_m)
+    if way < SAME_PLACE_M:
+        yield place, "expected a goal away from the start"
+    elif way > reach:
+        yield (
+            place,
+            f"expected a goal within {reach:g} m of the start, as far as the highest "
+            f"speed comes in prediction.horizon_s; found {way:g} m",
+        )
 
 
 def _distance(a: PlanarState | Point, b: PlanarState | Point) -> float:

@@ -1,6 +1,6 @@
 """Differential evolution, against its equations and against published counts.
 
-Figures called facts were measured on other implementations; the long form of the counts
+Some figures were measured on other implementations; the long form of the counts
 is benchmarks/published_results.py.
 """
 
@@ -204,19 +204,19 @@ def griewank(x: Array) -> tuple[Array, Array]:
 
 
 def test_needs_as_many_evaluations_as_published_for_the_step_function() -> None:
-    """Storn and Price (1997), 5-D: 849; one run has sd 154 (facts, Test 1)."""
+    """Storn and Price (1997), 5-D: 849; one run has sd 154."""
     mean = mean_evaluations(step, cube(5, 5.12), 20, size=10, F=0.9, CR=0.0)
     assert mean == pytest.approx(849, abs=4 * 154 / np.sqrt(20))
 
 
 def test_needs_as_many_evaluations_as_published_for_rosenbrock() -> None:
-    """Storn and Price (1997), 2-D: 654; the tolerance of 20 % is that of facts."""
+    """Storn and Price (1997), 2-D: 654; to 20 %."""
     mean = mean_evaluations(rosenbrock, cube(2, 2.048), 60, size=10, F=0.9, CR=0.9)
     assert mean == pytest.approx(654, rel=0.2)
 
 
 def test_crossovers_need_as_many_evaluations_as_published_for_griewank() -> None:
-    """Storn and Price (1997), 10-D, bin: 12752; exp: 16469 elsewhere (facts, Test 1).
+    """Storn and Price (1997), 10-D, bin: 12752; exp: 16469 elsewhere.
 
     One run has sd 1818 (bin) or 2285 (exp). With 8 runs each the difference of the
     means, 3717, is 3.6 of its sd; the limits are 3 sd.
@@ -234,7 +234,7 @@ def test_crossovers_need_as_many_evaluations_as_published_for_griewank() -> None
 def test_needs_as_many_evaluations_as_its_peers_for_the_sphere() -> None:
     """DE/rand/1/bin, NP 50, F 0.5, CR 0.9, 10-D sphere in [-5, 5] to 1e-8.
 
-    pygmo needs 10935 evaluations on the mean, scipy 10944 (facts A2.3, 30 and 10 runs),
+    pygmo needs 10935 evaluations on the mean, scipy 10944 (30 and 10 runs),
     with other bound repairs, which is worth some 2 %. The optimum is drawn in [-4, 4],
     as in BBOB.
     """

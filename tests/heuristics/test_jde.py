@@ -80,7 +80,7 @@ def test_parameters_stay_with_the_trials_that_replace_their_parents() -> None:
 
 
 def test_needs_as_many_evaluations_as_pygmo_for_the_sphere() -> None:
-    """10-D sphere as BBOB f1 to 1e-8, NP 50: pygmo's sade needs 9976 (facts, Test 3).
+    """10-D sphere as BBOB f1 to 1e-8, NP 50: pygmo's sade needs 9976.
 
     The tolerance of 8 % covers another bound repair and another start of F and CR.
     """

@@ -68,7 +68,7 @@ def swing_up(pendulum: Model) -> Callable[..., OptimalControlProblem]:
 
 @pytest.fixture(scope="session")
 def passing_side(unicycle: Model) -> Posed:
-    """Instance B of facts/formation_flight.md, section 5: pass above or below."""
+    """As the scenario passing_side: pass above or below."""
     x, u, slot = unicycle.states, unicycle.controls, ca.SX.sym("slot", 4)
     dynamics = ca.Function("f", [x, u], [unicycle.ode])
     A, B = linearise(dynamics, np.array([15.0, 0, 0, 0]), np.zeros(2))

@@ -53,7 +53,7 @@ def test_unicycle_flies_an_arc_while_its_turn_rate_is_held(unicycle: Model) -> N
         2 - v / w * (np.cos(psi + w * t) - np.cos(psi)),
     ]
     end = held_step(unicycle, t)([v, psi, -60, 2], [0, w], [])
-    # facts/formation_flight.md: one step a second is exact to some 5e-6 m.
+    # One step a second is exact to some 5e-6 m.
     np.testing.assert_allclose(np.array(end).ravel(), exact, rtol=0, atol=5e-6)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from random import Random
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -164,29 +163,36 @@ def test_those_out_of_range_are_not_seen_and_the_smallest_planner_is_taken(
 
 @settings(deadline=None)
 @given(
-    st.lists(
-        st.tuples(st.floats(-50, 50), st.floats(-50, 50)), min_size=2, max_size=12
-    ),
+    st.lists(st.tuples(*[st.floats(-50, 50)] * 4), min_size=2, max_size=12),
     st.floats(1, 40),
-    st.randoms(use_true_random=False),
 )
 def test_who_is_within_range_is_whom_a_double_loop_finds(
     double_integrator: Model,
-    places: list[tuple[float, float]],
+    places: list[tuple[float, float, float, float]],
     reach: float,
-    shuffle: Random,
 ) -> None:
-    states, number = np.array(places), len(places) // 2
-    apart = np.hypot(*(states - states[number]).T)
-    assume(np.abs(apart - reach).min() > 1e-9)
+    """Plans from one place to another; near at either end is near."""
+    number = len(places) // 2
+    shown = {j: np.reshape(place, (2, 2)) for j, place in enumerate(places)}
+    apart = {
+        j: min(float(np.hypot(*(plan - shown[number])[:, k])) for k in (0, 1))
+        for j, plan in shown.items()
+    }
+    assume(min(abs(distance - reach) for distance in apart.values()) > 1e-9)
     planners = {11: crowded(double_integrator)}
     team = local_team(members(len(places)), planners, range=reach, position=(0, 1))
-    among = list(range(len(places)))
-    shuffle.shuffle(among)
-    assert team.within_range(states, number, among) == [
-        j for j in among if apart[j] <= reach and j != number
+    states = np.array([plan[:, 0] for plan in shown.values()])
+    expected = [j for j in shown if apart[j] <= reach and j != number]
+    assert team.within_range(shown, states, number) == expected
+    assert team.within_range({number: shown[number]}, states, number) == []
+    # One without a last plan is taken to stay where it is.
+    del shown[number]
+    still = [
+        np.hypot(*(plan - states[number][:, None])).min() for plan in shown.values()
     ]
-    assert team.within_range(states, number, []) == []
+    assume(min(abs(distance - reach) for distance in still) > 1e-9)
+    seen = [j for j, distance in zip(shown, still, strict=True) if distance <= reach]
+    assert team.within_range(shown, states, number) == seen
 
 
 @functools.cache
@@ -226,7 +232,8 @@ def test_candidates_are_passed_on_to_their_own_search_only(
     agents = [*members(1), LocalAgent(parameters=[1.0], candidates=looked_at)]
     decided(local_team(agents, {1: planner}), np.zeros((2, 2)))
     first, second = planner.told
-    assert first.candidates is None and second.candidates is looked_at
+    assert first.candidates is None
+    np.testing.assert_array_equal(second.candidates, looked_at)
 
 
 def planned(planner: Planner, *controls: Sequence[float]) -> Decision:

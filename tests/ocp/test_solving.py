@@ -94,7 +94,7 @@ def test_impossible_problem_is_called_infeasible(double_integrator: Model) -> No
 
 
 def test_gradient_alone_passes_on_the_expensive_side(passing_side: Posed) -> None:
-    """facts/formation_flight.md, section 5, B: cold IPOPT ends at 1810.2."""
+    """Scenario passing_side: cold IPOPT ends at 1810.2."""
     problem, x0, known = passing_side
     solution = solve(
         problem,
@@ -112,7 +112,7 @@ def test_gradient_alone_passes_on_the_expensive_side(passing_side: Posed) -> Non
 def test_search_finds_the_cheap_side_and_the_polish_its_optimum(
     passing_side: Posed,
 ) -> None:
-    """facts/formation_flight.md, section 5, B: the best known is 446.7."""
+    """Scenario passing_side: the best known is 446.7."""
     problem, x0, known = passing_side
 
     def solved(seed: int, polish: IpoptOptions | None) -> tuple[object, float, float]:

@@ -130,7 +130,7 @@ def test_the_corrected_terminal_cost_solves_the_sampled_riccati_equation(
     A[3, 1] = 15.0  # y' = 15 psi
     B = np.array([[1.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.0, 7.5]])
     P = solve_discrete_are(A, B, np.eye(4), np.eye(2))
-    assert P[0, 0] == pytest.approx(2.58748, abs=5e-6)  # facts/terminal_set.md
+    assert P[0, 0] == pytest.approx(2.58748, abs=5e-6)
     assert P[1, 1] == pytest.approx(11.15311, abs=5e-6)
     for error in np.random.default_rng(0).normal(size=(5, 4)):
         found = terminal_cost(corrected, error)

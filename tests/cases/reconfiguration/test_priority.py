@@ -272,3 +272,31 @@ def test_the_team_sees_as_far_and_links_as_the_scenario_says(make: Make) -> None
         [-20, 20, 1, 1], [-10, 10, 1, 0], [0, 0, 0, 0], [-10, -10, 1, 1],
         [-20, -20, 1, 1],
     ]  # fmt: skip
+
+
+def test_two_who_meet_head_on_see_each_other_before_they_are_near() -> None:
+    """At 25 m/s each, 90 m apart, with a range of 35 m: their plans come nearer.
+
+    By distances now they would see each other 35 m apart, 0.7 s before they meet, and
+    pass at half a metre.
+    """
+    scenario = reconfiguration(
+        "uavs=[{speed_m_s: 20, heading_rad: 0, x_m: 0, y_m: -1000}, "
+        "{speed_m_s: 25, heading_rad: 0, x_m: -45, y_m: 0}, "
+        "{speed_m_s: 25, heading_rad: pi, x_m: 45, y_m: 0}]",
+        "slots=[{x_m: 0, y_m: 0}, {x_m: 40, y_m: 1000}, {x_m: -40, y_m: 1000}]",
+        "leader_uav=1",
+        "assignment=given",
+        "distances.communication_m=2000",
+        "steps=8",
+        name="formation_100",
+        variant=None,
+    )
+    flight = build(scenario)
+    flown = simulate(
+        flight.plant, flight.controller, flight.x0, steps=8,
+        rng=np.random.default_rng(0),
+    )  # fmt: skip
+    pair = pair_distances(flown.dense_states, 3)[2]
+    assert pair[0] == pytest.approx(90.0)
+    assert pair.min() >= scenario.distances.safe_m

@@ -124,26 +124,40 @@ FLAWS = {
     ),
     "another leader than the one at the origin": (
         ["leader_uav=2"],
-        "- {x_m: -20, y_m: 20}",
-        "expected the leader's own slot at (0, 0), since slots are relative to the "
-        "leader; found none there",
+        "{x_m: -10, y_m: 10}",
+        "expected the leader's own slot at (0, 0), found (-10, 10)",
     ),
     "no slot for the leader": (
         ["slots.2.x_m=0.1", "assignment=shortest"],
         "- {x_m: -20, y_m: 20}",
-        "expected the leader's own slot at (0, 0), since slots are relative to the "
-        "leader; found none there",
+        "expected the leader's own slot at (0, 0), found none there",
     ),
     "thrust that cannot hold the straight leader's speed": (
         ["vehicle.thrust_n=[2500, 6000]", "leader=straight"],
         "--set vehicle.thrust_n",
-        "expected a range that includes drag_n = 2000, since the leader flies "
-        "straight; found [2500, 6000]",
+        "expected a range that includes 2000, with which the leader flies straight; "
+        "found [2500, 6000]",
     ),
     "a bank whose tangent is infinite": (
         ["vehicle.turn=tan", "vehicle.bank_rad=[-pi/2, 1]"],
         "--set vehicle.bank_rad",
-        "expected limits between -pi/2 and pi/2 with turn tan, found [-1.5708, 1]",
+        "expected limits between -pi/2 and pi/2, found [-1.5708, 1]",
+    ),
+    "a bank beyond the steepest turn": (
+        ["vehicle.bank_rad=[-1, 2]"],
+        "--set vehicle.bank_rad",
+        "expected limits between -pi/2 and pi/2, found [-1, 2]",
+    ),
+    "a straight leader that cannot fly level": (
+        ["vehicle.bank_rad=[0.1, 0.5]", "leader=straight"],
+        "--set vehicle.bank_rad",
+        "expected a range that includes 0, with which the leader flies straight; found "
+        "[0.1, 0.5]",
+    ),
+    "weights of nothing": (
+        ["weights=[0, 0, 0, 0]"],
+        "--set weights",
+        "expected a weight above 0, found zeros only",
     ),
     "margins that leave no room between the distances": (
         ["distances.margin_m=22.5"],

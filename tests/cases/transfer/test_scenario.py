@@ -38,7 +38,7 @@ if TYPE_CHECKING:
         (
             "vehicle={acceleration_m_s2: [-2, 2], bank_rad: [-2, 2], "
             "speed_m_s: [2, 9], turn: tan}",
-            "expected limits between -pi/2 and pi/2 with turn tan",
+            "expected limits between -pi/2 and pi/2, found",
         ),
     ],
 )
@@ -48,3 +48,19 @@ def test_what_cannot_be_is_refused_with_its_reason(
     with pytest.raises(InvalidScenarioError, match=message) as refused:
         make("swap_5", assignment)
     assert refused.value.flaws[0].place.name.startswith("--set ")
+
+
+def test_goals_are_checked_as_they_are_assigned(make: Make) -> None:
+    """A goal at its UAV's own start is another's; one out of reach is nobody's."""
+    pair = (
+        "uavs=[{start: {speed_m_s: 5, heading_rad: 0, x_m: 0, y_m: 0}, "
+        "goal: {x_m: %s, y_m: 0}}, {start: {speed_m_s: 5, heading_rad: pi, x_m: 50, "
+        "y_m: 0}, goal: {x_m: %s, y_m: 0}}]"
+    )
+    make("swap_5", pair % (50, 0), "steps=1")
+    shared = make("swap_5", pair % (1, 49), "assignment=shortest", "steps=1")
+    assert shared.assignment == "shortest"
+    with pytest.raises(InvalidScenarioError, match="expected a goal within 90 m"):
+        make("swap_5", pair % (-2500, 0), "assignment=shortest", "steps=1")
+    with pytest.raises(InvalidScenarioError, match="a goal away from the start"):
+        make("swap_5", pair % (50, 0), "assignment=shortest", "steps=1")
