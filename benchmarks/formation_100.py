@@ -163,7 +163,7 @@ median. The smallest distance is that at the plant's steps, ten to a control ste
 are asked.
 
 The time of a step grows with the number of UAVs, and with that of their neighbours more
-slowly than linearly: the milliseconds for each UAV and neighbour fall from row to row.
+slowly than linearly: the milliseconds for each UAV and neighbour do not rise.
 
 """
 

@@ -92,7 +92,7 @@ def test_solves_the_sphere(seed: int) -> None:
         budget=Budget(evaluations=20_000),
         rng=np.random.default_rng(seed),
     )
-    # Peers need 8200 evaluations for 1e-8 (measured once); here are more than twice that.
+    # Peers need 8200 evaluations for 1e-8; here are more than twice that.
     assert result.cost < 1e-10
     np.testing.assert_allclose(result.x, 1.0, atol=1e-5)
 
