@@ -267,7 +267,7 @@ def _report(content: Mapping[str, Any], root: Path) -> str:
     width = max(len(claim["verdict"]) for claim in content["claims"])
     for claim in content["claims"]:
         head = f"{claim['id']:>2}  {claim['verdict'].ljust(width)}  {claim['text']}"
-        lines.append(f"{head} ({claim['source']})")
+        lines.append(f"{head} [{claim['source']}]")
         if not claim["as_expected"]:
             lines.append(f"      expected: {claim['expected']}. {claim['because']}")
         for part in claim["parts"]:

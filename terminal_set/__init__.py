@@ -13,6 +13,7 @@ from swarmstart.terminal_set.arrays import (
     NotFiniteError,
     NotPositiveError,
 )
+from swarmstart.terminal_set.decrease import continuous_change, held_change
 from swarmstart.terminal_set.design import (
     InvalidReserveError,
     TerminalSet,
@@ -42,6 +43,7 @@ from swarmstart.terminal_set.lyapunov import (
     sampled_lyapunov,
 )
 from swarmstart.terminal_set.reference import Reference
+from swarmstart.terminal_set.refutation import Refutation, refuted_level
 from swarmstart.terminal_set.reliability import UnreliableSolutionError
 from swarmstart.terminal_set.stability import (
     NotStabilisableError,
@@ -62,14 +64,17 @@ __all__ = [
     "NotPositiveError",
     "NotStabilisableError",
     "Reference",
+    "Refutation",
     "SaturatedReferenceError",
     "TerminalSet",
     "UnreliableSolutionError",
     "UnstableLoopError",
     "UnweightedModeError",
+    "continuous_change",
     "continuous_lqr",
     "continuous_lyapunov",
     "continuous_terminal_set",
+    "held_change",
     "held_spectral_radius",
     "hold",
     "input_excess",
@@ -79,6 +84,7 @@ __all__ = [
     "literal_level",
     "literal_lyapunov",
     "literal_terminal_set",
+    "refuted_level",
     "sampled_lqr",
     "sampled_lyapunov",
     "sampled_terminal_set",

@@ -1,0 +1,157 @@
+"""Refutation of a level: the smallest ellipsoid on which V no longer decreases.
+
+With P = LL' and e = rho L^-T u, |u| = 1, the ellipsoid e'Pe = rho^2 is the sphere, and
+
+    minimise  rho   subject to  c(rho L^-T u) / rho^2 >= 0,  |u| = 1
+
+is the nearest counterexample (`decrease.py` has c). Rays into random directions find
+where to begin: on each the first radius at which c >= 0. The nearest of them are where
+IPOPT starts.
+
+A counterexample shows that no level from its own on is one; it is checked by evaluating
+c there. That none was found proves nothing, and a nearer one is not excluded: IPOPT is
+local.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.terminal_set.arrays import (
+    FloatArray,
+    NotPositiveError,
+    finite_array,
+    positive_definite,
+)
+
+RAYS = 4000
+RADII = 60
+SMALLEST = 1e-3
+"""The first radius of a ray, a part of the largest."""
+STARTS = 6
+MOST_ROUNDS = 4
+"""Of repeated rays: each looks 500 times nearer at the most."""
+INSIDE = 1e-9
+"""How much a point is pushed outwards where c, at the NLP's answer, is below 0."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Refutation:
+    """A deviation at which e'Pe does not decrease.
+
+    Attributes:
+        alpha: e'Pe there: no level from it on is one.
+        e: The deviation, shape (nx,), read-only.
+        change: c(e) >= 0 there.
+    """
+
+    alpha: float
+    e: FloatArray
+    change: float
+
+    def __post_init__(self) -> None:
+        """Copy and lock."""
+        object.__setattr__(self, "e", finite_array("e", self.e, (None,)))
+
+
+def refuted_level(
+    change: ca.Function,
+    P: ArrayLike,
+    *,
+    alpha_max: float,
+    rng: np.random.Generator,
+) -> Refutation | None:
+    """Look for the nearest deviation at which e'Pe does not decrease.
+
+    Args:
+        change: e -> c(e), of `continuous_change` or `held_change`.
+        P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
+        alpha_max: The level up to which is looked, > 0; where the nearest
+            counterexample is much nearer, the search is repeated around it.
+        rng: Source of the rays' directions.
+
+    Returns:
+        The counterexample; None where none was found, which proves nothing.
+
+    Raises:
+        NotPositiveError: alpha_max is not positive and finite.
+        SwarmstartError: As `positive_definite` says of P.
+    """
+    P = positive_definite("P", P)
+    if not 0 < alpha_max < np.inf:
+        raise NotPositiveError("alpha_max", alpha_max)
+    T = np.linalg.inv(np.linalg.cholesky(P)).T
+    radius = float(np.sqrt(alpha_max))
+    starts = _on_rays(change, T, radius, rng)
+    # The grid of radii is coarse near the centre: once more, up to the nearest found.
+    for _ in range(MOST_ROUNDS):
+        if not starts or starts[0][0] > radius / 10:
+            break
+        radius = 2 * starts[0][0]
+        starts = _on_rays(change, T, radius, rng) or starts[:1]
+    found = [_checked(change, P, T @ z) for z in _nearest(change, T, starts, radius)]
+    found += [_checked(change, P, T @ (rho * u)) for rho, u in starts]
+    points = [one for one in found if one is not None and one.alpha <= alpha_max]
+    return min(points, key=lambda one: one.alpha, default=None)
+
+
+Start = tuple[float, FloatArray]
+"""A radius and a direction, shape (nx,), of length 1."""
+
+
+def _on_rays(
+    change: ca.Function, T: FloatArray, radius: float, rng: np.random.Generator
+) -> list[Start]:
+    """Return the rays' first radii at which c >= 0, the nearest first."""
+    u = rng.normal(size=(len(T), RAYS))
+    u /= np.linalg.norm(u, axis=0)
+    values = change.map(RAYS)
+    first = np.full(RAYS, np.inf)
+    for rho in np.geomspace(SMALLEST * radius, radius, RADII):
+        broken = np.array(values(rho * (T @ u))).ravel() >= 0
+        first = np.where(broken & np.isinf(first), rho, first)
+    nearest = np.argsort(first)[:STARTS]
+    return [(float(first[k]), u[:, k]) for k in nearest if np.isfinite(first[k])]
+
+
+def _nearest(
+    change: ca.Function, T: FloatArray, starts: list[Start], radius: float
+) -> list[FloatArray]:
+    """Return z = rho u of the NLP's answers from each start."""
+    nx = len(T)
+    rho, u = ca.SX.sym("rho"), ca.SX.sym("u", nx)
+    condition = change(ca.DM(T) @ (rho * u)) / rho**2
+    solver = ca.nlpsol(
+        "nearest",
+        "ipopt",
+        {"x": ca.vertcat(rho, u), "f": rho, "g": ca.vertcat(condition, ca.sumsqr(u))},
+        {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"},
+    )
+    answers = []
+    for begin, direction in starts:
+        answer = solver(
+            x0=np.concatenate([[begin], direction]),
+            lbx=np.concatenate([[1e-6 * radius], np.full(nx, -1.0)]),
+            ubx=np.concatenate([[radius], np.full(nx, 1.0)]),
+            lbg=[0.0, 1.0],
+            ubg=[np.inf, 1.0],
+        )
+        w = np.array(answer["x"]).ravel()
+        answers.append(np.asarray(w[0] * w[1:]))
+    return answers
+
+
+def _checked(change: ca.Function, P: FloatArray, e: FloatArray) -> Refutation | None:
+    """Return a point as a counterexample, pushed outwards a little if needed."""
+    if not np.isfinite(e).all():
+        return None
+    for push in (0.0, INSIDE, 1e3 * INSIDE):
+        point = (1 + push) * e
+        value = float(change(point))
+        if value >= 0:
+            return Refutation(alpha=float(point @ P @ point), e=point, change=value)
+    return None
