@@ -1,0 +1,283 @@
+"""Interval evaluation of a function over blocks of boxes.
+
+An interval [lo, hi] stands for every number in it. A function of boxes returns an
+interval that holds the function's value at every point of the box, rounding included:
+every operation's ends are computed in floats and moved outwards,
+
+    + - * / sqrt        by one unit in the last place (IEEE: half a unit off at most)
+    sin cos tan exp log by ULPS units (NumPy documents at most 4)
+
+What is undefined somewhere in a box, a quotient by an interval with 0 or a root of a
+negative number, is the whole line: no statement.
+
+`IntervalEvaluation` is what a proof asks for; `interval_function` makes one that walks
+the tape of an SX function in NumPy, one instruction for all boxes at a time. A faster
+one may be passed in from above.
+
+Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.errors import SwarmstartError
+
+Array = NDArray[np.float64]
+Interval = tuple[Array, Array]
+"""Lower and upper ends, each (m,): one interval for each of m boxes."""
+
+ULPS = 4
+PERIOD_SLACK = 1e-12
+"""By which part of an angle a turning point may be mistaken for inside a box."""
+
+
+class IntervalEvaluation(Protocol):
+    """A function of boxes."""
+
+    def __call__(self, lower: Array, upper: Array) -> tuple[Array, Array]:
+        """Return enclosures of the values, each (outputs, m).
+
+        Args:
+            lower: Lower corners of m boxes, shape (inputs, m).
+            upper: Upper corners, same shape.
+        """
+
+
+@dataclass(eq=False)
+class UnknownIntervalOperationError(SwarmstartError, NotImplementedError):
+    """The function has an operation that has no interval form here.
+
+    Attributes:
+        function: The function's name.
+        operation: CasADi's number of the operation.
+    """
+
+    function: str
+    operation: int
+
+    def __str__(self) -> str:
+        """Say which."""
+        return (
+            f"{self.function} has CasADi's operation {self.operation}, which has no "
+            "interval form here"
+        )
+
+
+def interval_function(function: ca.Function) -> IntervalEvaluation:
+    """Return an SX function of one column as a function of boxes.
+
+    Args:
+        function: x (n, 1) -> y (k, 1).
+
+    Raises:
+        UnknownIntervalOperationError: If it has an operation without interval form.
+    """
+    expanded = function if function.is_a("SXFunction") else function.expand()
+    tape = _tape(expanded)
+    for operation, *_ in tape:
+        if operation not in (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, *_FORMS):
+            raise UnknownIntervalOperationError(function.name(), operation)
+    outputs, registers = expanded.numel_out(0), expanded.sz_w()
+
+    def evaluate(lower: Array, upper: Array) -> tuple[Array, Array]:
+        boxes = lower.shape[1]
+        work: list[Interval] = [(np.empty(0), np.empty(0))] * registers
+        low, high = np.zeros((outputs, boxes)), np.zeros((outputs, boxes))
+        with np.errstate(all="ignore"):
+            for operation, ins, outs, constant in tape:
+                if operation == ca.OP_INPUT:
+                    work[outs[0]] = lower[ins[1]], upper[ins[1]]
+                elif operation == ca.OP_OUTPUT:
+                    low[outs[1]], high[outs[1]] = work[ins[0]]
+                elif operation == ca.OP_CONST:
+                    work[outs[0]] = (np.full(boxes, constant),) * 2
+                else:
+                    work[outs[0]] = _FORMS[operation](*[work[k] for k in ins])
+        return low, high
+
+    return evaluate
+
+
+Instruction = tuple[int, list[int], list[int], float]
+"""An operation, its inputs, its outputs, and its constant where it is one."""
+
+
+def _tape(function: ca.Function) -> list[Instruction]:
+    """Return the instructions of an SX function."""
+    tape = []
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        is_constant = operation == ca.OP_CONST
+        tape.append(
+            (
+                operation,
+                function.instruction_input(k),
+                function.instruction_output(k),
+                function.instruction_constant(k) if is_constant else 0.0,
+            )
+        )
+    return tape
+
+
+def _outward(low: Array, high: Array, ulps: int = 1) -> Interval:
+    """Move the ends outwards; what is no number becomes the whole line."""
+    for _ in range(ulps):
+        low, high = np.nextafter(low, -np.inf), np.nextafter(high, np.inf)
+    lost = np.isnan(low) | np.isnan(high)
+    return np.where(lost, -np.inf, low), np.where(lost, np.inf, high)
+
+
+def _whole(where: NDArray[np.bool_], interval: Interval) -> Interval:
+    """Return the whole line where asked for."""
+    low, high = interval
+    return np.where(where, -np.inf, low), np.where(where, np.inf, high)
+
+
+def _add(a: Interval, b: Interval) -> Interval:
+    return _outward(a[0] + b[0], a[1] + b[1])
+
+
+def _subtract(a: Interval, b: Interval) -> Interval:
+    return _outward(a[0] - b[1], a[1] - b[0])
+
+
+def _multiply(a: Interval, b: Interval) -> Interval:
+    ends = np.stack([a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]])
+    return _outward(ends.min(axis=0), ends.max(axis=0))
+
+
+def _divide(a: Interval, b: Interval) -> Interval:
+    ends = np.stack([a[0] / b[0], a[0] / b[1], a[1] / b[0], a[1] / b[1]])
+    through_zero = (b[0] <= 0) & (b[1] >= 0)
+    return _whole(through_zero, _outward(ends.min(axis=0), ends.max(axis=0)))
+
+
+def _negate(a: Interval) -> Interval:
+    return -a[1], -a[0]
+
+
+def _square(a: Interval) -> Interval:
+    """By its ends: the product of an interval with itself would go below 0."""
+    least = np.where((a[0] <= 0) & (a[1] >= 0), 0.0, np.minimum(a[0] ** 2, a[1] ** 2))
+    low, high = _outward(least, np.maximum(a[0] ** 2, a[1] ** 2))
+    return np.maximum(low, 0.0), high
+
+
+def _twice(a: Interval) -> Interval:
+    return 2 * a[0], 2 * a[1]
+
+
+def _invert(a: Interval) -> Interval:
+    one = np.ones_like(a[0])
+    return _divide((one, one), a)
+
+
+def _absolute(a: Interval) -> Interval:
+    inside = (a[0] <= 0) & (a[1] >= 0)
+    low = np.where(inside, 0.0, np.minimum(np.abs(a[0]), np.abs(a[1])))
+    return low, np.maximum(np.abs(a[0]), np.abs(a[1]))
+
+
+def _least(a: Interval, b: Interval) -> Interval:
+    return np.minimum(a[0], b[0]), np.minimum(a[1], b[1])
+
+
+def _greatest(a: Interval, b: Interval) -> Interval:
+    return np.maximum(a[0], b[0]), np.maximum(a[1], b[1])
+
+
+def _root(a: Interval) -> Interval:
+    low, high = _outward(np.sqrt(a[0]), np.sqrt(a[1]))
+    return _whole(a[0] < 0, (np.maximum(low, 0.0), high))
+
+
+def _rising(function: Callable[[Array], Array]) -> Callable[[Interval], Interval]:
+    """Return the interval form of a function that rises everywhere."""
+    return lambda a: _outward(function(a[0]), function(a[1]), ULPS)
+
+
+def _logarithm(a: Interval) -> Interval:
+    return _whole(a[0] <= 0, _rising(np.log)(a))
+
+
+def _turns(a: Interval, at: float) -> NDArray[np.bool_]:
+    """Return whether at + 2 pi k lies in an interval, or may, for some integer k."""
+    slack = PERIOD_SLACK * (1.0 + np.maximum(np.abs(a[0]), np.abs(a[1])))
+    first = np.ceil((a[0] - slack - at) / (2 * np.pi))
+    return np.asarray(at + 2 * np.pi * first <= a[1] + slack)
+
+
+def _wave(
+    function: Callable[[Array], Array], highest: float
+) -> Callable[[Interval], Interval]:
+    """Return the interval form of sin or cos, which is highest at an angle."""
+
+    def enclosed(a: Interval) -> Interval:
+        ends = function(a[0]), function(a[1])
+        low, high = _outward(np.minimum(*ends), np.maximum(*ends), ULPS)
+        far = ~(np.maximum(np.abs(a[0]), np.abs(a[1])) < 1 / PERIOD_SLACK)
+        low = np.where(far | _turns(a, highest - np.pi), -1.0, np.maximum(low, -1.0))
+        high = np.where(far | _turns(a, highest), 1.0, np.minimum(high, 1.0))
+        return low, high
+
+    return enclosed
+
+
+def _tangent(a: Interval) -> Interval:
+    """Rises between its poles, pi apart."""
+    double = 2 * a[0], 2 * a[1]
+    far = ~(np.maximum(np.abs(a[0]), np.abs(a[1])) < 1 / PERIOD_SLACK)
+    return _whole(far | _turns(double, np.pi), _rising(np.tan)(a))
+
+
+def _power(a: Interval, b: Interval) -> Interval:
+    """Of a positive base, by exp(b log a); whole numbers are squares and products."""
+    exponent = b[0]
+    if (b[0] == b[1]).all() and (exponent == exponent[0]).all():
+        whole = float(exponent[0])
+        if whole.is_integer() and 0 <= whole <= MOST_PRODUCTS:
+            return _whole_power(a, int(whole))
+    return _whole(a[0] <= 0, _rising(np.exp)(_multiply(b, _logarithm(a))))
+
+
+MOST_PRODUCTS = 16
+
+
+def _whole_power(a: Interval, exponent: int) -> Interval:
+    result = np.ones_like(a[0]), np.ones_like(a[0])
+    for _ in range(exponent // 2):
+        result = _multiply(result, _square(a))
+    return _multiply(result, a) if exponent % 2 else result
+
+
+_FORMS: dict[int, Callable[..., Interval]] = {
+    ca.OP_ASSIGN: lambda a: a,
+    ca.OP_NEG: _negate,
+    ca.OP_SQ: _square,
+    ca.OP_TWICE: _twice,
+    ca.OP_INV: _invert,
+    ca.OP_FABS: _absolute,
+    ca.OP_SQRT: _root,
+    ca.OP_SIN: _wave(np.sin, np.pi / 2),
+    ca.OP_COS: _wave(np.cos, 0.0),
+    ca.OP_TAN: _tangent,
+    ca.OP_EXP: _rising(np.exp),
+    ca.OP_LOG: _logarithm,
+    ca.OP_ATAN: _rising(np.arctan),
+    ca.OP_TANH: _rising(np.tanh),
+    ca.OP_ADD: _add,
+    ca.OP_SUB: _subtract,
+    ca.OP_MUL: _multiply,
+    ca.OP_DIV: _divide,
+    ca.OP_FMIN: _least,
+    ca.OP_FMAX: _greatest,
+    ca.OP_POW: _power,
+    ca.OP_CONSTPOW: _power,
+}
