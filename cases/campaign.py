@@ -5,9 +5,10 @@ name of its folder, whose `cell.json` is written last and is the commit mark. So
 campaign that was interrupted or killed goes on from what is there, whoever asks next.
 
 Workers are spawned, not forked (a fork of a process that has used BLAS can hang), with
-one BLAS thread each. One that dies costs only its own cell, which is tried once more; a
-cell that dies twice, or that takes too long, is recorded as failed, and so kept. When
-the command itself is killed, its workers notice that their parent is gone, and go too.
+one BLAS thread each. One that dies costs only its own cell, which is tried once more. A
+cell that fails is recorded with the reason, and the others are kept; where its process
+died or it took too long, the next campaign tries it again. When the command itself is
+killed, its workers notice that their parent is gone, and go too.
 """
 
 from __future__ import annotations
@@ -103,17 +104,24 @@ def finished(cell: Cell, root: Path) -> Outcome | None:
         root: The folder of all cells.
 
     Returns:
-        None where it has not finished, or its mark cannot be read.
+        None where it has not finished, it may do better another time, or its mark
+        cannot be read.
     """
-    folder = root / cell.key
+    found = _read(root / cell.key)
+    return None if found is None or found[1] else found[0]
+
+
+def _read(folder: Path) -> tuple[Outcome, bool] | None:
+    """Return what a folder's mark says, and whether to try again; None without one."""
     try:
         kept = json.loads((folder / MARK).read_text(encoding="utf-8"))
-        return Outcome(
+        outcome = Outcome(
             result=kept["result"],
             failure=kept["failure"],
             seconds=kept["seconds"],
             folder=folder,
         )
+        return outcome, bool(kept["again"])
     except (OSError, ValueError, LookupError, TypeError):
         return None
 
@@ -131,7 +139,7 @@ def carried_out(
 
     Raises:
         RecordError: If nothing can be written to the folder.
-        KeyboardInterrupt: On Ctrl-C; what has finished is kept.
+        KeyboardInterrupt: On Ctrl-C, saying what is kept.
     """
     prepare_folder(root)
     distinct = {cell.key: cell for cell in cells}
@@ -139,9 +147,15 @@ def carried_out(
     missing = [cell for key, cell in distinct.items() if outcomes[key] is None]
     count = len(distinct) - len(missing)
     told(count, len(distinct), "kept from before")
-    for cell, outcome in _worked(missing, root, workers) if missing else ():
-        outcomes[cell.key], count = outcome, count + 1
-        told(count, len(distinct), cell.label)
+    try:
+        for cell, outcome in _worked(missing, root, workers) if missing else ():
+            outcomes[cell.key], count = outcome, count + 1
+            told(count, len(distinct), cell.label)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"{count} of {len(distinct)} runs are kept in {root}; the same command "
+            "goes on from there"
+        ) from None
     found = [outcomes[cell.key] for cell in cells]
     return [outcome for outcome in found if outcome is not None]
 
@@ -155,7 +169,7 @@ def _worked(
     before = {name: os.environ.get(name) for name in BLAS_THREADS}
     os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # Read when NumPy is imported.
     pool = ProcessPool(
-        max_workers=workers,
+        max_workers=min(workers, len(cells)),
         context=multiprocessing.get_context("spawn"),
         initializer=_follow_parent,
     )
@@ -169,7 +183,7 @@ def _worked(
                 if failure and attempt < ATTEMPTS and _is_death(future):
                     pending[_scheduled(pool, cell, root)] = (cell, attempt + 1)
                 else:
-                    yield cell, _outcome(cell, root, failure)
+                    yield cell, _outcome(cell, root / cell.key, failure)
         pool.close()  # type: ignore[no-untyped-call]
     finally:
         pool.stop()  # type: ignore[no-untyped-call]
@@ -180,7 +194,7 @@ def _worked(
 
 def _scheduled(pool: Any, cell: Cell, root: Path) -> Future[None]:
     scheduled: Future[None] = pool.schedule(
-        work_on, args=(cell, root), timeout=cell.timeout_s
+        work_on, args=(cell, root / cell.key), timeout=cell.timeout_s
     )
     return scheduled
 
@@ -193,48 +207,51 @@ def _is_death(future: Future[None]) -> bool:
 
 
 def _failure(future: Future[None]) -> str:
-    """Return why a future failed, in a sentence; empty where it did not."""
+    """Return how a cell came to an end of its own kind; empty where it did not."""
     error = future.exception()
     if error is None:
         return ""
     if isinstance(error, TimeoutError):
         return "it took longer than its time"
-    if _is_death(future):
-        return f"its process died: {error}"
-    if isinstance(error, SwarmstartError):
-        return str(error)
-    return f"{type(error).__name__}: {error}"
+    return f"its process died: {error}"
 
 
-def _outcome(cell: Cell, root: Path, failure: str) -> Outcome:
-    """Return a finished cell's outcome; a failure is recorded here."""
+def _outcome(cell: Cell, folder: Path, failure: str) -> Outcome:
+    """Return a finished cell's outcome; that of one without an end is recorded here."""
     if failure:
-        _commit(cell, root, result=None, failure=failure, seconds=0.0)
-    outcome = finished(cell, root)
-    if outcome is None:
-        raise SwarmstartError(
-            f"{cell.label}: expected its result in {root / cell.key}, found none"
-        )
-    return outcome
+        _commit(cell, folder, failure=failure, again=True)
+    found = _read(folder)
+    if found is None:
+        raise SwarmstartError(f"{cell.label}: expected its result in {folder}")
+    return found[0]
 
 
-def work_on(cell: Cell, root: Path) -> None:
-    """Do a cell's work and commit its result; called in a worker."""
+def work_on(cell: Cell, folder: Path) -> None:
+    """Do a cell's work and commit its result, or why there is none; in a worker.
+
+    Errors end here, as text: not every one of them can be sent to another process.
+    """
     began = clock.perf_counter()
-    folder = root / cell.key
     folder.mkdir(parents=True, exist_ok=True)
-    result = load(cell.work)(dict(cell.job), folder)
+    result, failure = None, ""
+    try:
+        result = load(cell.work)(dict(cell.job), folder)
+    except SwarmstartError as error:
+        failure = str(error)
+    except Exception as error:  # noqa: BLE001 - whatever it is, the others go on
+        failure = f"{type(error).__name__}: {error}"
     seconds = clock.perf_counter() - began
-    _commit(cell, root, result=result, failure="", seconds=seconds)
+    _commit(cell, folder, result=result, failure=failure, seconds=seconds)
 
 
 def _commit(
     cell: Cell,
-    root: Path,
+    folder: Path,
     *,
-    result: Mapping[str, Any] | None,
-    failure: str,
-    seconds: float,
+    result: Mapping[str, Any] | None = None,
+    failure: str = "",
+    seconds: float = 0.0,
+    again: bool = False,
 ) -> None:
     content = {
         "schema": 1,
@@ -242,10 +259,11 @@ def _commit(
         "work": cell.work,
         "job": dict(cell.job),
         "failure": failure,
+        "again": again,
         "seconds": seconds,
         "result": result,
     }
-    write_json(root / cell.key / MARK, content)
+    write_json(folder / MARK, content)
 
 
 def _follow_parent() -> None:

@@ -164,11 +164,8 @@ def _add_replicate(replicate: argparse.ArgumentParser) -> None:
     replicate.add_argument(
         "--dry-run", action="store_true", help="say what is to be done, and how long"
     )
-    replicate.add_argument(
-        "--markdown", action="store_true", help="print a Markdown table"
-    )
     replicate.add_argument("--out", metavar="DIR", help="default: results/replication")
-    _add_campaign(replicate)
+    _add_campaign(replicate, markdown=True)
     replicate.set_defaults(command=_replicate)
 
 
@@ -198,14 +195,15 @@ def _add_compare(compare: argparse.ArgumentParser) -> None:
     compare.set_defaults(command=_compare)
 
 
-def _add_campaign(command: argparse.ArgumentParser) -> None:
+def _add_campaign(command: argparse.ArgumentParser, *, markdown: bool = False) -> None:
     """Add what all commands of many runs have."""
     command.add_argument(
         "--workers", type=_count, metavar="N", help="processes; default: every core"
     )
-    command.add_argument(
-        "--json", action="store_true", help="one JSON object on stdout"
-    )
+    printed = command.add_mutually_exclusive_group()
+    printed.add_argument("--json", action="store_true", help="one JSON object")
+    if markdown:
+        printed.add_argument("--markdown", action="store_true", help="a Markdown table")
     command.add_argument("-q", "--quiet", action="store_true", help="no progress")
 
 

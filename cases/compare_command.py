@@ -17,7 +17,7 @@ from swarmstart.cases.comparison import Entry, Row, entry_of, rows_of
 from swarmstart.cases.progress import Progress
 from swarmstart.cases.record import to_json, write_atomically
 from swarmstart.cases.scenario import read_document, resolve
-from swarmstart.cases.solvers import Solver, budget_of, solver_of
+from swarmstart.cases.solvers import Solver, budget_of, search_share, solver_of
 from swarmstart.cases.versions import versions
 
 RESULTS = Path("results") / "compare"
@@ -40,11 +40,12 @@ HEAD = (
 
 def compare_command(options: argparse.Namespace) -> int:
     """Compare what the options ask for; return the exit code."""
-    solvers = [solver_of(name) for name in options.solvers.split(",")]
+    names = dict.fromkeys(name.strip() for name in options.solvers.split(","))
+    solvers = [solver_of(name) for name in names]
     budget = budget_of(options.budget)
     entries = [
         [_entry(name, solver, budget, options) for solver in solvers]
-        for name in options.scenarios
+        for name in dict.fromkeys(options.scenarios)
     ]
     root = Path(options.out) if options.out else RESULTS
     cells = [cell for each in entries for entry in each for cell in entry.cells]
@@ -80,7 +81,7 @@ def _entry(
         variant=options.variant,
         search=solver.search,
         polish="ipopt" if solver.polished else "none",
-        assignments=options.assignments,
+        assignments=[*options.assignments, *_budget_of_search(solver, budget)],
     )
     resolved.kind.pose(resolved.scenario)  # Refused here, not in a worker.
     return entry_of(
@@ -90,6 +91,13 @@ def _entry(
         budget=budget,
         timeout_s=options.timeout,
     )
+
+
+def _budget_of_search(solver: Solver, budget: dict[str, Any]) -> list[str]:
+    """Return the search's share of the budget as a setting, to be checked as one."""
+    if solver.search == "none":
+        return []
+    return [f"budget={to_json(search_share(solver, budget))}"]
 
 
 def _csv(rows: Sequence[Row]) -> str:

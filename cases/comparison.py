@@ -19,8 +19,8 @@ from swarmstart.cases.campaign import Cell, Outcome
 from swarmstart.cases.scenario import Resolved
 from swarmstart.cases.solvers import Solver
 from swarmstart.cases.statistics import (
-    FEWEST_PAIRS,
     LEVEL,
+    fewest_pairs,
     holm,
     signed_rank_p,
     too_few,
@@ -89,7 +89,8 @@ def entry_of(
         budget: Of one planning problem.
         timeout_s: After which a cell is given up [s].
     """
-    settings = {**resolved.settings, "claims": [], "title": "", "source": ""}
+    told_only = {"claims": [], "title": "", "source": "", "name": "cell"}
+    settings = {**resolved.settings, **told_only}
     cells = [
         Cell(
             work="swarmstart.cases.solvers:solve_cell",
@@ -159,8 +160,9 @@ def _against_first(costs: Sequence[Sequence[float]]) -> list[str]:
     first, *others = costs
     finite = [c for each in costs for c in each if c < np.inf]
     worst = 2 * max(map(abs, finite), default=1.0) + 1.0
-    if len(first) < FEWEST_PAIRS:
-        few = f"not compared: {too_few(len(first), 'seed', FEWEST_PAIRS)}"
+    fewest = fewest_pairs(len(others))
+    if len(first) < fewest:
+        few = f"not compared: {too_few(len(first), 'seed', fewest)}"
         return ["", *[few for _ in others]]
     pairs = [
         [
@@ -182,5 +184,6 @@ def _words(differences: Sequence[float], p: float) -> str:
     counted = f"cheaper in {cheaper}, dearer in {dearer} of {len(differences)} seeds"
     if p > LEVEL:
         return f"no difference shown ({counted}, p = {p:.2g})"
-    word = "cheaper" if statistics.median(differences) < 0 else "dearer"
+    median = statistics.median([d for d in differences if d])
+    word = "cheaper" if median < 0 else "dearer"
     return f"{word} ({counted}, p = {p:.2g})"

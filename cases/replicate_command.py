@@ -61,7 +61,7 @@ class Plan:
     figures: list[Cell]
 
     def cells(self) -> list[Cell]:
-        """Return every distinct cell, the longest kind first."""
+        """Return every distinct cell, those with figures first: they take longest."""
         every = [cell for parts in self.parts for cell in cells_of(parts)]
         return list({cell.key: cell for cell in (*self.figures, *every)}.values())
 
@@ -75,7 +75,8 @@ def replicate_command(options: argparse.Namespace) -> int:
     cells, folder = plan.cells(), root / "cells"
     workers = options.workers or os.cpu_count() or 1
     if options.dry_run:
-        _tell(_dry(cells, folder, workers))
+        foreseen = _foreseen(cells, folder, workers)
+        _tell(to_json(foreseen) if options.json else _dry(foreseen))
         return DONE
     with Progress("replicate", quiet=options.quiet) as progress:
         outcomes = carried_out(cells, folder, workers=workers, told=progress.update)
@@ -85,18 +86,19 @@ def replicate_command(options: argparse.Namespace) -> int:
         for claim, parts in zip(plan.claims, plan.parts, strict=True)
     ]
     content = _content(plan, claims, len(cells), options)
+    stem = "-".join(["replication", *map(str, sorted(set(options.only)))])
     write_json(
-        root / "replication.json",
+        root / f"{stem}.json",
         {**content, "wall_s": clock.perf_counter() - began},
     )
     page = rendered("replication.html", {**content, "figures": _figures(plan, by_key)})
     write_atomically(
-        root / "replication.html", lambda file: file.write(page.encode("utf-8"))
+        root / f"{stem}.html", lambda file: file.write(page.encode("utf-8"))
     )
     if options.json:
         _tell(to_json(content))
     else:
-        _tell(markdown(content) if options.markdown else _report(content, root))
+        _tell(markdown(content) if options.markdown else _report(content, root / stem))
     return DONE if all(claim.is_expected for claim in claims) else GATE
 
 
@@ -123,18 +125,29 @@ def _planned(only: Sequence[int], seeds: int | None) -> Plan:
     )
 
 
-def _dry(cells: Sequence[Cell], folder: Path, workers: int) -> str:
+def _foreseen(cells: Sequence[Cell], folder: Path, workers: int) -> dict[str, Any]:
     """Return how many cells there are, how many are kept, and how long it takes."""
     kept = [outcome for cell in cells if (outcome := finished(cell, folder))]
     missing = len(cells) - len(kept)
     known = [outcome.seconds for outcome in kept if outcome.seconds > 0]
     each = statistics.mean(known) if known else TYPICAL_S
-    lines = [f"{len(cells)} runs, {len(kept)} kept from before, {missing} to do"]
-    if missing:
-        lines.append(
-            f"about {missing * each / workers:.0f} s with {workers} worker processes"
-        )
-    return "\n".join(lines)
+    return {
+        "schema": 1,
+        "runs": len(cells),
+        "kept": len(kept),
+        "missing": missing,
+        "seconds": missing * each / workers,
+        "workers": workers,
+    }
+
+
+def _dry(foreseen: Mapping[str, Any]) -> str:
+    """Return what is foreseen, for a person."""
+    text = "{runs} runs, {kept} kept from before, {missing} to do".format(**foreseen)
+    if not foreseen["missing"]:
+        return text
+    time = "about {seconds:.0f} s with {workers} worker processes".format(**foreseen)
+    return f"{text}\n{time}"
 
 
 def _content(
@@ -223,6 +236,7 @@ def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]
                 "data": embedded(outcome.folder / "figures" / name),
             }
             for name in names
+            if (outcome.folder / "figures" / name).exists()
         ]
         drawn.append(
             {
@@ -230,6 +244,7 @@ def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]
                 "title": figure.title,
                 "command": shlex.join(words),
                 "images": images,
+                "failure": outcome.failure,
             }
         )
     return drawn
@@ -261,7 +276,7 @@ def markdown(content: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _report(content: Mapping[str, Any], root: Path) -> str:
+def _report(content: Mapping[str, Any], path: Path) -> str:
     """Return what a person reads."""
     lines = [f"{content['runs']} runs, {content['seeds_in_words']}", ""]
     width = max(len(claim["verdict"]) for claim in content["claims"])
@@ -279,6 +294,5 @@ def _report(content: Mapping[str, Any], root: Path) -> str:
             )
             lines += [f"        a run failed: {text}" for text in part["failures"]]
     lines += ["", f"{content['counted']}"]
-    lines += [f"page    {root / 'replication.html'}"]
-    lines += [f"record  {root / 'replication.json'}"]
+    lines += [f"page    {path}.html", f"record  {path}.json"]
     return "\n".join(lines)

@@ -144,7 +144,9 @@ class JudgedClaim:
 
     @property
     def is_expected(self) -> bool:
-        """Whether the verdict is the expected one, or none can be given."""
+        """Whether the verdict is the expected one, or too few runs were asked for."""
+        if any(part.failures for part in self.parts):
+            return False
         return self.verdict in (self.claim.expected, Verdict.NOT_JUDGED)
 
 
@@ -286,20 +288,30 @@ def _judged_part(planned: PlannedPart, outcomes: Mapping[str, Outcome]) -> Judge
     failures = tuple(o.failure for pair in found for o in pair if o.failure)
     complete = [pair for pair in found if not any(o.failure for o in pair)]
     values = tuple(_value(pair, claim.measure) for pair in complete)
-    verdict, test = _verdict(part, claim, values)
+    verdict, test = Verdict.NOT_JUDGED, "a run failed"
+    if not failures:
+        verdict, test = _verdict(part, claim, values)
     return JudgedPart(
         planned=planned, values=values, verdict=verdict, test=test, failures=failures
     )
 
 
 def _value(pair: Sequence[Outcome], measure: str) -> Measure:
-    """Return a run's measure, or the ratio of a pair's."""
+    """Return a run's measure, or the ratio of a pair's.
+
+    Not defined (never settled) counts as infinite.
+    """
     first, *second = (outcome.result or {} for outcome in pair)
     value: Measure = first["measures"][measure]
     if not second:
         return value
     other = second[0]["measures"][measure]
-    return None if value is None or not other else value / other
+    above, below = (
+        float("inf") if v is None else float(str(v)) for v in (value, other)
+    )
+    if above == below:
+        return 1.0
+    return above / below if below else float("inf")
 
 
 def _verdict(
@@ -314,6 +326,8 @@ def _verdict(
     verdict = verdict_of_seeds(values, claim.relation, claim.bound, share=share)
     if part.guarantee and verdict is Verdict.HOLDS:
         return Verdict.NOT_SHOWN, "flights are examples, not a proof"
+    if part.guarantee and verdict is Verdict.IN_PART:
+        return Verdict.FAILS, "one exception refutes a guarantee"
     return verdict, ""
 
 

@@ -19,7 +19,7 @@ def run_cell(resolved: Resolved, seed: int, *, figures: bool = False) -> Cell:
     """
     settings = dict(resolved.settings)
     if not figures:
-        settings |= {"claims": [], "title": "", "source": ""}
+        settings |= {"claims": [], "title": "", "source": "", "name": "cell"}
     variant = f" {resolved.variant}" if resolved.variant else ""
     return Cell(
         work="swarmstart.cases.run_cell:fly",

@@ -46,6 +46,8 @@ SEARCHED = tuple(name for name in SEARCHES if name != "none")
 SEARCH_SHARE = 0.9
 """Of the budget, where a polish follows."""
 MOST_ITERATIONS = 300
+LARGEST = 1e12
+"""Budgets are below it."""
 _BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m)")
 
 
@@ -114,7 +116,7 @@ def budget_of(text: str) -> dict[str, float | int]:
         key = "evaluations" if match and match["unit"] == "evals" else "seconds"
         number = _number(match["number"]) if match else 0.0
         whole = key == "seconds" or number.is_integer()
-        if match is None or number <= 0 or not whole or key in budget:
+        if match is None or not 0 < number < LARGEST or not whole or key in budget:
             raise InvalidBudgetTextError(
                 "expected a budget such as 4000evals, 5s or 4000evals|5s, "
                 f"found {text!r}"
@@ -167,13 +169,12 @@ def _planned(
     rng: np.random.Generator,
 ) -> tuple[Plan, float]:
     """Return the plan of a search, a polish or both, and how long it took [s]."""
-    share = SEARCH_SHARE if solver.polished else 1.0
+    alone = solver.search == "none"
+    polish = _ipopt(budget, 1.0 if alone else 1 - SEARCH_SHARE)
     planner = Planner(
         posed.problem,
-        search=_search(scenario, budget, share),
-        polish=_ipopt(budget, 1 - share if solver.search != "none" else 1.0)
-        if solver.polished
-        else None,
+        search=_search(scenario, search_share(solver, budget)),
+        polish=polish if solver.polished else None,
         family=posed.family,
         backend=scenario.backend,
     )
@@ -182,22 +183,23 @@ def _planned(
     return plan, clock.perf_counter() - began
 
 
-def _search(
-    scenario: Scenario, budget: Mapping[str, Any], share: float
-) -> SearchSettings | None:
-    """Return the scenario's search with a share of the budget."""
+def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what of a budget the search has: all, or less where a polish follows."""
+    share = SEARCH_SHARE if solver.polished else 1.0
+    parts = {name: share * value for name, value in budget.items()}
+    if "evaluations" in parts:
+        parts["evaluations"] = max(1, int(parts["evaluations"]))
+    return parts
+
+
+def _search(scenario: Scenario, budget: Mapping[str, Any]) -> SearchSettings | None:
+    """Return the scenario's search with another budget."""
     settings = scenario.search_settings()
     if settings is None:
         return None
-    evaluations, seconds = budget.get("evaluations"), budget.get("seconds")
     return SearchSettings(
         algorithm=settings.algorithm,
-        budget=Budget(
-            evaluations=None
-            if evaluations is None
-            else max(1, int(share * evaluations)),
-            seconds=None if seconds is None else share * seconds,
-        ),
+        budget=Budget(**budget),
         order=settings.order,
         sampling=settings.sampling,
     )

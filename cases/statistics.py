@@ -1,5 +1,6 @@
 """What repeated runs show, and what they do not."""
 
+import math
 import statistics
 from collections.abc import Sequence
 from typing import Any
@@ -8,8 +9,18 @@ import numpy as np
 
 LEVEL = 0.05
 """A difference is called shown where p is at most this."""
-FEWEST_PAIRS = 6
-"""With fewer, no signed-rank test can reach LEVEL: the smallest p is 2^(1 - n)."""
+
+
+def fewest_pairs(comparisons: int = 1) -> int:
+    """Return with how many pairs a difference can be shown at all.
+
+    The smallest p of a signed-rank test is 2^(1 - n), times the number of comparisons
+    (Holm) where all differ alike.
+
+    Args:
+        comparisons: How many are made together.
+    """
+    return math.ceil(1 - math.log2(LEVEL / max(comparisons, 1)))
 
 
 def signed_rank_p(differences: Sequence[float]) -> float:

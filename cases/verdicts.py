@@ -4,9 +4,14 @@ import statistics
 from collections.abc import Sequence
 from enum import StrEnum
 
+import numpy as np
+
 from swarmstart.cases.claims import holds
 from swarmstart.cases.kind import Measure
-from swarmstart.cases.statistics import FEWEST_PAIRS, LEVEL, signed_rank_p, too_few
+from swarmstart.cases.statistics import LEVEL, fewest_pairs, signed_rank_p, too_few
+
+MOST_RATIO = 1e6
+"""Where one run of a pair never settles, say, the ratio is taken as this."""
 
 
 class Verdict(StrEnum):
@@ -42,16 +47,24 @@ def paired_verdict(
 ) -> tuple[Verdict, str]:
     """Return what pairs of runs say, and the test.
 
-    A difference must show in a signed-rank test before the median ratio is compared.
+    A difference must show in a signed-rank test before the median ratio is compared: of
+    the ratios' logarithms, so that half and double weigh the same, or where a measure
+    changes its sign of the ratios less 1.
 
     Args:
         ratios: Of the pairs.
         relation: A key of `claims.RELATIONS`.
         bound: The bound of the ratio.
     """
-    if len(ratios) < FEWEST_PAIRS:
-        return Verdict.NOT_JUDGED, too_few(len(ratios), "pair", FEWEST_PAIRS)
-    p = signed_rank_p([ratio - 1.0 for ratio in ratios])
+    fewest = fewest_pairs()
+    if len(ratios) < fewest:
+        return Verdict.NOT_JUDGED, too_few(len(ratios), "pair", fewest)
+    values = np.clip(ratios, -MOST_RATIO, MOST_RATIO)
+    if (values >= 0).all():
+        differences = np.log(np.maximum(values, 1 / MOST_RATIO))
+    else:
+        differences = values - 1.0
+    p = signed_rank_p(differences.tolist())
     test = f"{len(ratios)} pairs, Wilcoxon p = {p:.2g}"
     if p > LEVEL:
         return Verdict.NO_DIFFERENCE, test
@@ -63,7 +76,7 @@ def verdict_of_parts(parts: Sequence[Verdict]) -> Verdict:
     """Return what the parts of a claim say together.
 
     Nothing as long as a part could not be judged; of different answers, "in part" where
-    any part holds, at least in part.
+    any part holds, at least in part; else "does not hold" where any does not.
     """
     if Verdict.NOT_JUDGED in parts:
         return Verdict.NOT_JUDGED
@@ -71,4 +84,6 @@ def verdict_of_parts(parts: Sequence[Verdict]) -> Verdict:
     if len(judged) == 1:
         return parts[0]
     some = {Verdict.HOLDS, Verdict.IN_PART} & judged
-    return Verdict.IN_PART if some else Verdict.FAILS
+    if some:
+        return Verdict.IN_PART
+    return Verdict.FAILS if Verdict.FAILS in judged else Verdict.NO_DIFFERENCE

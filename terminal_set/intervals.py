@@ -74,7 +74,7 @@ def interval_function(function: ca.Function) -> IntervalEvaluation:
     """Return an SX function of one column as a function of boxes.
 
     Args:
-        function: x (n, 1) -> y (k, 1).
+        function: x (n, 1) -> y (k, 1); of a matrix y the columns follow each other.
 
     Raises:
         UnknownIntervalOperationError: If it has an operation without interval form.
@@ -85,6 +85,8 @@ def interval_function(function: ca.Function) -> IntervalEvaluation:
         if operation not in (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, *_FORMS):
             raise UnknownIntervalOperationError(function.name(), operation)
     outputs, registers = expanded.numel_out(0), expanded.sz_w()
+    # The tape counts the entries that are not zero by structure.
+    taken, given = expanded.sparsity_in(0).find(), expanded.sparsity_out(0).find()
 
     def evaluate(lower: Array, upper: Array) -> tuple[Array, Array]:
         boxes = lower.shape[1]
@@ -93,9 +95,11 @@ def interval_function(function: ca.Function) -> IntervalEvaluation:
         with np.errstate(all="ignore"):
             for operation, ins, outs, constant in tape:
                 if operation == ca.OP_INPUT:
-                    work[outs[0]] = lower[ins[1]], upper[ins[1]]
+                    entry = taken[ins[1]]
+                    work[outs[0]] = lower[entry], upper[entry]
                 elif operation == ca.OP_OUTPUT:
-                    low[outs[1]], high[outs[1]] = work[ins[0]]
+                    entry = given[outs[1]]
+                    low[entry], high[entry] = work[ins[0]]
                 elif operation == ca.OP_CONST:
                     work[outs[0]] = (np.full(boxes, constant),) * 2
                 else:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics import Budget
 
 
 def square(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -21,6 +22,11 @@ def square(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 def refuse(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     raise SwarmstartError(f"expected an even number, found {job['number']}")
+
+
+def refuse_budget(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    Budget(evaluations=0)
+    return {}
 
 
 def break_off(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:

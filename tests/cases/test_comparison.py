@@ -63,7 +63,7 @@ def test_an_answer_that_is_not_feasible_is_dearer_than_any_that_is() -> None:
     found = rows(de=[10.0] * 8, ga=[FAR] * 8, pso=[FAR, *[10.0] * 7])
     assert found["ga"].against_first.startswith("dearer (cheaper in 0, dearer in 8 of")
     assert "dearer in 1 of 8" in found["pso"].against_first
-    both = rows(de=[FAR] * 6, ga=[FAR] * 6)
+    both = rows(de=[FAR] * 8, ga=[FAR] * 8)
     assert "cheaper in 0, dearer in 0" in both["ga"].against_first
 
 
@@ -71,6 +71,14 @@ def test_a_deterministic_answer_counts_for_every_seed() -> None:
     found = rows(de=[10.0 + 0.1 * seed for seed in range(6)], ipopt=[30.0])
     assert found["ipopt"].success_interval is None
     assert found["ipopt"].against_first.startswith("dearer (cheaper in 0, dearer in 6")
+
+
+def test_the_word_is_that_of_those_that_differ() -> None:
+    """Eight ties and six cheaper: the median difference is 0."""
+    base = [10.0 + seed for seed in range(14)]
+    other = [cost - (0.1 * seed if seed < 7 else 0) for seed, cost in enumerate(base)]
+    said = rows(de=base, ga=other)["ga"].against_first
+    assert said.startswith("cheaper (cheaper in 6, dearer in 0 of 14 seeds")
 
 
 def test_few_seeds_are_not_compared() -> None:

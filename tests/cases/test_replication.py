@@ -118,13 +118,15 @@ def test_one_seed_is_too_few_for_pairs_and_for_five_of_five() -> None:
         assert found.is_expected
 
 
-def test_a_run_that_failed_is_told_and_left_out() -> None:
+def test_a_run_that_failed_is_told_and_nothing_is_judged() -> None:
     parts = planned(WHOLE, claim(1), seeds=2)
     first, second = cells_of(parts)
     lost = Outcome(result=None, failure="it died", seconds=0.0, folder=Path())
     found = judged(claim(1), parts, {first.key: outcome(8.0), second.key: lost})
     (part,) = found.parts
     assert (part.values, part.failures) == ((8.0,), ("it died",))
+    assert found.verdict is Verdict.NOT_JUDGED
+    assert not found.is_expected
 
 
 def test_a_part_is_of_a_scenario_or_computed() -> None:

@@ -32,7 +32,20 @@ def test_a_budget_is_read(text: str, budget: dict[str, float]) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "5", "evals", "-5s", "0s", "1.5evals", "5s|6s", "1..2s", "5 h"]
+    "text",
+    [
+        "",
+        "5",
+        "evals",
+        "-5s",
+        "0s",
+        "1.5evals",
+        "5s|6s",
+        "1..2s",
+        "5 h",
+        "1e400s",
+        "1e30evals",
+    ],
 )
 def test_what_is_no_budget_is_refused(text: str) -> None:
     with pytest.raises(InvalidBudgetTextError, match="such as 4000evals, 5s or"):

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmstart.cases.statistics import (
-    FEWEST_PAIRS,
     LEVEL,
+    fewest_pairs,
     holm,
     signed_rank_p,
     spread,
@@ -64,7 +64,14 @@ def test_the_fewest_pairs_are_those_with_which_a_difference_can_be_shown() -> No
         ]
         extreme = sum(total in (0, sum(ranks)) for total in sums) / len(sums)
         assert signed_rank_p([0.1 * rank for rank in ranks]) == pytest.approx(extreme)
-        assert (extreme <= LEVEL) == (n >= FEWEST_PAIRS)
+        assert (extreme <= LEVEL) == (n >= fewest_pairs())
+
+
+@pytest.mark.parametrize(("comparisons", "pairs"), [(1, 6), (2, 7), (5, 8)])
+def test_more_comparisons_take_more_pairs(comparisons: int, pairs: int) -> None:
+    assert fewest_pairs(comparisons) == pairs
+    smallest = [holm([2.0 ** (1 - n)] * comparisons)[0] for n in (pairs - 1, pairs)]
+    assert smallest[0] > LEVEL >= smallest[1]
 
 
 def test_pairs_without_a_difference_show_none() -> None:

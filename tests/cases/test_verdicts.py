@@ -48,7 +48,7 @@ def test_never_is_a_bound_too() -> None:
         (
             [0.8, 1.25, 0.9, 1.22, 0.85, 1.11],
             Verdict.NO_DIFFERENCE,
-            "6 pairs, Wilcoxon p = 0.69",
+            "6 pairs, Wilcoxon p = 1",
         ),
     ],
 )
@@ -56,6 +56,23 @@ def test_a_ratio_counts_once_a_difference_is_shown(
     ratios: list[float], verdict: Verdict, test: str
 ) -> None:
     assert paired_verdict(ratios, "<=", 0.9) == (verdict, test)
+
+
+def test_half_and_double_weigh_the_same() -> None:
+    ratios = [0.30, 0.31, 0.32, 0.33, 0.34, 0.35, 0.36, 2.0, 2.1]
+    inverse = [1 / ratio for ratio in ratios]
+    (_, one), (_, other) = (
+        paired_verdict(values, "<=", 1.0) for values in (ratios, inverse)
+    )
+    assert one == other
+
+
+def test_a_run_that_never_settles_counts_as_far_worse() -> None:
+    never = float("inf")
+    assert paired_verdict([never] * 6, "<", 1.0)[0] is Verdict.FAILS
+    assert paired_verdict([0.0] * 6, "<", 1.0)[0] is Verdict.HOLDS
+    mixed = [0.9, 0.95, 0.92, never, never, never]
+    assert paired_verdict(mixed, "<", 1.0)[0] is Verdict.NO_DIFFERENCE
 
 
 @pytest.mark.parametrize(
@@ -67,6 +84,7 @@ def test_a_ratio_counts_once_a_difference_is_shown(
         ([Verdict.FAILS, Verdict.NO_DIFFERENCE], Verdict.FAILS),
         ([Verdict.HOLDS, Verdict.NOT_JUDGED], Verdict.NOT_JUDGED),
         ([Verdict.NOT_SHOWN], Verdict.NOT_SHOWN),
+        ([Verdict.NOT_SHOWN, Verdict.NO_DIFFERENCE], Verdict.NO_DIFFERENCE),
     ],
 )
 def test_parts_make_a_claim(parts: list[Verdict], verdict: Verdict) -> None:

@@ -73,7 +73,7 @@ def test_json_is_one_object(folder: Path, command: Command) -> None:
     rows = {row["solver"]: row for row in content["rows"]}
     assert rows["ipopt"]["deterministic"] and rows["ipopt"]["runs"] == 1
     assert rows["de"]["near_best_interval"][0] >= 0
-    assert rows["de"]["against_first"] == "not compared: 2 seeds, 6 are needed"
+    assert rows["de"]["against_first"] == "not compared: 2 seeds, 7 are needed"
 
 
 @pytest.mark.parametrize(
@@ -83,6 +83,10 @@ def test_json_is_one_object(folder: Path, command: Command) -> None:
         (["formation_100"], "expected planning.name to be joint"),
         (["passing_side", "--solvers", "snopt"], "expected a solver: one of cpso"),
         (["passing_side", "--budget", "5"], "expected a budget such as 4000evals"),
+        (
+            ["passing_side", "--budget", "10evals"],
+            "expected at least 20, one generation",
+        ),
         (["nowhere"], "expected a path or one of"),
         (["passing_side", "--set", "steps=0"], "expected steps to be at least 1"),
     ],

@@ -75,8 +75,22 @@ def test_one_claim_alone_takes_its_runs_only(folder: Path, command: Command) -> 
     content = json.loads(said.out)
     assert [claim["id"] for claim in content["claims"]] == [8, 24]
     assert content["runs"] == 2
-    # The page of all claims comes back with the next call; put it back for the others.
-    assert command("replicate", "--quick", "--quiet", "--out", folder).code == 0
+    assert (folder / "replication-8-24.html").exists()  # Not in place of the whole.
+
+
+def test_runs_that_fail_are_no_replication(folder: Path, command: Command) -> None:
+    """A kept failure: nothing is judged, it is told, and the exit code says so."""
+    (mark,) = (
+        file
+        for file in folder.glob("cells/*/cell.json")
+        if "de_absorption" in file.read_text()
+    )
+    kept = mark.read_text()
+    mark.write_text(json.dumps({**json.loads(kept), "failure": "no luck"}))
+    said = command("replicate", "--only", "24", "--quiet", "--out", folder)
+    mark.write_text(kept)
+    assert said.code == 3
+    assert "not judged" in said.out and "a run failed: no luck" in said.out
 
 
 def test_a_claim_that_is_none_is_refused(command: Command) -> None:

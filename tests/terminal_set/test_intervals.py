@@ -160,6 +160,18 @@ def test_blocks_of_boxes_are_evaluated_one_by_one() -> None:
     np.testing.assert_array_equal(outer[0], np.hstack([one[0] for one in alone]))
 
 
+def test_entries_that_are_zero_by_structure_keep_their_places() -> None:
+    x = ca.SX.sym("x", 3)
+    hessian, _ = ca.hessian(x[0] * x[2] + ca.sin(x[1]), x)
+    f = ca.Function("f", [x], [hessian])
+    assert f.sparsity_out(0).nnz() < f.numel_out(0)
+    point = np.array([[1.0], [2.0], [3.0]])
+    low, high = interval_function(f)(point, point)
+    expected = [0, 0, 1, 0, -np.sin(2.0), 0, 1, 0, 0]
+    np.testing.assert_allclose(low[:, 0], expected, atol=1e-14)
+    np.testing.assert_allclose(high[:, 0], expected, atol=1e-14)
+
+
 def test_what_has_no_interval_form_is_named() -> None:
     x = ca.SX.sym("x")
     f = ca.Function("stairs", [x], [ca.floor(x)])
