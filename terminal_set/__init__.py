@@ -42,6 +42,7 @@ from swarmstart.terminal_set.lyapunov import (
     literal_lyapunov,
     sampled_lyapunov,
 )
+from swarmstart.terminal_set.proof import Proof, prove_level
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.refutation import Refutation, refuted_level
 from swarmstart.terminal_set.reliability import UnreliableSolutionError
@@ -63,6 +64,7 @@ __all__ = [
     "NotFiniteError",
     "NotPositiveError",
     "NotStabilisableError",
+    "Proof",
     "Reference",
     "Refutation",
     "SaturatedReferenceError",
@@ -84,6 +86,7 @@ __all__ = [
     "literal_level",
     "literal_lyapunov",
     "literal_terminal_set",
+    "prove_level",
     "refuted_level",
     "sampled_lqr",
     "sampled_lyapunov",
