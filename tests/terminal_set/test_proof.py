@@ -129,8 +129,9 @@ def test_states_of_a_proven_set_decrease_under_an_independent_integrator(
     du = found.feedback(e)
     assert np.all(np.abs(du) <= leader.u_max[:, None] * (1 + 1e-12))
 
-    def rates(_: float, flat: Array) -> Array:
-        v, psi, _, _ = flat.reshape(4, count)
+    def rates(time: float, flat: Array) -> Array:
+        del time
+        v, psi, *_position = flat.reshape(4, count)
         moved = np.stack([du[0], du[1], v * np.cos(psi), v * np.sin(psi)])
         return moved.ravel()
 
