@@ -278,7 +278,8 @@ def markdown(content: Mapping[str, Any]) -> str:
 
 def _report(content: Mapping[str, Any], path: Path) -> str:
     """Return what a person reads."""
-    lines = [f"{content['runs']} runs, {content['seeds_in_words']}", ""]
+    plural = "" if content["runs"] == 1 else "s"
+    lines = [f"{content['runs']} run{plural}, {content['seeds_in_words']}", ""]
     width = max(len(claim["verdict"]) for claim in content["claims"])
     for claim in content["claims"]:
         head = f"{claim['id']:>2}  {claim['verdict'].ljust(width)}  {claim['text']}"
