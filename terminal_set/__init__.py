@@ -13,6 +13,14 @@ from swarmstart.terminal_set.arrays import (
     NotFiniteError,
     NotPositiveError,
 )
+from swarmstart.terminal_set.choice import (
+    Candidate,
+    NoProvenSetError,
+    ProvenLevel,
+    largest_proven_set,
+    log_volume,
+    proven_level,
+)
 from swarmstart.terminal_set.decrease import continuous_change, held_change
 from swarmstart.terminal_set.design import (
     InvalidReserveError,
@@ -54,6 +62,7 @@ from swarmstart.terminal_set.stability import (
 
 __all__ = [
     "AsymmetricMatrixError",
+    "Candidate",
     "Ellipsoid",
     "Gain",
     "IndefiniteMatrixError",
@@ -61,10 +70,12 @@ __all__ = [
     "InvalidPlaneError",
     "InvalidReserveError",
     "InvalidShapeError",
+    "NoProvenSetError",
     "NotFiniteError",
     "NotPositiveError",
     "NotStabilisableError",
     "Proof",
+    "ProvenLevel",
     "Reference",
     "Refutation",
     "SaturatedReferenceError",
@@ -80,13 +91,16 @@ __all__ = [
     "held_spectral_radius",
     "hold",
     "input_excess",
+    "largest_proven_set",
     "level_from_inputs",
     "level_from_states",
     "linearise",
     "literal_level",
     "literal_lyapunov",
     "literal_terminal_set",
+    "log_volume",
     "prove_level",
+    "proven_level",
     "refuted_level",
     "sampled_lqr",
     "sampled_lyapunov",
