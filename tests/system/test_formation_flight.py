@@ -65,6 +65,24 @@ def test_literal_flight_avoids_the_obstacle_at_the_samples_only() -> None:
     assert number(measures, "obstacle_clearance_m") < -1  # the text's defect, shown
 
 
+@pytest.mark.parametrize("scenario", ["formation_v", "formation_obstacle"])
+@pytest.mark.parametrize(
+    "search", ["search={name: ga, warm_start: none}", "search.warm_start=none"]
+)
+def test_a_wide_terminal_set_settles_what_does_not_settle_by_itself(
+    scenario: str, search: str
+) -> None:
+    """A search that starts at random at every step stays restless near its slots."""
+    alone = flown(
+        scenario, "corrected", assignments=(search, "dual_mode.enabled=false")
+    )
+    assert alone.measures["settle_time_s"] is None
+    dual = flown(scenario, "corrected", assignments=(search, "dual_mode.R=[1, 1000]"))
+    assert number(dual.measures, "settle_time_s") <= 20
+    assert dual.measures["terminal_exits"] == 0
+    assert number(dual.measures, "lyapunov_ratio_max") < 1
+
+
 def test_corrected_flight_avoids_the_obstacle_between_the_samples_too() -> None:
     measures = flown("formation_obstacle", "corrected").measures
     assert number(measures, "settle_time_s") <= 18
