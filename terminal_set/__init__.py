@@ -21,7 +21,7 @@ from swarmstart.terminal_set.choice import (
     log_volume,
     proven_level,
 )
-from swarmstart.terminal_set.decrease import continuous_change, held_change
+from swarmstart.terminal_set.decrease import Change, continuous_change, held_change
 from swarmstart.terminal_set.design import (
     InvalidReserveError,
     TerminalSet,
@@ -30,6 +30,11 @@ from swarmstart.terminal_set.design import (
     sampled_terminal_set,
 )
 from swarmstart.terminal_set.ellipsoid import Ellipsoid, InvalidPlaneError
+from swarmstart.terminal_set.intervals import (
+    IntervalEvaluation,
+    UnknownIntervalOperationError,
+    interval_function,
+)
 from swarmstart.terminal_set.level import (
     SaturatedReferenceError,
     input_excess,
@@ -63,9 +68,11 @@ from swarmstart.terminal_set.stability import (
 __all__ = [
     "AsymmetricMatrixError",
     "Candidate",
+    "Change",
     "Ellipsoid",
     "Gain",
     "IndefiniteMatrixError",
+    "IntervalEvaluation",
     "InvalidDynamicsError",
     "InvalidPlaneError",
     "InvalidReserveError",
@@ -80,6 +87,7 @@ __all__ = [
     "Refutation",
     "SaturatedReferenceError",
     "TerminalSet",
+    "UnknownIntervalOperationError",
     "UnreliableSolutionError",
     "UnstableLoopError",
     "UnweightedModeError",
@@ -91,6 +99,7 @@ __all__ = [
     "held_spectral_radius",
     "hold",
     "input_excess",
+    "interval_function",
     "largest_proven_set",
     "level_from_inputs",
     "level_from_states",

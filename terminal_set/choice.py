@@ -17,11 +17,10 @@ import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from swarmstart.errors import SwarmstartError
+from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.design import TerminalSet
 from swarmstart.terminal_set.ellipsoid import Ellipsoid
 from swarmstart.terminal_set.proof import Proof, prove_level
@@ -96,8 +95,7 @@ def log_volume(ellipsoid: Ellipsoid) -> float:
 
 
 def proven_level(
-    change: ca.Function,
-    P: ArrayLike,
+    change: Change,
     alpha_max: float,
     *,
     rng: np.random.Generator,
@@ -106,8 +104,7 @@ def proven_level(
     """Prove as much as can be of the levels up to one.
 
     Args:
-        change: e -> c(e), of `continuous_change` or `held_change`.
-        P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
+        change: Of `continuous_change` or `held_change`.
         alpha_max: The level wanted, > 0: that of the bounds.
         rng: Of the rays that look for a counterexample.
         max_seconds: For all proofs together [s].
@@ -119,7 +116,7 @@ def proven_level(
     Raises:
         SwarmstartError: As `refuted_level` and `prove_level` say.
     """
-    refutation = refuted_level(change, P, alpha_max=alpha_max, rng=rng)
+    refutation = refuted_level(change, alpha_max=alpha_max, rng=rng)
     shares: Sequence[float] = SHARES
     top = alpha_max
     if refutation is None:
@@ -130,7 +127,7 @@ def proven_level(
     for share in shares:
         # Half of what is left: a level too near to the refuted one must not use it up.
         left = (until - clock.perf_counter()) / 2
-        proof = prove_level(change, P, share * top, max_seconds=left)
+        proof = prove_level(change, share * top, max_seconds=left)
         if proof.proven:
             break
     return ProvenLevel(proof=proof, refutation=refutation)
@@ -138,7 +135,7 @@ def proven_level(
 
 def largest_proven_set(
     design: Callable[[float], TerminalSet],
-    change: Callable[[TerminalSet], ca.Function],
+    change: Callable[[TerminalSet], Change],
     scales: Sequence[float],
     *,
     rng: np.random.Generator,
@@ -166,9 +163,8 @@ def largest_proven_set(
     for scale in scales:
         designed = design(scale)
         level = proven_level(
-            change(designed), designed.P, designed.alpha, rng=rng,
-            max_seconds=max_seconds,
-        )  # fmt: skip
+            change(designed), designed.alpha, rng=rng, max_seconds=max_seconds
+        )
         measured = -np.inf
         if level.alpha > 0:
             designed = replace(designed, alpha=level.alpha)

@@ -13,18 +13,71 @@ As everywhere here what counts is the motion relative to the reference
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.terminal_set.arrays import finite_array
+from swarmstart.terminal_set.arrays import (
+    FloatArray,
+    InvalidShapeError,
+    finite_array,
+    positive_definite,
+)
 from swarmstart.terminal_set.design import TerminalSet
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Change:
+    """How V(e) = e'Pe changes under a linear law.
+
+    Attributes:
+        motion: e (nx, 1) -> the rate of e, or e after one step if held; 0 at 0.
+        P: Shape of the ellipsoids, (nx, nx), symmetric positive definite; copied.
+        Q_m: Margin, shape (nx, nx); copied.
+        is_held: Whether the input is held over each step.
+        function: e -> c(e), made from the others.
+
+    Raises:
+        InvalidShapeError: Q_m or the motion is of another size than P.
+        NotFiniteError: P or Q_m holds NaN or infinity.
+        AsymmetricMatrixError: P is not symmetric.
+        IndefiniteMatrixError: P is not positive definite.
+    """
+
+    motion: ca.Function
+    P: FloatArray
+    Q_m: FloatArray
+    is_held: bool
+    function: ca.Function = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check and copy; build c."""
+        P = positive_definite("P", self.P)
+        sizes = {self.motion.size_in(0), self.motion.size_out(0)}
+        if sizes != {(len(P), 1)}:
+            raise InvalidShapeError("the motion", max(sizes), (len(P), 1))
+        Q_m = finite_array("Q_m", self.Q_m, P.shape)
+        e = ca.SX.sym("e", len(P))
+        moved = self.motion(e)
+        change = 2 * ca.dot(ca.DM(P) @ e, moved)
+        if self.is_held:
+            change = ca.bilin(ca.DM(P), moved, moved) - ca.bilin(ca.DM(P), e, e)
+        change += ca.bilin(ca.DM(Q_m), e, e)
+        made = {
+            "P": P,
+            "Q_m": Q_m,
+            "function": ca.Function("change", [e], [change], ["e"], ["change"]),
+        }
+        for name, value in made.items():
+            object.__setattr__(self, name, value)
 
 
 def continuous_change(
     dynamics: ca.Function, terminal_set: TerminalSet, *, Q_m: ArrayLike | None = None
-) -> ca.Function:
-    """Return e -> c(e) for an input that moves all the time.
+) -> Change:
+    """Return c for an input that moves all the time.
 
     Args:
         dynamics: f(x, u) -> xdot, SI units.
@@ -35,16 +88,13 @@ def continuous_change(
         InvalidShapeError: Q_m has another shape.
         NotFiniteError: Q_m holds NaN or infinity.
     """
-    e, P, margin = _symbols(terminal_set, Q_m)
-    moved = _relative(dynamics, terminal_set, e)
-    change = 2 * ca.dot(P @ e, moved) + margin
-    return ca.Function("change", [e], [change], ["e"], ["change"])
+    return _change(dynamics, terminal_set, Q_m, is_held=False)
 
 
 def held_change(
     step: ca.Function, terminal_set: TerminalSet, *, Q_m: ArrayLike | None = None
-) -> ca.Function:
-    """Return e -> c(e) for an input that is held over each step.
+) -> Change:
+    """Return c for an input that is held over each step.
 
     Args:
         step: F(x, u) -> x after dt, SI units.
@@ -55,25 +105,24 @@ def held_change(
         InvalidShapeError: Q_m has another shape.
         NotFiniteError: Q_m holds NaN or infinity.
     """
-    e, P, margin = _symbols(terminal_set, Q_m)
-    after = _relative(step, terminal_set, e)
-    change = ca.dot(P @ after, after) - ca.dot(P @ e, e) + margin
-    return ca.Function("change", [e], [change], ["e"], ["change"])
+    return _change(step, terminal_set, Q_m, is_held=True)
 
 
-def _symbols(
-    terminal_set: TerminalSet, Q_m: ArrayLike | None
-) -> tuple[ca.SX, ca.DM, ca.SX]:
-    """Return e, P and e'Q_m e."""
-    nx = len(terminal_set.P)
-    e = ca.SX.sym("e", nx)
-    margin = np.zeros((nx, nx)) if Q_m is None else finite_array("Q_m", Q_m, (nx, nx))
-    return e, ca.DM(terminal_set.P), ca.bilin(ca.DM(margin), e, e)
-
-
-def _relative(function: ca.Function, terminal_set: TerminalSet, e: ca.SX) -> ca.SX:
-    """Return a function at the deviation e under the law, less its reference value."""
+def _change(
+    function: ca.Function,
+    terminal_set: TerminalSet,
+    Q_m: ArrayLike | None,
+    *,
+    is_held: bool,
+) -> Change:
+    """Return c of a function of (x, u), closed by the law, less its reference value."""
+    e = ca.SX.sym("e", len(terminal_set.P))
     x_ref, u_ref = ca.DM(terminal_set.x_ref), ca.DM(terminal_set.u_ref)
     u = u_ref - ca.DM(terminal_set.K) @ e
-    here: ca.SX = function(x_ref + e, u) - function(x_ref, u_ref)
-    return here
+    moved = function(x_ref + e, u) - function(x_ref, u_ref)
+    return Change(
+        motion=ca.Function("motion", [e], [moved], ["e"], ["moved"]),
+        P=terminal_set.P,
+        Q_m=np.zeros_like(terminal_set.P) if Q_m is None else np.asarray(Q_m),
+        is_held=is_held,
+    )

@@ -2,10 +2,12 @@
 
 An interval [lo, hi] stands for every number in it. A function of boxes returns an
 interval that holds the function's value at every point of the box, rounding included:
-every operation's ends are computed in floats and moved outwards,
+every operation's ends are computed in floats and moved outwards, by |end| times
 
-    + - * / sqrt        by one unit in the last place (IEEE: half a unit off at most)
-    sin cos tan exp log by ULPS units (NumPy documents at most 4)
+    + - * / sqrt         WIDER (IEEE: half a unit in the last place off at most)
+    sin cos tan exp log  FUNCTION_WIDER (NumPy documents at most 4 units)
+
+and SMALLEST, below which floats lose digits.
 
 What is undefined somewhere in a box, a quotient by an interval with 0 or a root of a
 negative number, is the whole line: no statement.
@@ -33,7 +35,10 @@ Array = NDArray[np.float64]
 Interval = tuple[Array, Array]
 """Lower and upper ends, each (m,): one interval for each of m boxes."""
 
-ULPS = 4
+WIDER = 2.3e-16
+"""Relative: half a unit of the operation and half a unit of moving its end."""
+FUNCTION_WIDER = 1.2e-15
+SMALLEST = 1e-300
 PERIOD_SLACK = 1e-12
 """By which part of an angle a turning point may be mistaken for inside a box."""
 
@@ -56,16 +61,16 @@ class UnknownIntervalOperationError(SwarmstartError, NotImplementedError):
 
     Attributes:
         function: The function's name.
-        operation: CasADi's number of the operation.
+        operation: What the operation is called.
     """
 
     function: str
-    operation: int
+    operation: str
 
     def __str__(self) -> str:
         """Say which."""
         return (
-            f"{self.function} has CasADi's operation {self.operation}, which has no "
+            f"{self.function} has the operation {self.operation}, which has no "
             "interval form here"
         )
 
@@ -83,7 +88,9 @@ def interval_function(function: ca.Function) -> IntervalEvaluation:
     tape = _tape(expanded)
     for operation, *_ in tape:
         if operation not in (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, *_FORMS):
-            raise UnknownIntervalOperationError(function.name(), operation)
+            raise UnknownIntervalOperationError(
+                function.name(), f"{operation} (CasADi's number)"
+            )
     outputs, registers = expanded.numel_out(0), expanded.sz_w()
     # The tape counts the entries that are not zero by structure.
     taken, given = expanded.sparsity_in(0).find(), expanded.sparsity_out(0).find()
@@ -130,12 +137,14 @@ def _tape(function: ca.Function) -> list[Instruction]:
     return tape
 
 
-def _outward(low: Array, high: Array, ulps: int = 1) -> Interval:
+def _outward(low: Array, high: Array, wider: float = WIDER) -> Interval:
     """Move the ends outwards; what is no number becomes the whole line."""
-    for _ in range(ulps):
-        low, high = np.nextafter(low, -np.inf), np.nextafter(high, np.inf)
-    lost = np.isnan(low) | np.isnan(high)
-    return np.where(lost, -np.inf, low), np.where(lost, np.inf, high)
+    low = low - (np.abs(low) * wider + SMALLEST)
+    high = high + (np.abs(high) * wider + SMALLEST)
+    lost = ~(low <= high)
+    if lost.any():
+        return np.where(lost, -np.inf, low), np.where(lost, np.inf, high)
+    return low, high
 
 
 def _whole(where: NDArray[np.bool_], interval: Interval) -> Interval:
@@ -153,14 +162,19 @@ def _subtract(a: Interval, b: Interval) -> Interval:
 
 
 def _multiply(a: Interval, b: Interval) -> Interval:
-    ends = np.stack([a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]])
-    return _outward(ends.min(axis=0), ends.max(axis=0))
+    return _hull(a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1])
 
 
 def _divide(a: Interval, b: Interval) -> Interval:
-    ends = np.stack([a[0] / b[0], a[0] / b[1], a[1] / b[0], a[1] / b[1]])
     through_zero = (b[0] <= 0) & (b[1] >= 0)
-    return _whole(through_zero, _outward(ends.min(axis=0), ends.max(axis=0)))
+    ends = _hull(a[0] / b[0], a[0] / b[1], a[1] / b[0], a[1] / b[1])
+    return _whole(through_zero, ends)
+
+
+def _hull(s: Array, t: Array, u: Array, v: Array) -> Interval:
+    """Return the interval of four products or quotients; NaN spreads, as it must."""
+    low = np.minimum(np.minimum(s, t), np.minimum(u, v))
+    return _outward(low, np.maximum(np.maximum(s, t), np.maximum(u, v)))
 
 
 def _negate(a: Interval) -> Interval:
@@ -204,7 +218,7 @@ def _root(a: Interval) -> Interval:
 
 def _rising(function: Callable[[Array], Array]) -> Callable[[Interval], Interval]:
     """Return the interval form of a function that rises everywhere."""
-    return lambda a: _outward(function(a[0]), function(a[1]), ULPS)
+    return lambda a: _outward(function(a[0]), function(a[1]), FUNCTION_WIDER)
 
 
 def _logarithm(a: Interval) -> Interval:
@@ -225,7 +239,7 @@ def _wave(
 
     def enclosed(a: Interval) -> Interval:
         ends = function(a[0]), function(a[1])
-        low, high = _outward(np.minimum(*ends), np.maximum(*ends), ULPS)
+        low, high = _outward(np.minimum(*ends), np.maximum(*ends), FUNCTION_WIDER)
         far = ~(np.maximum(np.abs(a[0]), np.abs(a[1])) < 1 / PERIOD_SLACK)
         low = np.where(far | _turns(a, highest - np.pi), -1.0, np.maximum(low, -1.0))
         high = np.where(far | _turns(a, highest), 1.0, np.minimum(high, 1.0))

@@ -19,14 +19,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from swarmstart.terminal_set.arrays import (
     FloatArray,
     NotPositiveError,
     finite_array,
-    positive_definite,
 )
+from swarmstart.terminal_set.decrease import Change
 
 RAYS = 4000
 RADII = 60
@@ -59,8 +58,7 @@ class Refutation:
 
 
 def refuted_level(
-    change: ca.Function,
-    P: ArrayLike,
+    change: Change,
     *,
     alpha_max: float,
     rng: np.random.Generator,
@@ -68,8 +66,7 @@ def refuted_level(
     """Look for the nearest deviation at which e'Pe does not decrease.
 
     Args:
-        change: e -> c(e), of `continuous_change` or `held_change`.
-        P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
+        change: Of `continuous_change` or `held_change`.
         alpha_max: The level up to which is looked, > 0; where the nearest
             counterexample is much nearer, the search is repeated around it.
         rng: Source of the rays' directions.
@@ -79,22 +76,21 @@ def refuted_level(
 
     Raises:
         NotPositiveError: alpha_max is not positive and finite.
-        SwarmstartError: As `positive_definite` says of P.
     """
-    P = positive_definite("P", P)
     if not 0 < alpha_max < np.inf:
         raise NotPositiveError("alpha_max", alpha_max)
+    c, P = change.function, change.P
     T = np.linalg.inv(np.linalg.cholesky(P)).T
     radius = float(np.sqrt(alpha_max))
-    starts = _on_rays(change, T, radius, rng)
+    starts = _on_rays(c, T, radius, rng)
     # The grid of radii is coarse near the centre: once more, up to the nearest found.
     for _ in range(MOST_ROUNDS):
         if not starts or starts[0][0] > radius / 10:
             break
         radius = 2 * starts[0][0]
-        starts = _on_rays(change, T, radius, rng) or starts[:1]
-    found = [_checked(change, P, T @ z) for z in _nearest(change, T, starts, radius)]
-    found += [_checked(change, P, T @ (rho * u)) for rho, u in starts]
+        starts = _on_rays(c, T, radius, rng) or starts[:1]
+    found = [_checked(c, P, T @ z) for z in _nearest(c, T, starts, radius)]
+    found += [_checked(c, P, T @ (rho * u)) for rho, u in starts]
     points = [one for one in found if one is not None and one.alpha <= alpha_max]
     return min(points, key=lambda one: one.alpha, default=None)
 
@@ -104,12 +100,12 @@ Start = tuple[float, FloatArray]
 
 
 def _on_rays(
-    change: ca.Function, T: FloatArray, radius: float, rng: np.random.Generator
+    c: ca.Function, T: FloatArray, radius: float, rng: np.random.Generator
 ) -> list[Start]:
     """Return the rays' first radii at which c >= 0, the nearest first."""
     u = rng.normal(size=(len(T), RAYS))
     u /= np.linalg.norm(u, axis=0)
-    values = change.map(RAYS)
+    values = c.map(RAYS)
     first = np.full(RAYS, np.inf)
     for rho in np.geomspace(SMALLEST * radius, radius, RADII):
         broken = np.array(values(rho * (T @ u))).ravel() >= 0
@@ -119,12 +115,12 @@ def _on_rays(
 
 
 def _nearest(
-    change: ca.Function, T: FloatArray, starts: list[Start], radius: float
+    c: ca.Function, T: FloatArray, starts: list[Start], radius: float
 ) -> list[FloatArray]:
     """Return z = rho u of the NLP's answers from each start."""
     nx = len(T)
     rho, u = ca.SX.sym("rho"), ca.SX.sym("u", nx)
-    condition = change(ca.DM(T) @ (rho * u)) / rho**2
+    condition = c(ca.DM(T) @ (rho * u)) / rho**2
     solver = ca.nlpsol(
         "nearest",
         "ipopt",
@@ -145,13 +141,13 @@ def _nearest(
     return answers
 
 
-def _checked(change: ca.Function, P: FloatArray, e: FloatArray) -> Refutation | None:
+def _checked(c: ca.Function, P: FloatArray, e: FloatArray) -> Refutation | None:
     """Return a point as a counterexample, pushed outwards a little if needed."""
     if not np.isfinite(e).all():
         return None
     for push in (0.0, INSIDE, 1e3 * INSIDE):
         point = (1 + push) * e
-        value = float(change(point))
+        value = float(c(point))
         if value >= 0:
             return Refutation(alpha=float(point @ P @ point), e=point, change=value)
     return None

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from swarmstart.terminal_set import (
     Candidate,
+    Change,
     Ellipsoid,
     NoProvenSetError,
     Reference,
@@ -74,7 +75,7 @@ def test_another_size_chooses_another_set(rank: Rank) -> None:
 
 
 @pytest.fixture(scope="module")
-def upright() -> Callable[[float], tuple[ca.Function, TerminalSet]]:
+def upright() -> Callable[[float], tuple[Change, TerminalSet]]:
     """A pendulum, the angle from upright; c and the design with R = scale."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     pendulum = ca.Function("p", [x, u], [ca.vertcat(x[1], 9.81 * ca.sin(x[0]) + u)])
@@ -83,7 +84,7 @@ def upright() -> Callable[[float], tuple[ca.Function, TerminalSet]]:
         u_lower=np.array([-50.0]), u_upper=np.array([50.0]),
     )  # fmt: skip
 
-    def pose(scale: float) -> tuple[ca.Function, TerminalSet]:
+    def pose(scale: float) -> tuple[Change, TerminalSet]:
         found = continuous_terminal_set(
             pendulum, reference, Q=np.eye(2), R=scale * np.eye(1)
         )
@@ -93,20 +94,20 @@ def upright() -> Callable[[float], tuple[ca.Function, TerminalSet]]:
 
 
 def test_below_a_counterexample_as_much_is_proven_as_can_be(
-    upright: Callable[[float], tuple[ca.Function, TerminalSet]],
+    upright: Callable[[float], tuple[Change, TerminalSet]],
 ) -> None:
     change, found = upright(1.0)
-    level = proven_level(change, found.P, found.alpha, rng=np.random.default_rng(0))
+    level = proven_level(change, found.alpha, rng=np.random.default_rng(0))
     assert level.refutation is not None and level.refutation.alpha < found.alpha
     assert level.alpha == pytest.approx(0.99 * level.refutation.alpha, rel=1e-12)
-    assert prove_level(change, found.P, level.alpha).proven
+    assert prove_level(change, level.alpha).proven
 
 
 def test_the_bounds_level_is_proven_where_nothing_speaks_against_it(
-    upright: Callable[[float], tuple[ca.Function, TerminalSet]],
+    upright: Callable[[float], tuple[Change, TerminalSet]],
 ) -> None:
-    change, found = upright(1.0)
-    level = proven_level(change, found.P, 1.0, rng=np.random.default_rng(0))
+    change, _ = upright(1.0)
+    level = proven_level(change, 1.0, rng=np.random.default_rng(0))
     assert level.refutation is None and level.alpha == 1.0
 
 
@@ -121,7 +122,7 @@ def doubtful(scale: float, found: TerminalSet) -> TerminalSet:
 
 
 def test_designs_without_a_proven_level_come_last_or_are_refused(
-    upright: Callable[[float], tuple[ca.Function, TerminalSet]],
+    upright: Callable[[float], tuple[Change, TerminalSet]],
 ) -> None:
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     pendulum = ca.Function("p", [x, u], [ca.vertcat(x[1], 9.81 * ca.sin(x[0]) + u)])

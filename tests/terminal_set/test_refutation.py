@@ -14,7 +14,7 @@ from swarmstart.terminal_set import (
     continuous_terminal_set,
     sampled_terminal_set,
 )
-from swarmstart.terminal_set.decrease import continuous_change, held_change
+from swarmstart.terminal_set.decrease import Change, continuous_change, held_change
 from swarmstart.terminal_set.refutation import Refutation, refuted_level
 
 Array = NDArray[np.float64]
@@ -43,10 +43,8 @@ def chen() -> tuple[ca.Function, TerminalSet, Array]:
     return dynamics, found, Q + found.K.T @ R @ found.K
 
 
-def refuted(
-    change: ca.Function, P: Array, alpha_max: float, seed: int = 0
-) -> Refutation:
-    found = refuted_level(change, P, alpha_max=alpha_max, rng=rng(seed))
+def refuted(change: Change, alpha_max: float, seed: int = 0) -> Refutation:
+    found = refuted_level(change, alpha_max=alpha_max, rng=rng(seed))
     assert found is not None
     return found
 
@@ -61,7 +59,7 @@ def test_the_example_of_chen_and_allgoewer(
     dynamics, found, Q_star = chen
     assert found.alpha == pytest.approx(12.5656, abs=1e-3)
     change = continuous_change(dynamics, found, Q_m=share * Q_star)
-    one = refuted(change, found.P, found.alpha)
+    one = refuted(change, found.alpha)
     assert one.alpha == pytest.approx(level, abs=1e-4)
 
 
@@ -75,7 +73,7 @@ def test_the_reversed_van_der_pol_oscillator() -> None:
         K=np.zeros((1, 2)), P=P, alpha=1.0, x_ref=np.zeros(2), u_ref=np.zeros(1),
         dt=None, design="given",
     )  # fmt: skip
-    one = refuted(continuous_change(dynamics, own), P, 100.0)
+    one = refuted(continuous_change(dynamics, own), 100.0)
     assert one.alpha == pytest.approx(2.304, abs=0.002)
 
 
@@ -89,8 +87,8 @@ def test_the_formation_held_for_a_second_decreases_far_beyond_its_input_bound(
         rate.append(formation(x + part * rate[-1], u))
     after = x + (rate[0] + 2 * rate[1] + 2 * rate[2] + rate[3]) / 6
     change = held_change(ca.Function("rk4", [x, u], [after]), found)
-    assert refuted_level(change, found.P, alpha_max=found.alpha, rng=rng()) is None
-    assert refuted(change, found.P, 100.0).alpha == pytest.approx(3.4346, abs=1e-3)
+    assert refuted_level(change, alpha_max=found.alpha, rng=rng()) is None
+    assert refuted(change, 100.0).alpha == pytest.approx(3.4346, abs=1e-3)
 
 
 def test_the_printed_matrix_does_not_even_contract_near_the_centre(
@@ -102,7 +100,7 @@ def test_the_printed_matrix_does_not_even_contract_near_the_centre(
         K=gain, P=printed_p, alpha=0.017, x_ref=leader.x_ref, u_ref=leader.u_ref,
         dt=None, design="literal",
     )  # fmt: skip
-    one = refuted(continuous_change(formation, printed), printed_p, 0.017)
+    one = refuted(continuous_change(formation, printed), 0.017)
     assert one.alpha < 0.017 / 100
 
 
@@ -112,7 +110,7 @@ def test_where_one_begins_to_look_makes_no_difference(
 ) -> None:
     dynamics, found, Q_star = chen
     change = continuous_change(dynamics, found, Q_m=Q_star)
-    levels = [refuted(change, found.P, alpha_max, seed).alpha for seed in range(3)]
+    levels = [refuted(change, alpha_max, seed).alpha for seed in range(3)]
     np.testing.assert_allclose(levels, 0.7320, atol=1e-4)
 
 
@@ -121,8 +119,8 @@ def test_the_counterexample_is_one_and_nothing_nearer_is(
 ) -> None:
     dynamics, found, Q_star = chen
     change = continuous_change(dynamics, found, Q_m=Q_star)
-    one = refuted(change, found.P, found.alpha)
-    assert float(change(one.e)) == one.change >= 0
+    one = refuted(change, found.alpha)
+    assert float(change.function(one.e)) == one.change >= 0
     assert one.e @ found.P @ one.e == one.alpha
     assert not one.e.flags.writeable
     # A fine grid of directions, just inside.
@@ -131,7 +129,7 @@ def test_the_counterexample_is_one_and_nothing_nearer_is(
     circle = np.linalg.solve(L.T, np.array([np.cos(angles), np.sin(angles)]))
     for share in (0.999, 0.9, 0.5, 0.01):
         e = np.sqrt(share * one.alpha) * circle
-        assert np.array(change.map(angles.size)(e)).max() < 0
+        assert np.array(change.function.map(angles.size)(e)).max() < 0
 
 
 def test_a_linear_loop_is_never_refuted() -> None:
@@ -143,7 +141,7 @@ def test_a_linear_loop_is_never_refuted() -> None:
     )  # fmt: skip
     found = continuous_terminal_set(dynamics, reference, Q=np.eye(2), R=np.eye(1))
     change = continuous_change(dynamics, found)
-    assert refuted_level(change, found.P, alpha_max=1e6, rng=rng()) is None
+    assert refuted_level(change, alpha_max=1e6, rng=rng()) is None
 
 
 @pytest.mark.parametrize("alpha_max", [0.0, -1.0, np.inf, np.nan])
@@ -153,5 +151,5 @@ def test_refuses_a_level_that_is_none(
     dynamics, found, _ = chen
     with pytest.raises(NotPositiveError, match="alpha_max must be a positive number"):
         refuted_level(
-            continuous_change(dynamics, found), found.P, alpha_max=alpha_max, rng=rng()
+            continuous_change(dynamics, found), alpha_max=alpha_max, rng=rng()
         )

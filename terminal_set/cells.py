@@ -1,0 +1,117 @@
+"""Boxes of radii and directions as cells of a ball.
+
+A direction is u = w / |w| with w on a face of the cube [-1, 1]^n, a point of the ball
+z = rho w / |w|. Boxes of (rho, w) so cover a ball exactly, 2n of them the whole of it;
+what a function does in one is bounded about a point in its middle (`taylor.py`), for
+which it is known here how far a cell reaches and what a linear function is at most.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+PADDING = 1e-12
+"""Of sums of products, relative to the sum of their sizes: more than their rounding."""
+
+
+class Cells:
+    """Boxes of (rho, w) as cells of z = rho w / |w|.
+
+    Attributes:
+        z: A point of each, to expand about, (nx, m).
+        reach: How far the cell reaches from there along each axis, (nx, m).
+        z_middle: Middle of the box around each cell, (nx, m).
+        z_reach: How far it reaches from there, (nx, m).
+        half: Half the widths of the boxes, (1 + nx, m).
+    """
+
+    def __init__(self, lower: Array, upper: Array) -> None:
+        """Compute where the cells are.
+
+        Args:
+            lower: Lower corners, shape (1 + nx, m), rho > 0.
+            upper: Upper corners, same shape.
+        """
+        self._rho, w = (lower[0], upper[0]), (lower[1:] + upper[1:]) / 2
+        self.half = (upper - lower) / 2 * (1 + PADDING)
+        self._u = w / np.linalg.norm(w, axis=0)
+        inside = (lower[1:] <= 0) & (upper[1:] >= 0)
+        most = np.maximum(lower[1:] ** 2, upper[1:] ** 2)
+        least = np.where(inside, 0.0, np.minimum(lower[1:] ** 2, upper[1:] ** 2))
+        self._nearest = np.sqrt(least.sum(axis=0)) * (1 - PADDING)
+        low = _directions(lower[1:], most, least, sign=-1.0)
+        high = _directions(upper[1:], most, least, sign=1.0)
+        low, high = low - PADDING * np.abs(low), high + PADDING * np.abs(high)
+        low = np.minimum(low * lower[0], low * upper[0])
+        high = np.maximum(high * lower[0], high * upper[0])
+        self.z_middle, self.z_reach = (low + high) / 2, (high - low) / 2
+        self.z = self._u * (lower[0] + upper[0]) / 2
+        self.reach = np.maximum(high - self.z, self.z - low)
+        self.reach += PADDING * np.abs(self.z)
+
+    def linear(self, g: Array) -> tuple[Array, Array]:
+        """Return terms whose sum is an upper bound of g'(x - z), x in the cell.
+
+        With g = g_r u + g_t, g_t at right angles to the middle direction u, and x =
+        rho w / |w|, w = |w_m| u + dw: g'x = rho (g_r cos(u, w) + g_t'dw / |w|).
+
+        Args:
+            g: Slopes, shape (nx, m).
+
+        Returns:
+            The terms, (2 + nx, m); the slope along rho and along each w, (1 + nx, m).
+        """
+        radial = (g * self._u).sum(axis=0)
+        beside = g - radial * self._u
+        sine = np.linalg.norm(self.half[1:], axis=0) / self._nearest
+        least = np.where(sine < 1, np.sqrt(np.maximum(1 - sine**2, 0.0)), -1.0)
+        cosine = np.where(radial > 0, 1.0, least - PADDING)
+        turned = np.abs(beside) * self.half[1:] / self._nearest
+        sup = radial * cosine + turned.sum(axis=0)
+        rho = np.where(sup > 0, self._rho[1], self._rho[0])
+        at = (g * self.z).sum(axis=0)
+        terms = np.vstack([rho * radial * cosine - at, rho * turned])
+        rounding = PADDING * rho * np.abs(g).sum(axis=0)
+        along = np.vstack([np.abs(radial), np.abs(beside) * rho / self._nearest])
+        return np.vstack([terms, rounding]), along
+
+    def spread(self, along: Array, pull: Array) -> Array:
+        """Return by how much a function spreads along rho and each w, (1 + nx, m).
+
+        Args:
+            along: Slopes along them in the middle, (1 + nx, m).
+            pull: By how much the slopes along z may differ from there, (nx, m).
+        """
+        radial = (pull * np.abs(self._u)).sum(axis=0)
+        beside = pull * self._rho[1] / self._nearest
+        return np.asarray(self.half * (along + np.vstack([radial, beside])))
+
+
+def _directions(w: Array, most: Array, least: Array, *, sign: float) -> Array:
+    """Return the extreme entries of w / |w|: each is monotone in all of w.
+
+    Args:
+        w: The ends to take, (nx, m).
+        most: The largest squares of the entries.
+        least: The least.
+        sign: 1 for the largest entries, -1 for the smallest.
+    """
+    outwards = sign * w >= 0
+    others = np.where(outwards, least.sum(axis=0) - least, most.sum(axis=0) - most)
+    length = np.sqrt(w**2 + np.maximum(others, 0.0))
+    return np.where(length > 0, w / np.where(length > 0, length, 1.0), sign)
+
+
+def added_up(start: Array, steps: Array) -> Array:
+    """Return start + the sum of steps, rounded up.
+
+    Args:
+        start: Shape (m,).
+        steps: Shape (k, m).
+    """
+    total = start + steps.sum(axis=0)
+    size = np.abs(start) + np.abs(steps).sum(axis=0)
+    return np.asarray(total + PADDING * size)

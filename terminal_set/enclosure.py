@@ -1,0 +1,168 @@
+"""Upper bounds, on boxes of radii and directions, of how e'Pe changes.
+
+With z = T^-1 e, T'PT = I, the ellipsoid e'Pe <= alpha is the ball |z| <= r,
+r^2 = alpha; T also diagonalises the quadratic part of c (`decrease.py`). On a box of
+rho and w (`cells.py`), u = w / |w|, either
+
+    c(rho T u) / rho^2 <= u'Mu + rho sup b + rho^2 sup d   over [0, rho_hi] x w
+
+or, where rho_lo > 0, c itself is bounded by its Taylor form (`taylor.py`). The first
+holds at the origin too. M is half the Hessian of c at 0; with m(s) the motion (the
+rate, or the state after a step) at e = s T u,
+
+    continuous  b = (PTu)'m''(s),      d = 0
+    held        b = m'(0)'P m''(s),    d = m''(s)'P m''(s) / 4.
+
+u'Mu over a box of directions is bounded by its extreme candidates (M is diagonal but
+for rounding, which is added). All is evaluated in intervals with outward rounding, or
+rounded up by more than the rounding of what is added.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.terminal_set.cells import PADDING, Cells, added_up
+from swarmstart.terminal_set.decrease import Change
+from swarmstart.terminal_set.intervals import IntervalEvaluation
+from swarmstart.terminal_set.taylor import IntervalMaker, TaylorForm, evaluated
+
+Array = NDArray[np.float64]
+
+
+class Undecided(NamedTuple):
+    """Boxes where nothing is shown yet.
+
+    Attributes:
+        lower: Lower corners, shape (1 + nx, m).
+        upper: Upper corners.
+        spread: How much c spreads along each coordinate: the largest is to be cut.
+    """
+
+    lower: Array
+    upper: Array
+    spread: Array
+
+
+class DecreaseBounds:
+    """Whether c < 0 on boxes of (rho, w).
+
+    Attributes:
+        T: e = T z, shape (nx, nx).
+        defect: A bound of |T'PT - I|.
+    """
+
+    def __init__(self, change: Change, intervals: IntervalMaker) -> None:
+        """Build the functions that are evaluated.
+
+        Args:
+            change: c and what it is made of.
+            intervals: Makes their interval evaluations.
+
+        Raises:
+            UnknownIntervalOperationError: c has an operation without interval form.
+        """
+        self.T = _diagonalising(change)
+        self.defect = _defect(self.T, change.P, np.eye(len(self.T)))
+        self._away_from_centre = TaylorForm(change.function, self.T, intervals)
+        self._diagonal, self._beside = self._quadratic_part()
+        self._remainder = _remainder(change, self.T, intervals)
+
+    def _quadratic_part(self) -> tuple[Array, float]:
+        """Return the diagonal of M, and a bound of all beside it."""
+        middle, radius = self._away_from_centre.hessians(np.zeros((len(self.T), 1)))
+        M, beside = middle[0] / 2, radius[0] / 2
+        beside = beside + np.abs(M - np.diag(np.diag(M)))
+        return np.diag(M).copy(), float(beside.sum(axis=1).max())
+
+    def __call__(self, lower: Array, upper: Array) -> Undecided:
+        """Return where c < 0 is not shown.
+
+        Args:
+            lower: Lower corners, shape (1 + nx, m).
+            upper: Upper corners, same shape.
+        """
+        quadratic, remainder = self._about_centre(lower, upper)
+        left = ~(quadratic + remainder < 0)
+        lower, upper, quadratic = lower[:, left], upper[:, left], quadratic[left]
+        spread = upper - lower
+        # Near the centre it is the radius that counts, once the quadratic part is fine.
+        inner = lower[0] == 0
+        spread[0] = np.where(inner, np.where(quadratic < 0, np.inf, 0.0), spread[0])
+        shown = np.zeros(inner.size, dtype=bool)
+        outer = np.flatnonzero(~inner)
+        if outer.size:
+            cells = Cells(lower[:, outer], upper[:, outer])
+            bound, spread[:, outer] = self._away_from_centre(cells)
+            shown[outer] = bound < 0
+        return Undecided(lower[:, ~shown], upper[:, ~shown], spread[:, ~shown])
+
+    def _about_centre(self, lower: Array, upper: Array) -> tuple[Array, Array]:
+        """Return upper bounds of u'Mu and of rho b + rho^2 d, each (m,)."""
+        from_zero = lower.copy()
+        from_zero[0] = 0.0
+        _, (b, d) = self._remainder(from_zero, upper)
+        rho = np.where(b > 0, upper[0], lower[0])
+        remainder = added_up(0 * rho, np.stack([rho * b, upper[0] ** 2 * d]))
+        return self._quadratic(lower[1:], upper[1:]), remainder
+
+    def _quadratic(self, lower: Array, upper: Array) -> Array:
+        """Return an upper bound of u'Mu over boxes of w.
+
+        sum d_i s_i / sum s_i with s_i = w_i^2 between their ends is largest where the
+        s_i of the largest d_i are at their upper ends and the others at their lower.
+        """
+        inside = (lower <= 0) & (upper >= 0)
+        most = np.maximum(lower**2, upper**2)
+        least = np.where(inside, 0.0, np.minimum(lower**2, upper**2))
+        order = np.argsort(-self._diagonal)
+        d = self._diagonal[order][:, None]
+        s, best = least[order].copy(), np.full(lower.shape[1], -np.inf)
+        for k in range(len(order) + 1):
+            if k:
+                s[k - 1] = most[order[k - 1]]
+            total = s.sum(axis=0)
+            with np.errstate(invalid="ignore"):
+                value = np.where(total > 0, (d * s).sum(axis=0) / total, -np.inf)
+            best = np.maximum(best, value)
+        return np.asarray(best + PADDING * np.abs(self._diagonal).max() + self._beside)
+
+
+def _diagonalising(change: Change) -> Array:
+    """Return T with T'PT = I and T'(Hessian of c at 0)T diagonal, to rounding."""
+    e = ca.SX.sym("e", len(change.P))
+    hessian = ca.Function("hessian", [e], [ca.hessian(change.function(e), e)[0]])
+    root = np.linalg.inv(np.linalg.cholesky(change.P)).T
+    _, turn = np.linalg.eigh(root.T @ np.array(hessian(0)) @ root)
+    return np.asarray(root @ turn)
+
+
+def _remainder(
+    change: Change, T: Array, intervals: IntervalMaker
+) -> IntervalEvaluation:
+    """Return (s, w) -> (b, d) of the bound about the centre."""
+    nx, P = len(T), ca.DM(change.P)
+    s, w = ca.SX.sym("s"), ca.SX.sym("w", nx)
+    direction = ca.DM(T) @ (w / ca.norm_2(w))
+    first = ca.jacobian(change.motion(s * direction), s)
+    second = ca.jacobian(first, s)
+    if change.is_held:
+        # P is S'S to rounding: squares have tighter intervals than a form in P.
+        S: Array = np.linalg.inv(T).astype(np.float64)
+        wider = 1 + _defect(S, np.eye(nx), change.P) * np.linalg.norm(T) ** 2
+        b = ca.dot(P @ ca.substitute(first, s, 0), second)
+        d = wider / 4 * ca.sumsqr(ca.DM(S) @ second)
+    else:
+        b, d = ca.dot(P @ direction, second), ca.SX(0)
+    return evaluated(ca.vertcat(b, d), ca.vertcat(s, w), intervals)
+
+
+def _defect(T: Array, P: Array, expected: Array) -> float:
+    """Return a bound of |T'PT - expected|, rounding included."""
+    off = np.abs(T.T @ P @ T - expected)
+    size = np.abs(T).T @ np.abs(P) @ np.abs(T)
+    return float((off + 4 * len(P) * np.finfo(float).eps * size).sum(axis=1).max())

@@ -1,0 +1,167 @@
+"""Upper bounds of a function on the cells of a ball, by Taylor's theorem.
+
+With e = T z, about a point m of a cell, d the distances z - m in it,
+
+    c <= c(m) + sup g'd + sup d'Hd/2 + sup |D^3 c [d, d, d]| / 6,
+
+g and H at m, the third derivatives over the whole cell. All are evaluated in intervals
+in the coordinates e, where linear parts of a model are constants, and turned by T in
+numbers: intervals of the turned expressions would be many times wider, since the terms
+that cancel there no longer know of each other.
+
+Source: Neumaier (1990), Interval Methods for Systems of Equations; Makino and Berz
+(2003), Taylor models and other validated functional inclusion methods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations_with_replacement
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.terminal_set.cells import PADDING, Cells, added_up
+from swarmstart.terminal_set.intervals import IntervalEvaluation
+
+Array = NDArray[np.float64]
+IntervalMaker = Callable[[ca.Function], IntervalEvaluation]
+"""A function of one column -> its interval evaluation."""
+
+
+class TaylorForm:
+    """Upper bounds of a function on cells."""
+
+    def __init__(self, c: ca.Function, T: Array, intervals: IntervalMaker) -> None:
+        """Build the functions that are evaluated.
+
+        Args:
+            c: e (nx, 1) -> a number.
+            T: e = T z, shape (nx, nx).
+            intervals: Makes the interval evaluations.
+
+        Raises:
+            UnknownIntervalOperationError: c has an operation without interval form.
+        """
+        e = ca.SX.sym("e", len(T))
+        value = c(e)
+        hessian, gradient = ca.hessian(value, e)
+        self._pairs, pairs = _symmetric_entries(len(T), 2)
+        self._triples, triples = _symmetric_entries(len(T), 3)
+        bends = {pair: ca.jacobian(hessian[pair], e) for pair in pairs}
+        third = [bends[i, j][k] for i, j, k in triples]
+        self._value_and_slope = evaluated(ca.vertcat(value, gradient), e, intervals)
+        self._hessian = evaluated(
+            ca.vertcat(*[hessian[pair] for pair in pairs]), e, intervals
+        )
+        self._third = evaluated(ca.vertcat(*third), e, intervals)
+        self._T, self._size = T, np.abs(T)
+
+    def __call__(self, cells: Cells) -> tuple[Array, Array]:
+        """Bound c on cells.
+
+        Args:
+            cells: m of them.
+
+        Returns:
+            Upper bounds, (m,); how much c spreads along rho and each w, (1 + nx, m).
+        """
+        with np.errstate(invalid="ignore", over="ignore"):
+            bound, spread = self._bounded(cells)
+        # Where nothing is known the widest side is cut.
+        known = np.isfinite(spread).all(axis=0)
+        return bound, np.where(known, spread, cells.half)
+
+    def _bounded(self, cells: Cells) -> tuple[Array, Array]:
+        """Return bounds and spread, NaN where a derivative is unbounded."""
+        size, d = self._size, cells.reach
+        at = self._T @ cells.z
+        low, high = self._value_and_slope(at, at)
+        slope = self._T.T @ ((low[1:] + high[1:]) / 2)
+        unsure = size.T @ ((high[1:] - low[1:]) / 2 + PADDING * np.abs(high[1:]))
+        moved = PADDING * np.abs(high[1:]) * (size @ np.abs(cells.z))  # T z is rounded
+        bends, wide = self.hessians(at)
+        most = np.abs(bends) + wide
+        pull = np.einsum("mij,jm->im", most, d)
+        own = np.einsum("mii->im", bends + wide)
+        crossed = pull - np.einsum("mii->im", most) * d
+        bent = (np.maximum(own, 0.0) * d + crossed) * d / 2
+        third = self._third_order(cells)
+        steps, along = cells.linear(slope)
+        terms = [steps, unsure * d, moved, bent, third * d / 6]
+        spread = cells.spread(along, pull + third / 2)
+        return added_up(high[0], np.vstack(terms)), spread
+
+    def hessians(self, at: Array) -> tuple[Array, Array]:
+        """Return T'(Hessian of c)T at points e: middles and radii, (m, nx, nx).
+
+        Args:
+            at: The points, shape (nx, m).
+        """
+        middle, radius = _middle_and_radius(*self._hessian(at, at))
+        middle, radius = middle.T[:, self._pairs], radius.T[:, self._pairs]
+        return self._T.T @ middle @ self._T, self._size.T @ radius @ self._size
+
+    def _third_order(self, cells: Cells) -> Array:
+        """Bound |D^3 c [x, x, .]| over cells, |x_i| <= reach_i, (nx, m)."""
+        nx = len(self._T)
+        at, reach = self._T @ cells.z_middle, self._size @ cells.z_reach * (1 + PADDING)
+        middle, radius = _middle_and_radius(*self._third(at - reach, at + reach))
+        tensor, wide = middle.T[:, self._triples], radius.T[:, self._triples]
+        for _ in range(3):
+            # T on the last axis, which then becomes the first one.
+            turned = (tensor.reshape(-1, nx) @ self._T).reshape(tensor.shape)
+            tensor = np.ascontiguousarray(np.moveaxis(turned, 3, 1))
+        d = cells.reach
+        along = _twice_along(np.abs(tensor), d.T)
+        along += _twice_along(wide, (self._size @ d).T) @ self._size
+        return np.asarray(along.T)
+
+
+def evaluated(
+    expression: ca.SX, v: ca.SX, intervals: IntervalMaker
+) -> IntervalEvaluation:
+    """Return the interval evaluation of a column.
+
+    Args:
+        expression: The column.
+        v: What it depends on, a column.
+        intervals: Makes interval evaluations.
+
+    Raises:
+        UnknownIntervalOperationError: It has an operation without interval form.
+    """
+    return intervals(ca.Function("bounded", [v], [ca.cse(expression)]))
+
+
+def _middle_and_radius(low: Array, high: Array) -> tuple[Array, Array]:
+    """Return middles and radii, these with room for the rounding of products."""
+    size = np.maximum(np.abs(low), np.abs(high))
+    return (low + high) / 2, (high - low) / 2 + PADDING * size
+
+
+def _symmetric_entries(
+    size: int, order: int
+) -> tuple[NDArray[np.intp], list[tuple[int, ...]]]:
+    """Return which different entry each entry of a symmetric tensor is.
+
+    Args:
+        size: Of each index.
+        order: Number of indices.
+
+    Returns:
+        Numbers of the different entries, shape (size,) * order; their indices.
+    """
+    different = list(combinations_with_replacement(range(size), order))
+    numbers = {indices: number for number, indices in enumerate(different)}
+    entries = np.empty((size,) * order, dtype=np.intp)
+    for indices in np.ndindex(entries.shape):
+        entries[indices] = numbers[tuple(sorted(indices))]
+    return entries, different
+
+
+def _twice_along(tensor: Array, d: Array) -> Array:
+    """Return sum_jk t_ijk d_j d_k of m tensors (m, n, n, n), d (m, n); (m, n)."""
+    matrices = (tensor @ d[:, None, :, None])[..., 0]
+    return np.asarray((matrices @ d[:, :, None])[..., 0])
