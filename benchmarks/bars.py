@@ -1,55 +1,20 @@
 """What flights must reach, and the tables that say whether they do.
 
-A bar is a command and a bound on a measure; a claim is one of a scenario's. Every
-distinct run is flown once, in worker processes.
+A bar is a command and a bound on a measure; a claim is one of a scenario's.
 """
 
-import multiprocessing
-import os
 import re
-import shlex
 import statistics
-import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from swarmstart.benchmarks.formation_flight import row, spread
+from swarmstart.benchmarks.flights import Job, Measured
+from swarmstart.benchmarks.tables import row
 from swarmstart.cases.claims import assignments_of, claim_assignments, holds
-from swarmstart.cases.run import Run, run
 from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.statistics import spread
 from swarmstart.cases.verdicts import Verdict, paired_verdict, verdict_of_seeds
-
-CLAIM_SEEDS = 10
-
-
-class Job(NamedTuple):
-    """One run: hashable, so that it is flown once.
-
-    Attributes:
-        scenario: Its name.
-        sets: What `--set` changes.
-        variant: `--variant`; empty where the scenario has none.
-        ipopt: Whether IPOPT alone plans: `--search none --polish ipopt`.
-        seed: Of all randomness.
-        repeat: Tells a run from the same run again.
-    """
-
-    scenario: str
-    sets: tuple[str, ...] = ()
-    variant: str = ""
-    ipopt: bool = False
-    seed: int = 0
-    repeat: int = 0
-
-    def command(self) -> str:
-        """Return the command line, without the seed."""
-        words = ["swarmstart", "run", self.scenario]
-        words += ["--variant", self.variant] if self.variant else []
-        words += ["--search", "none", "--polish", "ipopt"] if self.ipopt else []
-        for text in self.sets:
-            words += ["--set", text]
-        return shlex.join(words)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -79,17 +44,10 @@ class Bar:
 
     def reached(self, value: float | None) -> bool:
         """Return whether one number reaches the bound."""
-        if value is None:
-            return False
         if isinstance(self.bound, tuple):
             centre, width = self.bound
-            return abs(value - centre) <= width
-        return {
-            "<=": value <= self.bound,
-            ">=": value >= self.bound,
-            "<": value < self.bound,
-            ">": value > self.bound,
-        }[self.relation]
+            return value is not None and abs(value - centre) <= width
+        return bool(holds(value, self.relation, self.bound))
 
     def asked(self) -> str:
         """Return the bound in words."""
@@ -108,37 +66,6 @@ def jobs_of(bar: Bar, seeds: int) -> list[Job]:
         for job in several
         for seed in range(min(bar.seeds, seeds))
     ]
-
-
-Measured = Mapping[Job, Mapping[str, Any]]
-
-
-def flown(job: Job, *more: str) -> Run:
-    """Fly one run.
-
-    Args:
-        job: The run.
-        more: Further settings, as `--set` takes them.
-    """
-    resolved = resolve(
-        read_document(job.scenario),
-        variant=job.variant or None,
-        search="none" if job.ipopt else None,
-        polish="ipopt" if job.ipopt else None,
-        assignments=(*job.sets, *more),
-    )
-    return run(resolved, seed=job.seed)
-
-
-def fly_all(
-    fly: Callable[[Job], dict[str, Any]], jobs: Iterable[Job], workers: int
-) -> Measured:
-    """Return what `fly` measures of every distinct run."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    distinct = list(dict.fromkeys(jobs))
-    print(f"{len(distinct)} runs", file=sys.stderr)
-    with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        return dict(zip(distinct, pool.map(fly, distinct, chunksize=1), strict=True))
 
 
 _ENTRY = re.compile(r"(\w+)\[(-?\d+)\]")
@@ -208,7 +135,7 @@ def bar_table(
                 bar.asked(),
                 f"{statistics.mean(values):.3g}"
                 if bar.over == "mean"
-                else spread(values),
+                else spread(values, digits=6),
                 str(min(bar.seeds, most)),
                 said,
                 command,
@@ -245,7 +172,7 @@ def claims_of(scenarios: Iterable[tuple[str, str]]) -> list[Found]:
     return found
 
 
-def claim_jobs(found: Found, most: int) -> list[tuple[Job, ...]]:
+def claim_jobs(found: Found, seeds: int) -> list[tuple[Job, ...]]:
     """Return the runs of a claim, or the pairs; one where nothing is random."""
     claim, settings = found.claim, found.settings
     base = claim_assignments(claim, settings)
@@ -253,15 +180,14 @@ def claim_jobs(found: Found, most: int) -> list[tuple[Job, ...]]:
     if claim.against is not None:
         both.append(base + assignments_of(claim.against))
     exact = claim.when.get("search.name") == "none"
-    seeds = 1 if exact else min(CLAIM_SEEDS, most)
     return [
         tuple(Job(found.scenario, sets, found.variant, seed=seed) for sets in both)
-        for seed in range(seeds)
+        for seed in range(1 if exact else seeds)
     ]
 
 
 def claim_table(
-    title: str, claims: Sequence[Found], measured: Measured, most: int
+    title: str, claims: Sequence[Found], measured: Measured, seeds: int
 ) -> list[str]:
     """Return the claims with what was measured, as lines of Markdown."""
     lines = [
@@ -276,7 +202,7 @@ def claim_table(
     ]
     for found in claims:
         claim = found.claim
-        values, verdict = _judged(claim, claim_jobs(found, most), measured)
+        values, verdict = judged(claim, claim_jobs(found, seeds), measured)
         bound = "never" if claim.bound is None else f"{claim.bound:.6g}"
         ratio = " (ratio)" if claim.against is not None else ""
         lines.append(
@@ -285,7 +211,7 @@ def claim_table(
                 " ".join(filter(None, (found.scenario, found.variant))),
                 f"{claim.text} ({claim.source})",
                 f"{claim.measure}{ratio} {claim.relation} {bound}",
-                spread(values),
+                spread(values, digits=6),
                 verdict,
                 claim.note or "-",
             )
@@ -293,9 +219,16 @@ def claim_table(
     return [*lines, ""]
 
 
-def _judged(
+def judged(
     claim: Any, jobs: list[tuple[Job, ...]], measured: Measured
 ) -> tuple[list[Any], str]:
+    """Return the measures of a claim's runs, or the ratios of pairs, and the verdict.
+
+    Args:
+        claim: The claim.
+        jobs: As of `claim_jobs`.
+        measured: What was flown.
+    """
     found = [[measured[job][claim.measure] for job in pair] for pair in jobs]
     if claim.against is None:
         values = [value for (value,) in found]

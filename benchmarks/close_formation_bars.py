@@ -1,6 +1,7 @@
 """What the close formation flights must reach: a bar is a command and a bound."""
 
-from swarmstart.benchmarks.bars import Bar, Job
+from swarmstart.benchmarks.bars import Bar
+from swarmstart.benchmarks.flights import Job
 
 SCENARIO = "close_formation"
 FAST = "close_formation_fast"

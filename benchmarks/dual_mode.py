@@ -8,14 +8,15 @@ stays restless there; once all UAVs are inside the set the linear law takes over
 """
 
 import argparse
-import multiprocessing
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from swarmstart.benchmarks.formation_flight import SCENARIOS, Job, fly, row, spread
+from swarmstart.benchmarks.flights import Job, fly_all
+from swarmstart.benchmarks.formation_flight import SCENARIOS, fly
+from swarmstart.benchmarks.tables import row
+from swarmstart.cases.statistics import spread
 
 SEARCHES = {
     "GA, cold": "search={name: ga, warm_start: none}",
@@ -45,13 +46,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--write", type=Path, help="a Markdown file to write")
     options = parser.parse_args(arguments)
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
     rows = [(s, a, d) for s in SCENARIOS for a in SEARCHES for d in SETS]
     jobs = [_job(*one, seed) for one in rows for seed in range(options.seeds)]
-    print(f"{len(jobs)} runs", file=sys.stderr)
-    with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
-        measured = dict(zip(jobs, pool.map(fly, jobs, chunksize=1), strict=True))
+    measured = fly_all(fly, jobs, options.workers)
 
     lines = [
         row(
@@ -73,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _job(scenario: str, search: str, dual: str, seed: int) -> Job:
-    return Job(scenario, "corrected", (SEARCHES[search], SETS[dual]), seed)
+    return Job(scenario, (SEARCHES[search], SETS[dual]), "corrected", seed=seed)
 
 
 def _line(scenario: str, search: str, dual: str, runs: list[dict[str, Any]]) -> str:
@@ -83,9 +81,9 @@ def _line(scenario: str, search: str, dual: str, runs: list[dict[str, Any]]) -> 
         search,
         dual,
         f"{len(settled)} of {len(runs)}",
-        spread(settled) if settled else "never",
-        spread([run["closed_loop_cost"] for run in runs]),
-        spread([run["linear_steps"] for run in runs]),
+        spread(settled, digits=6),
+        spread([run["closed_loop_cost"] for run in runs], digits=6),
+        spread([run["linear_steps"] for run in runs], digits=6),
         str(sum(run["terminal_exits"] for run in runs)),
     )
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmstart.benchmarks.formation_flight import row
+from swarmstart.benchmarks.tables import row
 from swarmstart.cases.reconfiguration.build import build
 from swarmstart.cases.reconfiguration.measures import measure
 from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario

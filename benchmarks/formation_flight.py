@@ -8,18 +8,18 @@ same seed, whose ratio must be in the relation to the bound.
 """
 
 import argparse
-import multiprocessing
-import os
+import itertools
 import statistics
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from swarmstart.cases.claims import assignments_of, claim_assignments, holds
-from swarmstart.cases.run import run
-from swarmstart.cases.scenario import read_document, resolve
-from swarmstart.cases.verdicts import paired_verdict
+from swarmstart.benchmarks.bars import Found, claim_jobs, claims_of, judged
+from swarmstart.benchmarks.flights import Job, Measured, flown, fly_all
+from swarmstart.benchmarks.tables import row
+from swarmstart.cases.claims import holds
+from swarmstart.cases.statistics import spread
 from swarmstart.ocp import Source
 from swarmstart.ocp.polish import is_better
 
@@ -27,15 +27,6 @@ SCENARIOS = ("formation_v", "formation_obstacle")
 VARIANTS = ("literal", "corrected")
 FEASIBLE = 1e-6
 """Largest violation that counts as none: the problems' tolerance."""
-
-
-class Job(NamedTuple):
-    """One run: hashable, so that it is flown once."""
-
-    scenario: str
-    variant: str
-    assignments: tuple[str, ...]
-    seed: int
 
 
 class Bar(NamedTuple):
@@ -47,6 +38,10 @@ class Bar(NamedTuple):
     measure: str
     relation: str
     bound: float
+
+    def jobs(self, seeds: int) -> list[Job]:
+        """Return the runs that must reach it."""
+        return _jobs(self.scenario, self.variant, self.assignments, seeds)
 
 
 POLISHED = ("polish=ipopt",)
@@ -88,10 +83,7 @@ BARS = (
 
 def fly(job: Job) -> dict[str, Any]:
     """Fly one run and return its measures; called in a worker process."""
-    resolved = resolve(
-        read_document(job.scenario), variant=job.variant, assignments=job.assignments
-    )
-    finished = run(resolved, seed=job.seed)
+    finished = flown(job)
     worse = sum(
         is_better(
             (plan.search_cost, plan.search_violation),
@@ -113,13 +105,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--write", type=Path, help="a Markdown file to write")
     options = parser.parse_args(arguments)
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-    claims = _claims()
-    jobs = sorted(set(_bar_jobs(options.seeds)) | set(_claim_jobs(claims, options)))
-    print(f"{len(jobs)} runs", file=sys.stderr)
-    with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
-        measured = dict(zip(jobs, pool.map(fly, jobs, chunksize=1), strict=True))
+    claims = claims_of(itertools.product(SCENARIOS, VARIANTS))
+    jobs = [job for bar in BARS for job in bar.jobs(options.seeds)]
+    jobs += [job for runs in _rivals(options.seeds).values() for job in runs]
+    jobs += [job for claim in claims for pair in _pairs(claim, options) for job in pair]
+    measured = fly_all(fly, jobs, options.workers)
 
     lines, failed = _bar_table(measured, options.seeds)
     lines += _ranking_table(measured, options.seeds)
@@ -131,53 +122,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 3 if failed else 0
 
 
-def _claims() -> list[tuple[str, str, Any, dict[str, Any]]]:
-    """Return (scenario, variant, claim, settings) for every claim and variant."""
-    found = []
-    for name in SCENARIOS:
-        for variant in VARIANTS:
-            resolved = resolve(read_document(name), variant=variant)
-            found += [
-                (name, variant, claim, dict(resolved.settings))
-                for claim in resolved.scenario.claims
-            ]
-    return found
+def _jobs(
+    scenario: str, variant: str, assignments: tuple[str, ...], seeds: int
+) -> list[Job]:
+    return [Job(scenario, assignments, variant, seed=seed) for seed in range(seeds)]
 
 
-def _bar_jobs(seeds: int) -> list[Job]:
-    jobs = [
-        Job(bar.scenario, bar.variant, bar.assignments, seed)
-        for bar in BARS
-        for seed in range(seeds)
-    ]
-    return jobs + [
-        Job(name, variant, assignments, seed)
+def _rivals(seeds: int) -> dict[tuple[str, str, str], list[Job]]:
+    """Return the runs of each scenario and variant with GA and with chaotic PSO."""
+    return {
+        (name, variant, search): _jobs(name, variant, assignments, seeds)
         for name in SCENARIOS
         for variant in VARIANTS
-        for assignments in (("search={name: ga}",), ())
-        for seed in range(seeds)
-    ]
+        for search, assignments in (("ga", ("search={name: ga}",)), ("cpso", ()))
+    }
 
 
-def _claim_jobs(
-    claims: list[tuple[str, str, Any, dict[str, Any]]], options: argparse.Namespace
-) -> list[Job]:
-    jobs = []
-    for name, variant, claim, settings in claims:
-        base = claim_assignments(claim, settings)
-        if claim.against is None:
-            jobs += [Job(name, variant, base, seed) for seed in range(options.seeds)]
-            continue
-        other = base + assignments_of(claim.against)
-        for seed in range(options.pairs):
-            jobs += [Job(name, variant, base, seed), Job(name, variant, other, seed)]
-    return jobs
+def _pairs(claim: Found, options: argparse.Namespace) -> list[tuple[Job, ...]]:
+    """Return the runs of a claim, or the pairs."""
+    paired = claim.claim.against is not None
+    return claim_jobs(claim, options.pairs if paired else options.seeds)
 
 
-def _bar_table(
-    measured: dict[Job, dict[str, Any]], seeds: int
-) -> tuple[list[str], int]:
-
+def _bar_table(measured: Measured, seeds: int) -> tuple[list[str], int]:
     lines = [
         "## Bars",
         "",
@@ -188,10 +155,7 @@ def _bar_table(
     ]
     failed = 0
     for bar in BARS:
-        values = [
-            measured[Job(bar.scenario, bar.variant, bar.assignments, seed)][bar.measure]
-            for seed in range(seeds)
-        ]
+        values = [measured[job][bar.measure] for job in bar.jobs(seeds)]
         reached = sum(bool(holds(v, bar.relation, bar.bound)) for v in values)
         failed += reached < seeds
         lines.append(
@@ -201,48 +165,48 @@ def _bar_table(
                 " ".join(bar.assignments) or "-",
                 bar.measure,
                 f"{bar.relation} {bar.bound:g}",
-                spread(values),
+                spread(values, digits=6),
                 f"{reached} of {seeds}",
             )
         )
     return [*lines, ""], failed
 
 
-def _ranking_table(measured: dict[Job, dict[str, Any]], seeds: int) -> list[str]:
+def _ranking_table(measured: Measured, seeds: int) -> list[str]:
     lines = [
         "## The chapter's GA, started at random at every step, against chaotic PSO",
         "",
         row("scenario", "variant", "GA, cost", "CPSO, cost", "ratio", "GA settles"),
         row(*["---"] * 6),
     ]
-    for name in SCENARIOS:
-        for variant in VARIANTS:
-            runs = {
-                search: [measured[Job(name, variant, a, s)] for s in range(seeds)]
-                for search, a in (("ga", ("search={name: ga}",)), ("cpso", ()))
-            }
-            cost = {
-                search: statistics.median(m["closed_loop_cost"] for m in rows)
-                for search, rows in runs.items()
-            }
-            settled = sum(m["settle_time_s"] is not None for m in runs["ga"])
-            lines.append(
-                row(
-                    name,
-                    variant,
-                    f"{cost['ga']:.0f}",
-                    f"{cost['cpso']:.0f}",
-                    f"{cost['ga'] / cost['cpso']:.3f}",
-                    f"{settled} of {seeds}",
-                )
+    runs = {
+        rival: [measured[job] for job in jobs] for rival, jobs in _rivals(seeds).items()
+    }
+    for name, variant in itertools.product(SCENARIOS, VARIANTS):
+        ga, cpso = (
+            statistics.median(
+                run["closed_loop_cost"] for run in runs[name, variant, search]
             )
+            for search in ("ga", "cpso")
+        )
+        settled = [
+            run["settle_time_s"] is not None for run in runs[name, variant, "ga"]
+        ]
+        lines.append(
+            row(
+                name,
+                variant,
+                f"{ga:.0f}",
+                f"{cpso:.0f}",
+                f"{ga / cpso:.3f}",
+                f"{sum(settled)} of {seeds}",
+            )
+        )
     return [*lines, ""]
 
 
 def _claim_table(
-    claims: list[tuple[str, str, Any, dict[str, Any]]],
-    measured: dict[Job, dict[str, Any]],
-    options: argparse.Namespace,
+    claims: Sequence[Found], measured: Measured, options: argparse.Namespace
 ) -> list[str]:
     lines = [
         "## The chapter's claims 1 to 10",
@@ -250,72 +214,23 @@ def _claim_table(
         row("claim", "scenario", "variant", "text", "asked", "measured", "verdict"),
         row(*["---"] * 7),
     ]
-    for name, variant, claim, settings in claims:
-        values, verdict = _judged(name, variant, claim, settings, measured, options)
+    for found in claims:
+        claim = found.claim
+        values, verdict = judged(claim, _pairs(found, options), measured)
         bound = "never" if claim.bound is None else f"{claim.bound:.4g}"
         ratio = " (ratio)" if claim.against is not None else ""
         lines.append(
             row(
                 claim.id,
-                name,
-                variant,
+                found.scenario,
+                found.variant,
                 f"{claim.text} ({claim.source})",
                 f"{claim.measure}{ratio} {claim.relation} {bound}",
-                spread(values),
+                spread(values, digits=6),
                 verdict,
             )
         )
     return [*lines, ""]
-
-
-def _judged(
-    name: str,
-    variant: str,
-    claim: Any,
-    settings: Mapping[str, Any],
-    measured: dict[Job, dict[str, Any]],
-    options: argparse.Namespace,
-) -> tuple[list[Any], str]:
-    """Return the measured values or ratios of a claim, and the verdict."""
-    base = claim_assignments(claim, settings)
-    if claim.against is None:
-        values = [
-            measured[Job(name, variant, base, seed)][claim.measure]
-            for seed in range(options.seeds)
-        ]
-        kept = sum(bool(holds(v, claim.relation, claim.bound)) for v in values)
-        if kept >= claim.share * len(values):
-            return values, "holds"
-        part = f"in part: {kept} of {len(values)} seeds"
-        return values, part if kept else "does not hold"
-    other = base + assignments_of(claim.against)
-    pairs = [
-        (
-            measured[Job(name, variant, base, seed)][claim.measure],
-            measured[Job(name, variant, other, seed)][claim.measure],
-        )
-        for seed in range(options.pairs)
-    ]
-    ratios = [a / b for a, b in pairs]
-    verdict, test = paired_verdict(ratios, claim.relation, claim.bound)
-    return ratios, f"{verdict} ({test})"
-
-
-def row(*cells: str) -> str:
-    """Return a row of a Markdown table."""
-    return f"| {' | '.join(cells)} |"
-
-
-def spread(values: list[Any]) -> str:
-    """Return lowest, median and highest; how many are not defined."""
-    known = [v for v in values if v is not None]
-    missing = f", {len(values) - len(known)} never" if len(known) < len(values) else ""
-    if not known:
-        return "never"
-    low, middle, high = min(known), statistics.median(known), max(known)
-    if low == high:
-        return f"{low:.6g}{missing}"
-    return f"{low:.6g} / {middle:.6g} / {high:.6g}{missing}"
 
 
 _HEAD = """# The formation flights over seeds

@@ -16,17 +16,15 @@ from typing import Any
 import numpy as np
 
 from swarmstart.benchmarks.bars import (
-    Job,
     bar_table,
     claim_jobs,
     claim_table,
     claims_of,
-    flown,
-    fly_all,
     jobs_of,
 )
-from swarmstart.benchmarks.formation_flight import row
+from swarmstart.benchmarks.flights import Job, flown, fly_all
 from swarmstart.benchmarks.reconfiguration_bars import BARS, FIRST, SECOND
+from swarmstart.benchmarks.tables import row
 
 MOST_SEEDS = 10
 MANY_SEEDS = 200

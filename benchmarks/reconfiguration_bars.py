@@ -1,6 +1,7 @@
 """What reconfigurations and transfers must reach: a bar is a command and a bound."""
 
-from swarmstart.benchmarks.bars import Bar, Job
+from swarmstart.benchmarks.bars import Bar
+from swarmstart.benchmarks.flights import Job
 
 FIRST, SECOND = "reconfiguration", "reconfiguration_reverse"
 LSHADE = ("search={name: lshade, size: 100}",)

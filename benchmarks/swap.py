@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.benchmarks.formation_flight import row
+from swarmstart.benchmarks.tables import row
 from swarmstart.cases.planar import POSITION
 from swarmstart.cases.scenario import read_document, resolve
 from swarmstart.cases.transfer.build import TransferFlight, build

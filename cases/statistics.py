@@ -67,11 +67,12 @@ def too_few(count: int, noun: str, needed: int) -> str:
     return f"{have}, {needed} are needed"
 
 
-def spread(values: Sequence[Any]) -> str:
+def spread(values: Sequence[Any], *, digits: int = 4) -> str:
     """Return lowest, median and highest in words, and how many are not defined.
 
     Args:
         values: Numbers; None where a measure is not defined.
+        digits: Of each number.
     """
     known = [value for value in values if value is not None]
     missing = f", {len(values) - len(known)} never" if len(known) < len(values) else ""
@@ -79,5 +80,6 @@ def spread(values: Sequence[Any]) -> str:
         return "never"
     low, middle, high = min(known), statistics.median(known), max(known)
     if low == high:
-        return f"{low:.4g}{missing}"
-    return f"{low:.4g} / {middle:.4g} / {high:.4g}{missing}"
+        return f"{low:.{digits}g}{missing}"
+    shown = " / ".join(f"{value:.{digits}g}" for value in (low, middle, high))
+    return shown + missing
