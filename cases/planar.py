@@ -65,3 +65,8 @@ def pair_distances(stacked: Array, uavs: int) -> Array:
     positions = by_uav(stacked, uavs)[:, list(POSITION)]
     first, second = np.triu_indices(uavs, k=1)
     return np.asarray(np.linalg.norm(positions[first] - positions[second], axis=1))
+
+
+def smallest(distances: Array) -> float | None:
+    """Return the smallest distance; None where there is none."""
+    return float(distances.min()) if distances.size else None

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from swarmstart.cases.close_formation.build import CloseFormationFlight, build
 from swarmstart.cases.close_formation.measures import (
     SETTLED_FT,
-    plan_costs,
     reference_costs,
     savings,
     slot_of,
@@ -24,6 +23,7 @@ from swarmstart.cases.close_formation.measures import (
 from swarmstart.cases.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.drawing import new_figure, write_figures
 from swarmstart.cases.models.horseshoe_vortex import drag_saving
+from swarmstart.cases.plans import plan_costs
 from swarmstart.cases.settings import search_part
 from swarmstart.ocp import Trajectory, simulate
 

@@ -16,6 +16,7 @@ from swarmstart.cases.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.kind import Measure
 from swarmstart.cases.models.close_formation import POSITION
 from swarmstart.cases.models.horseshoe_vortex import drag_saving
+from swarmstart.cases.plans import effort, plan_costs
 from swarmstart.ocp import IpoptOptions, Trajectory
 from swarmstart.ocp.polish import Polisher
 
@@ -35,17 +36,13 @@ def measure(
     trajectory: Trajectory,
 ) -> Mapping[str, Measure]:
     """Return all measures of MEASURES by name, null where one is not defined."""
-    plans = [plan for decision in trajectory.decisions for plan in decision.plans]
-    seconds = trajectory.step_seconds
     measures: dict[str, Measure] = {
         **_tracking(scenario, trajectory),
         **_motion(scenario, trajectory),
         **_costs(scenario, flight, trajectory),
         **_saving(flight, trajectory),
         **_gaps(scenario, flight, trajectory),
-        "evaluations": sum(plan.evaluations for plan in plans),
-        "step_seconds_median": float(np.median(seconds)),
-        "step_seconds_max": float(np.max(seconds)),
+        **effort(trajectory),
     }
     return {name: measures[name] for name in MEASURES}
 
@@ -77,11 +74,6 @@ def best_saving(flight: CloseFormationFlight) -> float:
         method="bounded",
     )
     return -float(found.fun)
-
-
-def plan_costs(trajectory: Trajectory) -> Array:
-    """Return J of each step's plan, shape (T,)."""
-    return np.array([decision.plans[0].cost for decision in trajectory.decisions])
 
 
 def reference_costs(flight: CloseFormationFlight, trajectory: Trajectory) -> Array:

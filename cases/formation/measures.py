@@ -13,7 +13,8 @@ from swarmstart.cases.formation.build import FormationFlight
 from swarmstart.cases.formation.names import MEASURES
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.kind import Measure
-from swarmstart.cases.planar import POSITION, by_uav, pair_distances
+from swarmstart.cases.planar import POSITION, by_uav, pair_distances, smallest
+from swarmstart.cases.plans import effort
 from swarmstart.ocp import Mode, Trajectory
 from swarmstart.terminal_set import held_spectral_radius, input_excess, linearise
 
@@ -33,17 +34,10 @@ def measure(
         **_tracking(scenario, flight, trajectory),
         **_distances(scenario, flight, trajectory),
         **_linear_law(flight, trajectory),
-    }
-    decisions = trajectory.decisions
-    plans = [plan for decision in decisions for plan in decision.plans]
-    seconds = trajectory.step_seconds
-    measures |= {
+        **effort(trajectory),
         "infeasible_steps": sum(
-            planned(decision) and not found_plans(decision) for decision in decisions
+            planned(d) and not found_plans(d) for d in trajectory.decisions
         ),
-        "evaluations": sum(plan.evaluations for plan in plans),
-        "step_seconds_median": float(np.median(seconds)),
-        "step_seconds_max": float(np.max(seconds)),
     }
     return {name: measures[name] for name in MEASURES}
 
@@ -112,20 +106,16 @@ def _distances(
         ("", trajectory.dense_states),
         ("_sampled", trajectory.states),
     ):
-        measures[f"min_distance{suffix}_m"] = _smallest(
+        measures[f"min_distance{suffix}_m"] = smallest(
             pair_distances(states, flight.agents)
         )
-        measures[f"obstacle_clearance{suffix}_m"] = _smallest(
+        measures[f"obstacle_clearance{suffix}_m"] = smallest(
             clearances(scenario, flight, states)
         )
     speeds = by_uav(trajectory.dense_states, flight.agents)[:, 0]
     measures["speed_min_m_s"] = float(speeds.min())
     measures["speed_max_m_s"] = float(speeds.max())
     return measures
-
-
-def _smallest(values: Array) -> float | None:
-    return float(values.min()) if values.size else None
 
 
 def _linear_law(flight: FormationFlight, trajectory: Trajectory) -> dict[str, Measure]:

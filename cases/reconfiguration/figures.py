@@ -21,11 +21,11 @@ from swarmstart.cases.planar_figures import (
     held_controls_figure,
     tracks_figure,
 )
+from swarmstart.cases.plans import plan_costs
 from swarmstart.cases.reconfiguration.build import ReconfigurationFlight
 from swarmstart.cases.reconfiguration.measures import (
     errors_of,
     link_distances,
-    plan_costs,
 )
 from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.cases.reconfiguration.target import slots_in_plane

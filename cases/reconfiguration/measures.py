@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from swarmstart.cases.feasibility import found_plans
 from swarmstart.cases.kind import Measure
 from swarmstart.cases.planar import by_uav, pair_distances
+from swarmstart.cases.plans import effort, plan_costs
 from swarmstart.cases.reconfiguration.build import ReconfigurationFlight
 from swarmstart.cases.reconfiguration.names import MEASURES
 from swarmstart.cases.reconfiguration.reference import gaps
@@ -29,16 +30,13 @@ def measure(
 ) -> Mapping[str, Measure]:
     """Return all measures of MEASURES by name, null where one is not defined."""
     plans = [plan for decision in trajectory.decisions for plan in decision.plans]
-    seconds = trajectory.step_seconds
     measures: dict[str, Measure] = {
         **_shape(scenario, flight, trajectory),
         **_costs(scenario, flight, trajectory),
         **_motion(flight, trajectory),
         "penalty_max": max(plan.violation for plan in plans),
         "infeasible_steps": sum(not found_plans(d) for d in trajectory.decisions),
-        "evaluations": sum(plan.evaluations for plan in plans),
-        "step_seconds_median": float(np.median(seconds)),
-        "step_seconds_max": float(np.max(seconds)),
+        **effort(trajectory),
     }
     return {name: measures[name] for name in MEASURES}
 
@@ -53,11 +51,6 @@ def errors_of(
         leader=scenario.leader_index,
         turned=scenario.frame == "leader",
     )
-
-
-def plan_costs(trajectory: Trajectory) -> Array:
-    """Return J of each step, summed over those who plan, shape (T,)."""
-    return np.array([sum(p.cost for p in d.plans) for d in trajectory.decisions])
 
 
 def link_distances(flight: ReconfigurationFlight, distances: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.kind import Measure
-from swarmstart.cases.planar import POSITION, by_uav, pair_distances
+from swarmstart.cases.planar import POSITION, by_uav, pair_distances, smallest
 from swarmstart.cases.transfer.build import TransferFlight
 from swarmstart.cases.transfer.names import MEASURES
 from swarmstart.cases.transfer.scenario import TransferScenario
@@ -35,8 +35,8 @@ def measure(
         "search_cost": _known(plan.search_cost),
         "search_violation": _known(plan.search_violation),
         "goal_error_m": float(np.hypot(*off.T).max()) if ended else None,
-        "min_distance_m": _smallest(pair_distances(trajectory.dense_states, uavs)),
-        "min_distance_checked_m": _smallest(pair_distances(solution.states, uavs)),
+        "min_distance_m": smallest(pair_distances(trajectory.dense_states, uavs)),
+        "min_distance_checked_m": smallest(pair_distances(solution.states, uavs)),
         "speed_min_m_s": float(flown[:, 0].min()),
         "speed_max_m_s": float(flown[:, 0].max()),
         "evaluations": plan.evaluations,
@@ -47,7 +47,3 @@ def measure(
 
 def _known(value: float) -> float | None:
     return None if np.isnan(value) else value
-
-
-def _smallest(values: Array) -> float | None:
-    return float(values.min()) if values.size else None

@@ -14,8 +14,8 @@ from scipy.linalg import expm
 import swarmstart
 from swarmstart.cases.cli import parser
 from swarmstart.cases.planar import by_uav
+from swarmstart.cases.plans import plan_costs
 from swarmstart.cases.reconfiguration.build import ReconfigurationFlight, build
-from swarmstart.cases.reconfiguration.measures import plan_costs
 from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.cases.reconfiguration.stability import (
     lateral_eigenvalues,
