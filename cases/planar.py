@@ -1,4 +1,4 @@
-"""What scenarios of UAVs in the plane share: states, points, distances.
+"""What scenarios of UAVs in the plane share: states, points, distances, limits.
 
 A UAV's state is (v, psi, x, y), speed [m/s], heading [rad] and position [m]; those of
 several are stacked, UAV after UAV.
@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
 POSITION = (2, 3)
 """Rows of the states that are the position."""
+SAME_PLACE_M = 1e-9
+"""Points nearer than this are one."""
 
 
 class PlanarState(Part):
@@ -39,6 +41,11 @@ class Point(Part):
     y_m: Number
 
 
+def distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
+    """Return the distance of two places [m]."""
+    return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
+
+
 def bank_problems(turn: str, bank: Range) -> Iterator[Problem]:
     """Yield what is wrong with a range of the bank: beyond pi/2 turns are gentler."""
     most = max(-bank.lower, bank.upper)
@@ -47,6 +54,34 @@ def bank_problems(turn: str, bank: Range) -> Iterator[Problem]:
             ("bank_rad",),
             f"expected limits between -pi/2 and pi/2, found [{bank.lower:g}, "
             f"{bank.upper:g}]",
+        )
+
+
+def speed_limit_problems(limits: Range) -> Iterator[Problem]:
+    """Yield what is wrong with a range of the speed of a UAV that banks to turn."""
+    if limits.lower <= 0:
+        yield (
+            ("speed_m_s",),
+            "expected a lower limit above 0, since the heading rate divides by the "
+            f"speed; found {limits.lower:g}",
+        )
+
+
+def start_speed_problems(
+    place: tuple[str | int, ...], speed: float, limits: Range
+) -> Iterator[Problem]:
+    """Yield what is wrong with a speed at the start.
+
+    Args:
+        place: Where in the scenario the speed stands.
+        speed: The speed [m/s].
+        limits: vehicle.speed_m_s.
+    """
+    if not limits.lower <= speed <= limits.upper:
+        yield (
+            place,
+            f"expected a speed within vehicle.speed_m_s [{limits.lower:g}, "
+            f"{limits.upper:g}], found {speed:g}",
         )
 
 

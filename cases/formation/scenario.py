@@ -4,14 +4,18 @@ Source: the chapter, section 5.2.
 """
 
 import itertools
-import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
-from swarmstart.cases.planar import PlanarState, Point
+from swarmstart.cases.planar import (
+    PlanarState,
+    Point,
+    distance,
+    start_speed_problems,
+)
 from swarmstart.cases.settings import (
     NonNegative,
     Number,
@@ -23,11 +27,9 @@ from swarmstart.cases.settings import (
 )
 
 
-class Disc(Part):
+class Disc(Point):
     """A circular obstacle."""
 
-    x_m: Number
-    y_m: Number
     radius_m: Positive
 
 
@@ -169,21 +171,20 @@ class FormationScenario(Scenario):
         safe = self.avoidance.safe_distance_m
         for (i, one), (j, other) in itertools.combinations(enumerate(self.uavs), 2):
             for key in ("start", "slot"):
-                a, b = getattr(one, key), getattr(other, key)
-                distance = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
-                if distance < safe:
+                apart = distance(getattr(one, key), getattr(other, key))
+                if apart < safe:
                     yield (
                         ("uavs", j, key),
                         f"expected a {key} at least {safe:g} m (safe_distance_m) from "
-                        f"that of UAV {i + 1}, found {distance:g} m",
+                        f"that of UAV {i + 1}, found {apart:g} m",
                     )
         for (i, uav), disc in itertools.product(enumerate(self.uavs), self.obstacles):
-            distance = math.hypot(uav.start.x_m - disc.x_m, uav.start.y_m - disc.y_m)
-            if distance < disc.radius_m:
+            apart = distance(uav.start, disc)
+            if apart < disc.radius_m:
                 yield (
                     ("uavs", i, "start"),
                     f"expected a start outside the obstacle of radius "
-                    f"{disc.radius_m:g} m, found {distance:g} m from its centre",
+                    f"{disc.radius_m:g} m, found {apart:g} m from its centre",
                 )
 
     def _control_problems(self) -> Iterator[Problem]:
@@ -245,19 +246,16 @@ class FormationScenario(Scenario):
                 )
 
     def _speed_problems(self, limits: Range) -> Iterator[Problem]:
-        allowed = f"vehicle.speed_m_s [{limits.lower:g}, {limits.upper:g}]"
         if not limits.lower < self.leader.speed_m_s < limits.upper:
             yield (
                 ("leader", "speed_m_s"),
-                f"expected a speed strictly within {allowed}, "
+                "expected a speed strictly within vehicle.speed_m_s "
+                f"[{limits.lower:g}, {limits.upper:g}], "
                 f"found {self.leader.speed_m_s:g}",
             )
         for i, uav in enumerate(self.uavs):
-            if not limits.lower <= uav.start.speed_m_s <= limits.upper:
-                yield (
-                    ("uavs", i, "start", "speed_m_s"),
-                    f"expected a speed within {allowed}, found {uav.start.speed_m_s:g}",
-                )
+            place = ("uavs", i, "start", "speed_m_s")
+            yield from start_speed_problems(place, uav.start.speed_m_s, limits)
 
 
 def _matrix_problems(needed: bool, P: Matrix | None) -> Iterator[Problem]:

@@ -10,7 +10,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from swarmstart.cases.planar import PlanarState, Point, bank_problems
+from swarmstart.cases.planar import (
+    SAME_PLACE_M,
+    PlanarState,
+    Point,
+    bank_problems,
+    distance,
+    speed_limit_problems,
+    start_speed_problems,
+)
 from swarmstart.cases.settings import (
     NonNegative,
     Part,
@@ -20,7 +28,6 @@ from swarmstart.cases.settings import (
     Scenario,
 )
 
-SAME_PLACE_M = 1e-9
 MOST_JOINT = 40
 """UAVs: with more, one problem of all pairs takes minutes to build."""
 
@@ -39,12 +46,8 @@ class Vehicle(Part):
     def problems(self) -> Iterator[Problem]:
         """Yield what is wrong with it."""
         yield from bank_problems(self.turn, self.bank_rad)
-        if self.speed_m_s is not None and self.speed_m_s.lower <= 0:
-            yield (
-                ("speed_m_s",),
-                "expected a lower limit above 0, since the heading rate divides by the "
-                f"speed; found {self.speed_m_s.lower:g}",
-            )
+        if self.speed_m_s is not None:
+            yield from speed_limit_problems(self.speed_m_s)
 
 
 class Distances(Part):
@@ -156,7 +159,7 @@ class ReconfigurationScenario(Scenario):
         if self.planning.name == "priority":
             far = math.inf  # Only linked UAVs stay within it; see build.problems.
         for i, j in itertools.combinations(range(slots), 2):
-            apart = _distance(self.slots[i], self.slots[j])
+            apart = distance(self.slots[i], self.slots[j])
             if apart < SAME_PLACE_M:
                 what = "expected a place of its own"
                 yield (("slots", j), f"{what}, found that of slot {i + 1}")
@@ -174,12 +177,8 @@ class ReconfigurationScenario(Scenario):
                     "expected a speed above 0, since the heading rate divides by it; "
                     f"found {speed:g}",
                 )
-            elif limits is not None and not limits.lower <= speed <= limits.upper:
-                yield (
-                    place,
-                    f"expected a speed within vehicle.speed_m_s [{limits.lower:g}, "
-                    f"{limits.upper:g}], found {speed:g}",
-                )
+            elif limits is not None:
+                yield from start_speed_problems(place, speed, limits)
 
     def _leader_problems(self) -> Iterator[Problem]:
         if self.leader_uav > len(self.uavs):
@@ -256,7 +255,7 @@ def start_problems(
     """
     i, j = pair
     near, far = scenario.distances.kept_m
-    apart = _distance(scenario.uavs[i], scenario.uavs[j])
+    apart = distance(scenario.uavs[i], scenario.uavs[j])
     for what in _out_of_range(apart, near=near, far=far if linked else math.inf):
         yield ("uavs", j), f"expected a start {what.format(f'that of UAV {i + 1}')}"
 
@@ -268,7 +267,3 @@ def _out_of_range(apart: float, *, near: float, far: float) -> Iterator[str]:
     elif apart > far:
         limit = f"{far:g} m (distances.communication_m)"
         yield f"at most {limit} from {{}}, found {apart:g} m"
-
-
-def _distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
-    return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)

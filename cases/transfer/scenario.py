@@ -10,7 +10,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from swarmstart.cases.planar import PlanarState, Point, bank_problems
+from swarmstart.cases.planar import (
+    SAME_PLACE_M,
+    PlanarState,
+    Point,
+    bank_problems,
+    distance,
+    speed_limit_problems,
+    start_speed_problems,
+)
 from swarmstart.cases.settings import (
     NonNegative,
     Part,
@@ -20,8 +28,6 @@ from swarmstart.cases.settings import (
     Scenario,
 )
 
-SAME_PLACE_M = 1e-9
-
 
 class Vehicle(Part):
     """A UAV that accelerates and turns by banking, and its bounds."""
@@ -30,6 +36,11 @@ class Vehicle(Part):
     bank_rad: Range
     speed_m_s: Range
     turn: Literal["sin", "tan"] = "tan"
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with it."""
+        yield from bank_problems(self.turn, self.bank_rad)
+        yield from speed_limit_problems(self.speed_m_s)
 
 
 class Uav(Part):
@@ -85,32 +96,19 @@ class TransferScenario(Scenario):
                 f"expected at most prediction.intervals = {self.prediction.intervals}, "
                 f"found {self.steps}",
             )
-        for path, message in bank_problems(self.vehicle.turn, self.vehicle.bank_rad):
+        for path, message in self.vehicle.problems():
             yield ("vehicle", *path), message
-        yield from self._speed_problems()
-        yield from self._place_problems()
-
-    def _speed_problems(self) -> Iterator[Problem]:
-        limits = self.vehicle.speed_m_s
-        if limits.lower <= 0:
-            yield (
-                ("vehicle", "speed_m_s"),
-                "expected a lower limit above 0, since the heading rate divides by the "
-                f"speed; found {limits.lower:g}",
-            )
         for i, uav in enumerate(self.uavs):
-            if not limits.lower <= uav.start.speed_m_s <= limits.upper:
-                yield (
-                    ("uavs", i, "start", "speed_m_s"),
-                    f"expected a speed within vehicle.speed_m_s [{limits.lower:g}, "
-                    f"{limits.upper:g}], found {uav.start.speed_m_s:g}",
-                )
+            place = ("uavs", i, "start", "speed_m_s")
+            speed, limits = uav.start.speed_m_s, self.vehicle.speed_m_s
+            yield from start_speed_problems(place, speed, limits)
+        yield from self._place_problems()
 
     def _place_problems(self) -> Iterator[Problem]:
         safe = self.safe_distance_m + self.margin_m
         for (i, one), (j, other) in itertools.combinations(enumerate(self.uavs), 2):
             for key in ("start", "goal"):
-                apart = _distance(getattr(one, key), getattr(other, key))
+                apart = distance(getattr(one, key), getattr(other, key))
                 if apart < safe:
                     yield (
                         ("uavs", j, key),
@@ -141,7 +139,3 @@ def goal_problems(
             f"expected a goal within {reach:g} m of the start, as far as the highest "
             f"speed comes in prediction.horizon_s; found {way:g} m",
         )
-
-
-def _distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
-    return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
