@@ -85,6 +85,22 @@ def start_speed_problems(
         )
 
 
+def speed_bounds(limits: Range | None, *, uavs: int = 1) -> tuple[Array, Array] | None:
+    """Return bounds of the stacked states, each (uavs * 4,), the speeds' alone.
+
+    Args:
+        limits: Of every speed; None: none is bounded, and so is returned.
+        uavs: Number of UAVs.
+    """
+    if limits is None:
+        return None
+    free = [np.inf] * (len(STATES) - 1)
+    return (
+        np.tile([limits.lower, *np.negative(free)], uavs),
+        np.tile([limits.upper, *free], uavs),
+    )
+
+
 def by_uav(stacked: Array, uavs: int) -> Array:
     """Return stacked rows (uavs * n, T) as (uavs, n, T)."""
     return stacked.reshape(uavs, -1, stacked.shape[1])

@@ -6,7 +6,7 @@ expression, `pi/18`.
 
 import dataclasses
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -19,6 +19,7 @@ from typing import (
 )
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -48,6 +49,7 @@ from swarmstart.heuristics import (
 )
 from swarmstart.ocp import Backend, IpoptOptions, SearchSettings, WarmStart
 
+Array = NDArray[np.float64]
 Problem = tuple[tuple[str | int, ...], str]
 """Where in the scenario something is wrong, and what."""
 
@@ -119,6 +121,11 @@ class Range(Part):
                 f"expected lower < upper, found [{self.lower:g}, {self.upper:g}]"
             )
         return self
+
+
+def bounds_of(ranges: Sequence[Range]) -> tuple[Array, Array]:
+    """Return the lower and the upper limits of n ranges, each (n,)."""
+    return np.array([r.lower for r in ranges]), np.array([r.upper for r in ranges])
 
 
 class BudgetPart(Part):

@@ -26,7 +26,7 @@ from swarmstart.cases.models.close_formation import (
     close_formation,
 )
 from swarmstart.cases.models.horseshoe_vortex import Aircraft
-from swarmstart.cases.settings import Problem
+from swarmstart.cases.settings import Problem, bounds_of
 from swarmstart.ocp import (
     Bounds,
     Known,
@@ -120,9 +120,7 @@ def planning_problem(
         horizon=dt * prediction.intervals,
         intervals=prediction.intervals,
         stage_cost=ca.bilin(ca.diag(scenario.weights), errors, errors) / dt,
-        bounds=Bounds(
-            controls=([r.lower for r in ranges], [r.upper for r in ranges]),
-        ),
+        bounds=Bounds(controls=bounds_of(ranges)),
         quadrature="right",
         integrator=scenario.integrator,
         substeps=prediction.substeps,

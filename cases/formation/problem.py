@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.formation.scenario import FormationScenario
-from swarmstart.cases.planar import POSITION
+from swarmstart.cases.planar import POSITION, speed_bounds
+from swarmstart.cases.settings import bounds_of
 from swarmstart.ocp import (
     Bounds,
     Model,
@@ -59,7 +60,7 @@ def planning_problem(
         for obstacle in scenario.obstacles
     ]
     Q, R = ca.diag(scenario.weights.Q), ca.diag(scenario.weights.R)
-    limits, prediction = _speed_limits(scenario), scenario.prediction
+    prediction = scenario.prediction
     return OptimalControlProblem(
         model,
         horizon=prediction.dt_s * prediction.intervals,
@@ -69,7 +70,7 @@ def planning_problem(
         terminal_cost=ca.bilin(ca.DM(terminal_cost), error, error),
         bounds=Bounds(
             controls=_control_limits(scenario),
-            states=(limits["x_lower"], limits["x_upper"]) if limits else None,
+            states=speed_bounds(scenario.vehicle.speed_m_s),
         ),
         constraints=[*obstacles, *separations],
         signals=signals,
@@ -109,12 +110,14 @@ def dynamics_of(model: Model) -> ca.Function:
 def reference_of(scenario: FormationScenario) -> Reference:
     """Return the leader's motion as what a terminal set is built around."""
     lower, upper = _control_limits(scenario)
+    x_lower, x_upper = speed_bounds(scenario.vehicle.speed_m_s) or (None, None)
     return Reference(
         x_ref=np.array(scenario.leader.vector()),
         u_ref=np.zeros(len(lower)),
         u_lower=lower,
         u_upper=upper,
-        **_speed_limits(scenario),
+        x_lower=x_lower,
+        x_upper=x_upper,
     )
 
 
@@ -131,20 +134,5 @@ def terminal_cost_of(
 
 
 def _control_limits(scenario: FormationScenario) -> tuple[Array, Array]:
-    ranges = (scenario.vehicle.acceleration_m_s2, scenario.vehicle.turn_rate_rad_s)
-    return (
-        np.array([limits.lower for limits in ranges]),
-        np.array([limits.upper for limits in ranges]),
-    )
-
-
-def _speed_limits(scenario: FormationScenario) -> dict[str, Array]:
-    """Return bounds of the states as keywords; none where the speed is free."""
-    limits = scenario.vehicle.speed_m_s
-    if limits is None:
-        return {}
-    free = np.full(3, np.inf)
-    return {
-        "x_lower": np.array([limits.lower, *-free]),
-        "x_upper": np.array([limits.upper, *free]),
-    }
+    vehicle = scenario.vehicle
+    return bounds_of((vehicle.acceleration_m_s2, vehicle.turn_rate_rad_s))

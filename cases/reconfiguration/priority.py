@@ -18,14 +18,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.planar import POSITION
+from swarmstart.cases.planar import POSITION, speed_bounds
 from swarmstart.cases.reconfiguration.problem import (
     NX,
     connection,
     control_limits,
     error,
     separation,
-    state_limits,
     trim,
     uav_model,
 )
@@ -148,7 +147,7 @@ def uav_problem(
         stage_cost=ca.bilin(ca.diag(ca.DM(scenario.weights)), e, e) / dt,
         bounds=Bounds(
             controls=control_limits(scenario.vehicle),
-            states=state_limits(scenario.vehicle, 1),
+            states=speed_bounds(scenario.vehicle.speed_m_s),
         ),
         constraints=[
             *[

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.models.bank_to_turn import Thrust, bank_to_turn
-from swarmstart.cases.planar import POSITION
+from swarmstart.cases.planar import POSITION, speed_bounds
 from swarmstart.cases.reconfiguration.scenario import (
     Distances,
     ReconfigurationScenario,
     Vehicle,
 )
+from swarmstart.cases.settings import bounds_of
 from swarmstart.ocp import (
     Bounds,
     Connection,
@@ -96,7 +97,7 @@ def joint_problem(
         stage_cost=sum((ca.bilin(Q, e, e) for e in errors), ca.SX(0)) / dt,
         bounds=Bounds(
             controls=(np.tile(lower, steered), np.tile(upper, steered)),
-            states=state_limits(scenario.vehicle, len(uavs)),
+            states=speed_bounds(scenario.vehicle.speed_m_s, uavs=len(uavs)),
         ),
         constraints=_pair_constraints(scenario.distances, uavs),
         quadrature="right",
@@ -123,20 +124,7 @@ def error(state: ca.SX, leader: ca.SX, slot: ca.SX | ca.DM, *, turned: bool) -> 
 
 def control_limits(vehicle: Vehicle) -> tuple[Array, Array]:
     """Return lower and upper bounds of (thrust, bank), each (2,)."""
-    ranges = (vehicle.thrust_n, vehicle.bank_rad)
-    return np.array([r.lower for r in ranges]), np.array([r.upper for r in ranges])
-
-
-def state_limits(vehicle: Vehicle, uavs: int) -> tuple[Array, Array] | None:
-    """Return bounds of the stacked states, each (uavs * 4,); None: none is bounded."""
-    limits = vehicle.speed_m_s
-    if limits is None:
-        return None
-    free = [np.inf] * (NX - 1)
-    return (
-        np.tile([limits.lower, *np.negative(free)], uavs),
-        np.tile([limits.upper, *free], uavs),
-    )
+    return bounds_of((vehicle.thrust_n, vehicle.bank_rad))
 
 
 def _pair_constraints(distances: Distances, uavs: Sequence[ca.SX]) -> list[Constraint]:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from swarmstart.cases.assignment import shortest_assignment
 from swarmstart.cases.kind import Flight, Posed
 from swarmstart.cases.models.bank_to_turn import bank_to_turn
-from swarmstart.cases.planar import POSITION
-from swarmstart.cases.settings import Problem
+from swarmstart.cases.planar import POSITION, speed_bounds
+from swarmstart.cases.settings import Problem, bounds_of
 from swarmstart.cases.transfer.paths import flat_paths
 from swarmstart.cases.transfer.scenario import TransferScenario, goal_problems
 from swarmstart.ocp import (
@@ -129,22 +129,15 @@ def transfer_problem(
     vehicle, prediction, uavs = scenario.vehicle, scenario.prediction, len(goals)
     positions = [state[list(POSITION)] for state in ca.vertsplit(model.states, NX)]
     R = ca.diag(ca.DM(np.tile(scenario.weights, uavs)))
-    ranges = (vehicle.acceleration_m_s2, vehicle.bank_rad)
-    free, speed = [np.inf] * (NX - 1), vehicle.speed_m_s
+    lower, upper = bounds_of((vehicle.acceleration_m_s2, vehicle.bank_rad))
     return OptimalControlProblem(
         model,
         horizon=prediction.horizon_s,
         intervals=prediction.intervals,
         stage_cost=ca.bilin(R, model.controls, model.controls),
         bounds=Bounds(
-            controls=(
-                np.tile([r.lower for r in ranges], uavs),
-                np.tile([r.upper for r in ranges], uavs),
-            ),
-            states=(
-                np.tile([speed.lower, *np.negative(free)], uavs),
-                np.tile([speed.upper, *free], uavs),
-            ),
+            controls=(np.tile(lower, uavs), np.tile(upper, uavs)),
+            states=speed_bounds(vehicle.speed_m_s, uavs=uavs),
         ),
         constraints=[
             Separation(
