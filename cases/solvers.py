@@ -33,7 +33,6 @@ from swarmstart.ocp import (
     Planner,
     Polisher,
     SearchSettings,
-    SolutionStatus,
     Source,
     verified,
 )
@@ -147,13 +146,12 @@ def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     solve = _many_starts if solver.starts == "many" else _planned
     plan, seconds = solve(resolved.scenario, posed, solver, job["budget"], rng)
     found = verified(posed.problem, plan, posed.x0, posed.known)
-    confirmed = (SolutionStatus.CONVERGED, SolutionStatus.FEASIBLE)
     return {
         "claimed_cost": plan.cost,
         "claimed_violation": plan.violation,
         "verified_cost": found.verified_cost,
         "verified_violation": found.verified_violation,
-        "feasible": found.status in confirmed,
+        "feasible": found.status.is_confirmed,
         "status": found.status.value,
         "evaluations": plan.evaluations,
         "seconds": seconds,

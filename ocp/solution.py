@@ -28,6 +28,11 @@ class SolutionStatus(Enum):
     MISMATCH = "not confirmed: the finer grid gives another answer"
     INFEASIBLE = "no feasible solution was found"
 
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether the answer is feasible, and confirmed on the finer grid."""
+        return self in (SolutionStatus.CONVERGED, SolutionStatus.FEASIBLE)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Solution:

@@ -10,7 +10,7 @@ from swarmstart.cases.planar import POSITION, by_uav, pair_distances, smallest
 from swarmstart.cases.transfer.build import TransferFlight
 from swarmstart.cases.transfer.names import MEASURES
 from swarmstart.cases.transfer.scenario import TransferScenario
-from swarmstart.ocp import PolishStatus, SolutionStatus, Trajectory, verified
+from swarmstart.ocp import PolishStatus, Trajectory, verified
 
 Array = NDArray[np.float64]
 
@@ -25,12 +25,11 @@ def measure(
     flown = by_uav(trajectory.dense_states, uavs)
     off = flown[:, list(POSITION), -1] - flight.goals
     ended = len(trajectory.decisions) == scenario.prediction.intervals
-    confirmed = (SolutionStatus.CONVERGED, SolutionStatus.FEASIBLE)
     measures: dict[str, Measure] = {
         "cost": plan.cost,
         "violation": plan.violation,
         "verified_cost": solution.verified_cost,
-        "confirmed": int(solution.status in confirmed),
+        "confirmed": int(solution.status.is_confirmed),
         "converged": int(plan.polish_status is PolishStatus.CONVERGED),
         "search_cost": _known(plan.search_cost),
         "search_violation": _known(plan.search_violation),

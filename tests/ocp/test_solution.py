@@ -77,3 +77,8 @@ def test_cost_that_is_not_finite_is_infeasible(double_integrator: Model) -> None
     planner = Planner(problem, search=None)
     plan = planner.evaluated(np.zeros((1, 2)), [-1, 0], source=Source.GUESS)
     assert verified(problem, plan, [-1, 0]).status is SolutionStatus.INFEASIBLE
+
+
+def test_only_feasible_answers_that_agree_on_the_finer_grid_are_confirmed() -> None:
+    confirmed = {status for status in SolutionStatus if status.is_confirmed}
+    assert confirmed == {SolutionStatus.CONVERGED, SolutionStatus.FEASIBLE}
