@@ -17,7 +17,7 @@ from swarmstart.cases.kind import Measure
 from swarmstart.cases.models.close_formation import POSITION
 from swarmstart.cases.models.horseshoe_vortex import drag_saving
 from swarmstart.cases.plans import effort, plan_costs
-from swarmstart.ocp import IpoptOptions, Trajectory
+from swarmstart.ocp import IpoptOptions, Trajectory, shifted_controls
 from swarmstart.ocp.polish import Polisher
 
 Array = NDArray[np.float64]
@@ -157,12 +157,12 @@ def _costs(
 
 def _losses(flight: CloseFormationFlight, trajectory: Trajectory, costs: Array) -> int:
     """Return how many plans are worse than the last one's commands, held (5.29)."""
-    fitness, losses = flight.loop.planner.fitness, 0
+    planner, losses = flight.loop.planner, 0
     for k in range(1, len(costs)):
         last = trajectory.decisions[k - 1].plans[0].controls
-        held = np.hstack([last[:, 1:], last[:, -1:]])
+        held = shifted_controls(planner.problem, last, flight.loop.append)
         known = flight.loop.known(float(trajectory.times[k]))
-        value, _ = fitness.value(held, trajectory.states[:, k], known)
+        value, _ = planner.fitness.value(held, trajectory.states[:, k], known)
         losses += costs[k] > value + RISE
     return int(losses)
 
