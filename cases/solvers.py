@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 import time as clock
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,6 @@ from swarmstart.cases.settings import Scenario
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
 from swarmstart.ocp import (
-    Fitness,
     IpoptOptions,
     Plan,
     Planner,
@@ -224,10 +223,10 @@ def _many_starts(
     """Return the best of IPOPT from random points until the budget is spent."""
     del solver
     problem = posed.problem
-    fitness = Fitness(problem, backend=scenario.backend)
-    polish = Polisher(fitness, _ipopt(budget, 1.0))
+    planner = Planner(problem, search=None, backend=scenario.backend)
+    polish = Polisher(planner.fitness, _ipopt(budget, 1.0))
     space: SearchSpace = (
-        ControlSpace(fitness)
+        ControlSpace(planner.fitness)
         if posed.family is None
         else FamilySpace(problem, posed.family)
     )
@@ -246,15 +245,7 @@ def _many_starts(
         ):
             best = one
     seconds = clock.perf_counter() - began
-    feasible = best.violation <= problem.tolerance and np.isfinite(best.cost)
-    plan = Plan(
-        controls=best.controls,
-        states=fitness.states(best.controls, posed.x0, posed.known),
-        cost=best.cost,
-        violation=best.violation,
-        feasible=bool(feasible),
-        source=Source.POLISH,
-        evaluations=evaluations,
-        polish_status=best.status,
+    plan = planner.evaluated(
+        best.controls, posed.x0, known=posed.known, source=Source.POLISH
     )
-    return plan, seconds
+    return replace(plan, evaluations=evaluations, polish_status=best.status), seconds
