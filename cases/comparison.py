@@ -89,8 +89,7 @@ def entry_of(
         budget: Of one planning problem.
         timeout_s: After which a cell is given up [s].
     """
-    told_only = {"claims": [], "title": "", "source": "", "name": "cell"}
-    settings = {**resolved.settings, **told_only}
+    settings = resolved.anonymous_settings()
     cells = [
         Cell(
             work="swarmstart.cases.solvers:solve_cell",

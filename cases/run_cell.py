@@ -17,9 +17,7 @@ def run_cell(resolved: Resolved, seed: int, *, figures: bool = False) -> Cell:
         seed: The seed.
         figures: Whether its figures are wanted: drawn into `figures` of its folder.
     """
-    settings = dict(resolved.settings)
-    if not figures:
-        settings |= {"claims": [], "title": "", "source": "", "name": "cell"}
+    settings = dict(resolved.settings) if figures else resolved.anonymous_settings()
     variant = f" {resolved.variant}" if resolved.variant else ""
     return Cell(
         work="swarmstart.cases.run_cell:fly",
