@@ -217,7 +217,7 @@ class _Version(argparse.Action):
         ours = others.pop("swarmstart")
         listed = ", ".join(f"{name} {version}" for name, version in others.items())
         python = ".".join(map(str, sys.version_info[:3]))
-        print(f"swarmstart {ours} (Python {python}, {listed})")  # noqa: T201
+        answer(f"swarmstart {ours} (Python {python}, {listed})")
         parser.exit(DONE)
 
 
@@ -240,7 +240,7 @@ def _check(options: argparse.Namespace) -> int:
     worst = DONE
     for name in options.scenarios:
         try:
-            print(check(name))  # noqa: T201 - the command's answer
+            answer(check(name))
         except SwarmstartError as error:
             worst = max(worst, _reported(error))
     return worst
@@ -256,7 +256,7 @@ def _schema(options: argparse.Namespace) -> int:
         return INVALID
     from swarmstart.cases.schema import scenario_schema
 
-    print(json.dumps(scenario_schema(options.kind), indent=2))  # noqa: T201
+    answer(json.dumps(scenario_schema(options.kind), indent=2))
     return DONE
 
 
@@ -293,6 +293,11 @@ def _seed(text: str) -> int:
 def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
     """Treat a request to terminate as Ctrl-C: finished work is kept."""
     raise KeyboardInterrupt
+
+
+def answer(text: str) -> None:
+    """Print what a command was asked for; all else is said on standard error."""
+    print(text)  # noqa: T201
 
 
 def _say(text: str) -> None:

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from swarmstart.cases.campaign import carried_out
-from swarmstart.cases.cli import DONE, INFEASIBLE
+from swarmstart.cases.cli import DONE, INFEASIBLE, answer
 from swarmstart.cases.comparison import Entry, Row, entry_of, rows_of
 from swarmstart.cases.progress import Progress
-from swarmstart.cases.record import to_json, write_atomically
+from swarmstart.cases.record import to_json, write_text
 from swarmstart.cases.scenario import read_document, resolve
 from swarmstart.cases.solvers import Solver, budget_of, search_share, solver_of
 from swarmstart.cases.versions import versions
@@ -57,20 +57,14 @@ def compare_command(options: argparse.Namespace) -> int:
     by_key = {cell.key: one for cell, one in zip(cells, outcomes, strict=True)}
     rows = [rows_of(each, by_key, seeds=options.seeds) for each in entries]
     table = _csv([row for each in rows for row in each])
-    write_atomically(
-        root / "results.csv", lambda file: file.write(table.encode("utf-8"))
-    )
-    _tell(
+    write_text(root / "results.csv", table)
+    answer(
         to_json(_content(rows, options))
         if options.json
         else _report(rows, options, root)
     )
     unsolved = any(not any(row.feasible for row in each) for each in rows)
     return INFEASIBLE if unsolved else DONE
-
-
-def _tell(text: str) -> None:
-    print(text)  # noqa: T201 - the command's answer
 
 
 def _entry(

@@ -80,6 +80,11 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         raise RecordError(f"{path}: expected a file to write to: {reason}") from error
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file atomically, in UTF-8."""
+    write_atomically(path, lambda file: file.write(text.encode("utf-8")))
+
+
 def prepare_folder(folder: Path) -> None:
     """Make a folder, and make sure that files can be written there.
 
@@ -93,8 +98,7 @@ def prepare_folder(folder: Path) -> None:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file atomically; what is not finite becomes null."""
-    text = to_json(content, indent=2) + "\n"
-    write_atomically(path, lambda file: file.write(text.encode()))
+    write_text(path, to_json(content, indent=2) + "\n")
 
 
 def to_json(content: Any, *, indent: int | None = None) -> str:

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from swarmstart.cases.campaign import Cell, Outcome, carried_out, finished
-from swarmstart.cases.cli import DONE, GATE
+from swarmstart.cases.cli import DONE, GATE, answer
 from swarmstart.cases.page import embedded, rendered
 from swarmstart.cases.progress import Progress
-from swarmstart.cases.record import to_json, write_atomically, write_json
+from swarmstart.cases.record import to_json, write_json, write_text
 from swarmstart.cases.replication import (
     Chapter,
     ChapterClaim,
@@ -76,7 +76,7 @@ def replicate_command(options: argparse.Namespace) -> int:
     workers = options.workers or os.cpu_count() or 1
     if options.dry_run:
         foreseen = _foreseen(cells, folder, workers)
-        _tell(to_json(foreseen) if options.json else _dry(foreseen))
+        answer(to_json(foreseen) if options.json else _dry(foreseen))
         return DONE
     with Progress("replicate", quiet=options.quiet) as progress:
         outcomes = carried_out(cells, folder, workers=workers, told=progress.update)
@@ -92,18 +92,12 @@ def replicate_command(options: argparse.Namespace) -> int:
         {**content, "wall_s": clock.perf_counter() - began},
     )
     page = rendered("replication.html", {**content, "figures": _figures(plan, by_key)})
-    write_atomically(
-        root / f"{stem}.html", lambda file: file.write(page.encode("utf-8"))
-    )
+    write_text(root / f"{stem}.html", page)
     if options.json:
-        _tell(to_json(content))
+        answer(to_json(content))
     else:
-        _tell(markdown(content) if options.markdown else _report(content, root / stem))
+        answer(markdown(content) if options.markdown else _report(content, root / stem))
     return DONE if all(claim.is_expected for claim in claims) else GATE
-
-
-def _tell(text: str) -> None:
-    print(text)  # noqa: T201 - the command's answer
 
 
 def _planned(only: Sequence[int], seeds: int | None) -> Plan:

@@ -29,8 +29,8 @@ from swarmstart.cases.record import (
     save_partial,
     trajectory_arrays,
     write_arrays,
-    write_atomically,
     write_json,
+    write_text,
 )
 from swarmstart.cases.scenario import Resolved
 from swarmstart.cases.versions import versions
@@ -330,7 +330,5 @@ def _record(finished: Run, folder: Path) -> None:
     text = yaml.safe_dump(
         dict(finished.resolved.settings), sort_keys=False, allow_unicode=True
     )
-    write_atomically(
-        folder / "scenario.yaml", lambda file: file.write(text.encode("utf-8"))
-    )
+    write_text(folder / "scenario.yaml", text)
     write_arrays(folder / "trajectory.npz", trajectory_arrays(finished.trajectory))

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from swarmstart.cases.claims import holds
-from swarmstart.cases.cli import DONE, GATE, INFEASIBLE
+from swarmstart.cases.cli import DONE, GATE, INFEASIBLE, answer
 from swarmstart.cases.kind import Measure
 from swarmstart.cases.progress import Progress
 from swarmstart.cases.record import to_json
@@ -42,7 +42,7 @@ def run_command(options: argparse.Namespace) -> int:
         text = yaml.safe_dump(
             dict(resolved.settings), sort_keys=False, allow_unicode=True
         )
-        _tell(text.rstrip())
+        answer(text.rstrip())
         return DONE
     default = default_folder(resolved, options.seed, RESULTS)
     folder = Path(options.out) if options.out else default
@@ -55,12 +55,8 @@ def run_command(options: argparse.Namespace) -> int:
             animation=options.animation,
             progress=progress.update,
         )
-    _tell(to_json(finished.summary()) if options.json else _report(finished))
+    answer(to_json(finished.summary()) if options.json else _report(finished))
     return _exit_code(finished, conditions)
-
-
-def _tell(text: str) -> None:
-    print(text)  # noqa: T201 - the command's answer
 
 
 def _condition(text: str, resolved: Resolved) -> Condition:
