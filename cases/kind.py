@@ -60,35 +60,6 @@ class SeveralPlansError(SwarmstartError):
     """A step of the scenario has several planning problems."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Kind:
-    """A kind of scenario.
-
-    Attributes:
-        scenario: The pydantic model of its scenarios.
-        build: Scenario -> flight; all of its problems are compiled here. Kernels of a
-            search that this machine has never run are compiled at the first step.
-        pose: Scenario -> the planning problem of its first step, nothing compiled;
-            raises SeveralPlansError where a step has several.
-        measure: (scenario, flight, trajectory) -> measures by name.
-        measures: Name -> what it is, for the list.
-        problems: Scenario -> what is wrong across its parts, with the place.
-        figures: (scenario, flight, trajectory, folder) -> files written.
-        animate: (scenario, flight, trajectory, file) -> None.
-        check_animation: Refuses what cannot be written here, "gif" or "mp4".
-    """
-
-    scenario: type[Scenario]
-    build: Callable[..., Flight]
-    pose: Callable[..., Posed]
-    measure: Callable[..., Mapping[str, Measure]]
-    measures: Mapping[str, str]
-    problems: Callable[..., Iterator[tuple[tuple[str | int, ...], str]]]
-    figures: Callable[..., list[Path]]
-    animate: Callable[..., None]
-    check_animation: Callable[[str], None]
-
-
 class NoAnimationError(SwarmstartError):
     """There is no animation of this kind of flight."""
 
@@ -109,3 +80,34 @@ def animate_nothing(
 ) -> None:
     """Say that there is none; see `refuse_animation`."""
     refuse_animation(file.suffix.removeprefix("."))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Kind:
+    """A kind of scenario.
+
+    Attributes:
+        scenario: The pydantic model of its scenarios.
+        build: Scenario -> flight; all of its problems are compiled here. Kernels of a
+            search that this machine has never run are compiled at the first step.
+        pose: Scenario -> the planning problem of its first step, nothing compiled;
+            raises SeveralPlansError where a step has several.
+        measure: (scenario, flight, trajectory) -> measures by name.
+        measures: Name -> what it is, for the list.
+        problems: Scenario -> what is wrong across its parts, with the place.
+        figures: (scenario, flight, trajectory, folder) -> files written.
+        animate: (scenario, flight, trajectory, file) -> None; by default a kind has no
+            animation.
+        check_animation: Refuses what cannot be written here, "gif" or "mp4"; by default
+            either.
+    """
+
+    scenario: type[Scenario]
+    build: Callable[..., Flight]
+    pose: Callable[..., Posed]
+    measure: Callable[..., Mapping[str, Measure]]
+    measures: Mapping[str, str]
+    problems: Callable[..., Iterator[tuple[tuple[str | int, ...], str]]]
+    figures: Callable[..., list[Path]]
+    animate: Callable[..., None] = animate_nothing
+    check_animation: Callable[[str], None] = refuse_animation

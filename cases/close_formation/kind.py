@@ -5,7 +5,7 @@ from swarmstart.cases.close_formation.figures import draw
 from swarmstart.cases.close_formation.measures import measure
 from swarmstart.cases.close_formation.names import MEASURES
 from swarmstart.cases.close_formation.scenario import CloseFormationScenario
-from swarmstart.cases.kind import Kind, animate_nothing, refuse_animation
+from swarmstart.cases.kind import Kind
 
 KIND = Kind(
     scenario=CloseFormationScenario,
@@ -15,6 +15,4 @@ KIND = Kind(
     measures=MEASURES,
     problems=problems,
     figures=draw,
-    animate=animate_nothing,
-    check_animation=refuse_animation,
 )

@@ -1,6 +1,6 @@
 """Reconfiguration as the commands run it."""
 
-from swarmstart.cases.kind import Kind, animate_nothing, refuse_animation
+from swarmstart.cases.kind import Kind
 from swarmstart.cases.reconfiguration.build import build, pose, problems
 from swarmstart.cases.reconfiguration.figures import draw
 from swarmstart.cases.reconfiguration.measures import measure
@@ -15,6 +15,4 @@ KIND = Kind(
     measures=MEASURES,
     problems=problems,
     figures=draw,
-    animate=animate_nothing,
-    check_animation=refuse_animation,
 )
