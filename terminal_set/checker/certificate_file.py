@@ -1,0 +1,406 @@
+"""A certificate file: read as data, its digest compared, its shape judged.
+
+The digest is SHA-256 of all keys but "sha256" as JSON with sorted keys, no spaces and
+ASCII only. It finds accidents and careless edits; whoever recomputes it still has to
+get past the proof.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+FORMAT = "swarmstart terminal set certificate"
+LONGEST_TAPE = 100_000  # instructions; larger files are not worth minutes of parsing
+MOST_SUBSTEPS = 10_000
+MOST_STATES = 50
+UNARY = frozenset(
+    ["neg", "sq", "twice", "inv", "fabs", "sqrt", "sin", "cos", "tan", "exp", "log"]
+    + ["atan", "tanh"]
+)
+BINARY = frozenset(["add", "sub", "mul", "div", "pow", "fmin", "fmax"])
+GROUNDS = ("proven", "closed form", "measured")
+_KEYS = frozenset(
+    ["format", "version", "sha256", "dynamics", "reference", "bounds", "K", "P"]
+    + ["alpha", "dt", "substeps", "Q_m", "margins", "refuted", "design", "proof"]
+    + ["statements"]
+)
+
+Vector = tuple[float, ...]
+Matrix = tuple[Vector, ...]
+Instruction = tuple[str, tuple[int, ...], float]
+T = TypeVar("T")
+
+
+class CertificateFileError(ValueError):
+    """The file is no certificate that can be judged."""
+
+
+class DigestError(ValueError):
+    """The file is not what its digest says: it was changed after it was written."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Refuted:
+    """A level beyond which the decrease is known to fail.
+
+    Attributes:
+        alpha: The level of the point.
+        e: The point relative to the reference, shape (nx,).
+    """
+
+    alpha: float
+    e: Vector
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Certificate:
+    """What a certificate states, as plain numbers.
+
+    Attributes:
+        tape: Instructions (operation, operands, constant); the number of an instruction
+            is the index of its result.
+        xdot: Indices into the tape, one a state.
+        x_ref: Reference state, shape (nx,).
+        u_ref: Reference input, shape (nu,).
+        bounds: "u_lower", "u_upper", "x_lower", "x_upper"; None where there is none.
+        K: Gain of u = u_ref - K e, shape (nu, nx).
+        P: Matrix of V(e) = e'Pe, shape (nx, nx).
+        alpha: Level: the set is V(e) <= alpha.
+        dt: Time for which an input is held [s]; None: continuous.
+        substeps: Runge-Kutta steps a hold; None: continuous.
+        Q_m: Reserve e'Q_m e of the decrease, shape (nx, nx).
+        integrator: Relative error of the Runge-Kutta map; None: none stated.
+        growth: Bound of V between samples, relative to V; None: none stated.
+        growth_proven: Whether `growth` is labelled proven.
+        refuted: Level and point of a counterexample; None: none known.
+        statements: Number of statements, whose wording is for the reader.
+    """
+
+    tape: tuple[Instruction, ...]
+    xdot: tuple[int, ...]
+    x_ref: Vector
+    u_ref: Vector
+    bounds: dict[str, tuple[float | None, ...]]
+    K: Matrix
+    P: Matrix
+    alpha: float
+    dt: float | None
+    substeps: int | None
+    Q_m: Matrix
+    integrator: float | None
+    growth: float | None
+    growth_proven: bool
+    refuted: Refuted | None
+    statements: int
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return len(self.x_ref)
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return len(self.u_ref)
+
+
+def read_certificate(path: Path) -> Certificate:
+    """Read, compare the digest, judge the shape.
+
+    Args:
+        path: The file.
+
+    Returns:
+        What it states.
+
+    Raises:
+        OSError: If the file cannot be read.
+        CertificateFileError: If it is no certificate that can be judged.
+        DigestError: If it was changed after it was written.
+    """
+    try:
+        content = json.loads(
+            path.read_bytes().decode(),
+            parse_constant=_refuse_constant,
+            object_pairs_hook=_without_repetition,
+        )
+    except (ValueError, RecursionError) as error:
+        raise CertificateFileError(f"the file is not valid JSON: {error}") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise CertificateFileError(f'the file is no "{FORMAT}"')
+    _compare_digest(content)
+    return _certificate(content)
+
+
+def digest(content: dict[str, object]) -> str:
+    """SHA-256 of everything but the digest itself.
+
+    Args:
+        content: The file as a mapping.
+
+    Returns:
+        64 hexadecimal digits.
+    """
+    rest = {key: value for key, value in content.items() if key != "sha256"}
+    text = json.dumps(
+        rest, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False
+    )
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(f"{name} is no number")
+
+
+def _without_repetition(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    names = [name for name, _ in pairs]
+    if len(set(names)) < len(names):
+        raise ValueError("a key is given twice")
+    return dict(pairs)
+
+
+def _compare_digest(content: dict[str, object]) -> None:
+    stated = content.get("sha256")
+    if not isinstance(stated, str):
+        raise _unusable("sha256", "64 hexadecimal digits", stated)
+    try:
+        computed = digest(content)
+    except (ValueError, RecursionError) as error:
+        raise CertificateFileError(f"a number is not finite: {error}") from error
+    if stated != computed:
+        raise DigestError(f"the file's digest is {stated}, its content's is {computed}")
+
+
+def _unusable(where: str, expected: str, found: object) -> CertificateFileError:
+    shown = repr(found)
+    shown = shown if len(shown) <= 60 else shown[:57] + "..."  # noqa: PLR2004
+    return CertificateFileError(f"{where}: expected {expected}, found {shown}")
+
+
+def _mapping(value: object, where: str, keys: set[str]) -> dict[str, object]:
+    if not isinstance(value, dict):
+        raise _unusable(where, "an object", value)
+    for key in sorted(keys - set(value)):
+        raise _unusable(where, f'the key "{key}"', "none")
+    for key in sorted(set(value) - keys):
+        raise _unusable(where, "only the keys " + ", ".join(sorted(keys)), key)
+    return value
+
+
+def _number(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _unusable(where, "a number", value)
+    try:
+        number = float(value)
+    except OverflowError:
+        raise _unusable(where, "a finite number", value) from None
+    # An integer past 2^53 would be another number than the one that was written.
+    if not math.isfinite(number) or number != value:
+        raise _unusable(where, "a finite number of double precision", value)
+    return number
+
+
+def _at_least(value: object, where: str, least: float, *, strict: bool) -> float:
+    number = _number(value, where)
+    if number < least or (strict and number == least):
+        sign = "above" if strict else "of at least"
+        raise _unusable(where, f"a number {sign} {least:g}", value)
+    return number
+
+
+def _integer(value: object, where: str, least: int, most: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise _unusable(where, "an integer", value)
+    if not least <= value <= most:
+        raise _unusable(where, f"an integer from {least} to {most}", value)
+    return value
+
+
+def _list(value: object, where: str, length: int | None) -> list[object]:
+    if not isinstance(value, list):
+        raise _unusable(where, "a list", value)
+    if length is not None and len(value) != length:
+        raise _unusable(where, f"a list of {length}", f"{len(value)} entries")
+    return value
+
+
+def _text(value: object, where: str) -> str:
+    if not isinstance(value, str):
+        raise _unusable(where, "a text", value)
+    return value
+
+
+def _optional(value: object, where: str, read: Callable[[object, str], T]) -> T | None:
+    return None if value is None else read(value, where)
+
+
+def _vector(value: object, where: str, length: int) -> Vector:
+    return tuple(
+        _number(entry, f"{where}[{i}]")
+        for i, entry in enumerate(_list(value, where, length))
+    )
+
+
+def _matrix(value: object, where: str, rows: int, columns: int) -> Matrix:
+    return tuple(
+        _vector(row, f"{where}[{i}]", columns)
+        for i, row in enumerate(_list(value, where, rows))
+    )
+
+
+def _instruction(value: object, *, number: int, nx: int, nu: int) -> Instruction:
+    where = f"dynamics.tape[{number}]"
+    parts = _list(value, where, None)
+    operation = _text(parts[0] if parts else None, f"{where}[0]")
+    counts = {"const": 1, "x": 1, "u": 1}
+    counts |= dict.fromkeys(UNARY, 1) | dict.fromkeys(BINARY, 2)
+    if operation not in counts:
+        raise _unusable(f"{where}[0]", "a known operation", operation)
+    _list(parts, where, counts[operation] + 1)
+    if operation == "const":
+        return operation, (), _number(parts[1], f"{where}[1]")
+    most = {"x": nx, "u": nu}.get(operation, number) - 1
+    if most < 0:
+        raise _unusable(where, "an operation on an earlier instruction", operation)
+    operands = tuple(
+        _integer(part, f"{where}[{i}]", 0, most)
+        for i, part in enumerate(parts[1:], start=1)
+    )
+    return operation, operands, 0.0
+
+
+def _certificate(content: dict[str, object]) -> Certificate:
+    _mapping(content, "the file", set(_KEYS))
+    if _integer(content["version"], "version", 0, 10**9) != 1:
+        raise _unusable("version", "1", content["version"])
+    dynamics = _mapping(
+        content["dynamics"], "dynamics", {"nx", "nu", "tape", "xdot"}
+    )
+    nx = _integer(dynamics["nx"], "dynamics.nx", 1, MOST_STATES)
+    nu = _integer(dynamics["nu"], "dynamics.nu", 1, MOST_STATES)
+    tape = _list(dynamics["tape"], "dynamics.tape", None)
+    if not 1 <= len(tape) <= LONGEST_TAPE:
+        raise _unusable(
+            "dynamics.tape", f"1 to {LONGEST_TAPE} instructions", len(tape)
+        )
+    instructions = tuple(
+        _instruction(entry, number=i, nx=nx, nu=nu) for i, entry in enumerate(tape)
+    )
+    xdot = tuple(
+        _integer(entry, f"dynamics.xdot[{i}]", 0, len(tape) - 1)
+        for i, entry in enumerate(_list(dynamics["xdot"], "dynamics.xdot", nx))
+    )
+    reference = _mapping(content["reference"], "reference", {"x", "u"})
+    dt = _optional(content["dt"], "dt", lambda v, w: _at_least(v, w, 0.0, strict=True))
+    integrator, growth, growth_proven = _margins(content["margins"], held=dt is not None)
+    _check_remarks(content, nx=nx, nu=nu)
+    return Certificate(
+        tape=instructions,
+        xdot=xdot,
+        x_ref=_vector(reference["x"], "reference.x", nx),
+        u_ref=_vector(reference["u"], "reference.u", nu),
+        bounds=_bounds(content["bounds"], nx=nx, nu=nu),
+        K=_matrix(content["K"], "K", nu, nx),
+        P=_matrix(content["P"], "P", nx, nx),
+        alpha=_at_least(content["alpha"], "alpha", 0.0, strict=True),
+        dt=dt,
+        substeps=_substeps(content["substeps"], held=dt is not None),
+        Q_m=_matrix(content["Q_m"], "Q_m", nx, nx),
+        integrator=integrator,
+        growth=growth,
+        growth_proven=growth_proven,
+        refuted=_refuted(content["refuted"], nx=nx),
+        statements=_statements(content["statements"]),
+    )
+
+
+def _bounds(
+    value: object, *, nx: int, nu: int
+) -> dict[str, tuple[float | None, ...]]:
+    lengths = {"u_lower": nu, "u_upper": nu, "x_lower": nx, "x_upper": nx}
+    bounds = _mapping(value, "bounds", set(lengths))
+    return {
+        name: tuple(
+            _optional(entry, f"bounds.{name}[{i}]", _number)
+            for i, entry in enumerate(_list(bounds[name], f"bounds.{name}", length))
+        )
+        for name, length in lengths.items()
+    }
+
+
+def _substeps(value: object, *, held: bool) -> int | None:
+    if held:
+        return _integer(value, "substeps", 1, MOST_SUBSTEPS)
+    if value is not None:
+        raise _unusable("substeps", "null where dt is null", value)
+    return None
+
+
+def _margins(value: object, *, held: bool) -> tuple[float | None, float | None, bool]:
+    margins = _mapping(value, "margins", {"integrator", "between_samples"})
+    if not held:
+        for name, margin in margins.items():
+            if margin is not None:
+                raise _unusable(f"margins.{name}", "null where dt is null", margin)
+    error = growth = None
+    proven = False
+    if margins["integrator"] is not None:
+        where = "margins.integrator"
+        keys = {"relative_error", "grounds", "samples"}
+        margin = _mapping(margins["integrator"], where, keys)
+        name = f"{where}.relative_error"
+        error = _at_least(margin["relative_error"], name, 0.0, strict=False)
+        _integer(margin["samples"], f"{where}.samples", 0, 10**15)
+        _one_of(margin["grounds"], f"{where}.grounds", ("measured",))
+    if margins["between_samples"] is not None:
+        where = "margins.between_samples"
+        margin = _mapping(margins["between_samples"], where, {"growth", "grounds"})
+        growth = _at_least(margin["growth"], f"{where}.growth", 0.0, strict=True)
+        grounds = ("proven", "measured")
+        proven = _one_of(margin["grounds"], f"{where}.grounds", grounds) == "proven"
+    return error, growth, proven
+
+
+def _one_of(value: object, where: str, allowed: tuple[str, ...]) -> str:
+    if _text(value, where) not in allowed:
+        raise _unusable(where, " or ".join(f'"{name}"' for name in allowed), value)
+    return str(value)
+
+
+def _refuted(value: object, *, nx: int) -> Refuted | None:
+    if value is None:
+        return None
+    refuted = _mapping(value, "refuted", {"alpha", "e", "change"})
+    _number(refuted["change"], "refuted.change")
+    return Refuted(
+        alpha=_at_least(refuted["alpha"], "refuted.alpha", 0.0, strict=True),
+        e=_vector(refuted["e"], "refuted.e", nx),
+    )
+
+
+def _check_remarks(content: dict[str, object], *, nx: int, nu: int) -> None:
+    # Design and proof say where the numbers came from; nothing rests on them.
+    design = _mapping(content["design"], "design", {"name", "Q", "R", "kappa"})
+    _text(design["name"], "design.name")
+    _optional(design["Q"], "design.Q", lambda v, w: _matrix(v, w, nx, nx))
+    _optional(design["R"], "design.R", lambda v, w: _matrix(v, w, nu, nu))
+    _optional(design["kappa"], "design.kappa", _number)
+    proof = _mapping(content["proof"], "proof", {"boxes", "seconds"})
+    _integer(proof["boxes"], "proof.boxes", 0, 10**15)
+    _at_least(proof["seconds"], "proof.seconds", 0.0, strict=False)
+
+
+def _statements(value: object) -> int:
+    statements = _list(value, "statements", None)
+    for i, entry in enumerate(statements):
+        where = f"statements[{i}]"
+        statement = _mapping(entry, where, {"statement", "grounds"})
+        _text(statement["statement"], f"{where}.statement")
+        _one_of(statement["grounds"], f"{where}.grounds", GROUNDS)
+    return len(statements)

@@ -1,0 +1,189 @@
+"""The statements on V(e) = e'Pe in the coordinates of the search, and at a point.
+
+  continuous       c(e) = 2 e'P R(e) + e'Q_m e
+  held             c(e) = V(R(e)) - V(e) + e'Q_m e + (2 c + c^2) V(e)
+  between samples  c(e) = V(R_t(e)) - growth V(e), for every t in [0, dt]
+Each must be negative for every e != 0 with V(e) <= alpha. c is the relative error of
+the Runge-Kutta map: |flow - map|_P <= c |e|_P adds at most (2 c + c^2) V(e) where the
+map does not grow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from flint import arb, arb_mat
+
+from swarmstart.terminal_set.checker.certificate_file import Certificate, Vector
+from swarmstart.terminal_set.checker.coordinates import (
+    Floats,
+    distance_from_identity,
+    middle,
+    root_of_inverse,
+    rotation,
+    symmetric,
+)
+from swarmstart.terminal_set.checker.decrease import Search, Statement
+from swarmstart.terminal_set.checker.motion import RelativeMotion
+
+
+class PointwiseChange:
+    """V and its change at single points, in balls.
+
+    Attributes:
+        certificate: What the file states.
+        motion: The motion relative to the reference.
+    """
+
+    def __init__(self, certificate: Certificate) -> None:
+        """Turn the matrices into balls."""
+        self.certificate = certificate
+        self.motion = RelativeMotion(certificate)
+        self._P = symmetric(certificate.P)
+        self._Q_m = symmetric(certificate.Q_m)
+
+    def level(self, e: Sequence[arb]) -> arb:
+        """V(e)."""
+        return _form(self._P, e)
+
+    def change(self, e: Vector) -> arb:
+        """c(e) of the decrease, continuous or held.
+
+        Args:
+            e: State relative to the reference, shape (nx,).
+
+        Returns:
+            A ball around c(e).
+        """
+        point = [arb(entry) for entry in e]
+        reserve = _form(self._Q_m, point)
+        dt = self.certificate.dt
+        moved = self.motion.at(point, None if dt is None else arb(dt))
+        if dt is None:
+            row = arb_mat([point]) * self._P
+            return 2 * (row * arb_mat([[entry] for entry in moved]))[0, 0] + reserve
+        margin = integrator_margin(self.certificate)
+        return self.level(moved) - (1 - margin) * self.level(point) + reserve
+
+    def excess(self, e: Vector, time: float) -> arb:
+        """V(R_t(e)) - growth V(e) of the statement between samples.
+
+        Args:
+            e: State relative to the reference, shape (nx,).
+            time: Time since the sample [s].
+
+        Returns:
+            A ball around it.
+        """
+        point = [arb(entry) for entry in e]
+        growth = arb(self.certificate.growth or 1.0)
+        moved = self.motion.at(point, arb(time))
+        return self.level(moved) - growth * self.level(point)
+
+    def is_inside(self, e: Vector) -> bool:
+        """Whether e != 0 is certainly in the set."""
+        value = self.level([arb(entry) for entry in e])
+        return bool(value > 0 and value <= self.certificate.alpha)
+
+    def violates_decrease(self, e: Vector, time: float) -> bool:  # noqa: ARG002
+        """Whether the decrease certainly fails at e."""
+        return self.is_inside(e) and bool(self.change(e) >= 0)
+
+    def violates_growth(self, e: Vector, time: float) -> bool:
+        """Whether the bound between samples certainly fails at e and time."""
+        return self.is_inside(e) and bool(self.excess(e, time) >= 0)
+
+
+def integrator_margin(certificate: Certificate) -> arb:
+    """2 c + c^2 for the relative error c of the Runge-Kutta map."""
+    error = arb(certificate.integrator or 0.0)
+    return 2 * error + error * error
+
+
+def decrease_statement(certificate: Certificate) -> Statement:
+    """c(e) < 0 on the set, without 0.
+
+    Args:
+        certificate: What the file states; P positive definite.
+
+    Returns:
+        The statement for the search.
+    """
+    points = PointwiseChange(certificate)
+    dt = certificate.dt or 0.0
+    if certificate.dt is None:
+        weight = None
+    else:
+        weight = 1 - integrator_margin(certificate)
+    return _statement(
+        points,
+        times=(dt, dt),
+        weight=weight,
+        reserve=symmetric(certificate.Q_m),
+        between=False,
+    )
+
+
+def growth_statement(certificate: Certificate) -> Statement:
+    """V(R_t(e)) < growth V(e) on the set, without 0, for t in [0, dt].
+
+    Args:
+        certificate: What the file states; P positive definite, growth given.
+
+    Returns:
+        The statement for the search.
+    """
+    points = PointwiseChange(certificate)
+    return _statement(
+        points,
+        times=(0.0, certificate.dt or 0.0),
+        weight=arb(certificate.growth or 1.0),
+        reserve=arb_mat(certificate.nx, certificate.nx),
+        between=True,
+    )
+
+
+def _statement(
+    points: PointwiseChange,
+    *,
+    times: tuple[float, float],
+    weight: arb | None,
+    reserve: arb_mat,
+    between: bool,
+) -> Statement:
+    def in_coordinates(T: Floats) -> Statement:
+        matrix = arb_mat(T)
+        P = symmetric(points.certificate.P)
+        delta = distance_from_identity(matrix.transpose() * P * matrix)
+        held = weight is not None
+        radius = (arb(points.certificate.alpha) / (1 - delta)).sqrt().upper()
+        return Statement(
+            motion=points.motion,
+            T=T,
+            image=matrix.inv() if held else matrix.transpose() * P,
+            M=matrix.transpose() * reserve * matrix,
+            scale=1 + delta if held else None,
+            constant=arb(0) if weight is None else -_least(weight, delta),
+            radius=math.nextafter(float(radius), math.inf),
+            times=times,
+            is_counterexample=(
+                points.violates_growth if between else points.violates_decrease
+            ),
+        )
+
+    upright = root_of_inverse(symmetric(points.certificate.P))
+    linear = Search(in_coordinates(upright), math.inf)
+    middle_time = 0.5 * (times[0] + times[1])
+    turned = rotation(middle(linear.quadratic_form((middle_time, middle_time))))
+    return in_coordinates(middle(arb_mat(upright) * arb_mat(turned)))
+
+
+def _least(weight: arb, delta: arb) -> arb:
+    """The least of weight V(e)/rho^2, V(e)/rho^2 within 1 - delta and 1 + delta."""
+    return (weight * (1 - delta)).min(weight * (1 + delta))
+
+
+def _form(matrix: arb_mat, e: Sequence[arb]) -> arb:
+    column = arb_mat([[entry] for entry in e])
+    return (column.transpose() * matrix * column)[0, 0]

@@ -1,0 +1,29 @@
+"""What the checker says of one statement of a certificate."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+
+class Verdict(enum.Enum):
+    """How a statement fared; the value is the word printed."""
+
+    PROVED = "re-proved"
+    SAMPLED = "sampled only"
+    SKIPPED = "not claimed"
+    REFUSED = "refused"
+    UNDECIDED = "undecided"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One line of the report.
+
+    Attributes:
+        verdict: How the statement fared.
+        text: The statement, with the numbers.
+    """
+
+    verdict: Verdict
+    text: str
