@@ -19,16 +19,12 @@ FORMAT = "swarmstart terminal set certificate"
 LONGEST_TAPE = 100_000  # instructions; larger files are not worth minutes of parsing
 MOST_SUBSTEPS = 10_000
 MOST_STATES = 50
-UNARY = frozenset(
-    ["neg", "sq", "twice", "inv", "fabs", "sqrt", "sin", "cos", "tan", "exp", "log"]
-    + ["atan", "tanh"]
-)
-BINARY = frozenset(["add", "sub", "mul", "div", "pow", "fmin", "fmax"])
+UNARY = frozenset("neg sq twice inv fabs sqrt sin cos tan exp log atan tanh".split())
+BINARY = frozenset("add sub mul div pow fmin fmax".split())
 GROUNDS = ("proven", "closed form", "measured")
 _KEYS = frozenset(
-    ["format", "version", "sha256", "dynamics", "reference", "bounds", "K", "P"]
-    + ["alpha", "dt", "substeps", "Q_m", "margins", "refuted", "design", "proof"]
-    + ["statements"]
+    "format version sha256 dynamics reference bounds K P alpha dt substeps Q_m margins "
+    "refuted design proof statements".split()
 )
 
 Vector = tuple[float, ...]
@@ -279,16 +275,12 @@ def _certificate(content: dict[str, object]) -> Certificate:
     _mapping(content, "the file", set(_KEYS))
     if _integer(content["version"], "version", 0, 10**9) != 1:
         raise _unusable("version", "1", content["version"])
-    dynamics = _mapping(
-        content["dynamics"], "dynamics", {"nx", "nu", "tape", "xdot"}
-    )
+    dynamics = _mapping(content["dynamics"], "dynamics", {"nx", "nu", "tape", "xdot"})
     nx = _integer(dynamics["nx"], "dynamics.nx", 1, MOST_STATES)
     nu = _integer(dynamics["nu"], "dynamics.nu", 1, MOST_STATES)
     tape = _list(dynamics["tape"], "dynamics.tape", None)
     if not 1 <= len(tape) <= LONGEST_TAPE:
-        raise _unusable(
-            "dynamics.tape", f"1 to {LONGEST_TAPE} instructions", len(tape)
-        )
+        raise _unusable("dynamics.tape", f"1 to {LONGEST_TAPE} instructions", len(tape))
     instructions = tuple(
         _instruction(entry, number=i, nx=nx, nu=nu) for i, entry in enumerate(tape)
     )
@@ -298,7 +290,9 @@ def _certificate(content: dict[str, object]) -> Certificate:
     )
     reference = _mapping(content["reference"], "reference", {"x", "u"})
     dt = _optional(content["dt"], "dt", lambda v, w: _at_least(v, w, 0.0, strict=True))
-    integrator, growth, growth_proven = _margins(content["margins"], held=dt is not None)
+    integrator, growth, growth_proven = _margins(
+        content["margins"], held=dt is not None
+    )
     _check_remarks(content, nx=nx, nu=nu)
     return Certificate(
         tape=instructions,
@@ -320,9 +314,7 @@ def _certificate(content: dict[str, object]) -> Certificate:
     )
 
 
-def _bounds(
-    value: object, *, nx: int, nu: int
-) -> dict[str, tuple[float | None, ...]]:
+def _bounds(value: object, *, nx: int, nu: int) -> dict[str, tuple[float | None, ...]]:
     lengths = {"u_lower": nu, "u_upper": nu, "x_lower": nx, "x_upper": nx}
     bounds = _mapping(value, "bounds", set(lengths))
     return {

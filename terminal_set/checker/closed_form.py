@@ -64,7 +64,7 @@ def check_bounds(certificate: Certificate) -> list[Finding]:
     """
     inverse = symmetric(certificate.P).inv()
     bounds = certificate.bounds
-    findings = []
+    findings: list[Finding] = []
     for i, room in _rooms(
         certificate.u_ref, bounds["u_lower"], bounds["u_upper"], findings, "u"
     ):

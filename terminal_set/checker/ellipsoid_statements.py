@@ -86,7 +86,7 @@ class PointwiseChange:
         value = self.level([arb(entry) for entry in e])
         return bool(value > 0 and value <= self.certificate.alpha)
 
-    def violates_decrease(self, e: Vector, time: float) -> bool:  # noqa: ARG002
+    def violates_decrease(self, e: Vector, time: float) -> bool:
         """Whether the decrease certainly fails at e."""
         return self.is_inside(e) and bool(self.change(e) >= 0)
 

@@ -57,9 +57,7 @@ class Algebra:
 
     def variable(self, value: arb, slopes: dict[int, arb]) -> Jet:
         """The jet value + sum_k slopes[k] m_k, k from 1."""
-        return Jet(
-            self, [value, *(slopes.get(k + 1) for k in range(self.monomials))]
-        )
+        return Jet(self, [value, *(slopes.get(k + 1) for k in range(self.monomials))])
 
 
 VALUES = Algebra(monomials=0)

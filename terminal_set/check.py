@@ -1,0 +1,196 @@
+"""Check a certificate of a terminal set, sharing no code with what wrote it.
+
+    python -m swarmstart.terminal_set.check FILE [--seconds 600]
+
+Everything a certificate labels proven is proven again by branch and bound in the ball
+arithmetic of python-flint; what it labels measured is sampled. The wording of the
+file's statements is not judged: the lines printed say what was.
+
+Exit codes: 0 all of it was proven again; 2 the file or the call cannot be used; 3
+refused: a statement is false or the file was changed; 4 undecided in the time given; 5
+the file cannot be read; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from swarmstart.terminal_set.checker.certificate_file import (
+    Certificate,
+    CertificateFileError,
+    DigestError,
+    read_certificate,
+)
+from swarmstart.terminal_set.checker.findings import Finding, Verdict
+
+if TYPE_CHECKING:
+    from swarmstart.terminal_set.checker.decrease import Statement
+
+PROVED, UNUSABLE, REFUSED, UNDECIDED, UNREADABLE, INTERRUPTED = 0, 2, 3, 4, 5, 130
+_PRECISION = 64  # bits; what floats give, and a little for differences near 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Check one file, print a line a statement and a verdict.
+
+    Args:
+        arguments: Of the command line; None: those of the process.
+
+    Returns:
+        The exit code.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        import flint
+    except ImportError:
+        sys.stderr.write(
+            "python-flint is needed to check a certificate: "
+            "pip install 'swarmstart[test]'\n"
+        )
+        return UNUSABLE
+    before = flint.ctx.prec
+    flint.ctx.prec = _PRECISION
+    try:
+        return _check(options.file, options.seconds)
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted\n")
+        return INTERRUPTED
+    finally:
+        flint.ctx.prec = before
+
+
+def _check(file: Path, seconds: float) -> int:
+    try:
+        certificate = read_certificate(file)
+    except OSError as error:
+        sys.stderr.write(f"{file} cannot be read: {error.strerror}\n")
+        return UNREADABLE
+    except CertificateFileError as error:
+        sys.stderr.write(f"{file} cannot be used: {error}\n")
+        return UNUSABLE
+    except DigestError as error:
+        sys.stdout.write(f"refused: {error}\nverdict: refused\n")
+        return REFUSED
+    verdicts = set()
+    for finding in findings(certificate, seconds=seconds):
+        verdicts.add(finding.verdict)
+        sys.stdout.write(f"{finding.verdict.value}: {finding.text}\n")
+        sys.stdout.flush()
+    if Verdict.REFUSED in verdicts:
+        sys.stdout.write("verdict: refused\n")
+        return REFUSED
+    if Verdict.UNDECIDED in verdicts:
+        sys.stdout.write(f"verdict: undecided within {seconds:g} s\n")
+        return UNDECIDED
+    sys.stdout.write("verdict: everything labelled proven was proven again\n")
+    return PROVED
+
+
+def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
+    """Judge a certificate, statement by statement, the quick ones first.
+
+    Stops where a refusal leaves nothing to stand on.
+
+    Args:
+        certificate: What the file states.
+        seconds: Time for the proofs [s].
+
+    Yields:
+        One finding a statement.
+    """
+    from swarmstart.terminal_set.checker import closed_form
+
+    deadline = time.monotonic() + seconds
+    matrices = closed_form.check_matrices(certificate)
+    yield from matrices
+    if any(finding.verdict is Verdict.REFUSED for finding in matrices):
+        return
+    refused = False
+    for finding in _quick_findings(certificate):
+        refused = refused or finding.verdict is Verdict.REFUSED
+        yield finding
+    if not refused:
+        yield from _proofs(certificate, deadline)
+
+
+def _quick_findings(certificate: Certificate) -> Iterator[Finding]:
+    from swarmstart.terminal_set.checker import closed_form, falsification
+
+    yield closed_form.check_equilibrium(certificate)
+    yield from closed_form.check_bounds(certificate)
+    yield falsification.check_refuted(certificate)
+    failed = falsification.find_counterexample(certificate)
+    if failed is not None:
+        yield failed
+    if certificate.dt is not None:
+        yield falsification.check_integrator(certificate)
+        if certificate.growth is None:
+            yield Finding(Verdict.SKIPPED, "nothing is stated between samples")
+        else:
+            sampled = falsification.check_growth_by_samples(certificate)
+            # Where it is labelled proven, the proof's line replaces that of samples.
+            if sampled.verdict is Verdict.REFUSED or not certificate.growth_proven:
+                yield sampled
+
+
+def _proofs(certificate: Certificate, deadline: float) -> Iterator[Finding]:
+    from swarmstart.terminal_set.checker import ellipsoid_statements as statements
+
+    level = f"0 < V(e) <= {certificate.alpha:.6g}"
+    kind = "" if certificate.dt is None else f" over a hold of {certificate.dt:g} s"
+    yield _proof(
+        statements.decrease_statement(certificate),
+        f"V decreases{kind} on {level}",
+        deadline,
+    )
+    if certificate.growth_proven:
+        yield _proof(
+            statements.growth_statement(certificate),
+            f"V stays below {certificate.growth:.6g} V(e) between samples on {level}",
+            deadline,
+        )
+
+
+def _proof(statement: Statement, text: str, deadline: float) -> Finding:
+    from swarmstart.terminal_set.checker.decrease import Search
+
+    start = time.monotonic()
+    outcome = Search(statement, deadline).run()
+    effort = f"{outcome.boxes} boxes, {time.monotonic() - start:.2f} s"
+    if outcome.proven:
+        return Finding(Verdict.PROVED, f"{text} ({effort})")
+    if outcome.counterexample is not None:
+        e = ", ".join(f"{entry:.6g}" for entry in outcome.counterexample)
+        return Finding(Verdict.REFUSED, f"it is false that {text}: e = ({e})")
+    return Finding(Verdict.UNDECIDED, f"{text} ({effort}; {outcome.remark})")
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"must be above 0, got {text}")
+    return seconds
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m swarmstart.terminal_set.check",
+        description="Check a certificate of a terminal set.",
+        epilog="exit codes: 0 proven again, 2 unusable, 3 refused, 4 undecided, "
+        "5 unreadable",
+    )
+    parser.add_argument("file", type=Path, help="the certificate (JSON)")
+    parser.add_argument(
+        "--seconds", type=_seconds, default=600.0, help="time for the proofs [600]"
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
