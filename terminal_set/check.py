@@ -30,7 +30,7 @@ from swarmstart.terminal_set.checker.certificate_file import (
 from swarmstart.terminal_set.checker.findings import Finding, Verdict
 
 if TYPE_CHECKING:
-    from swarmstart.terminal_set.checker.decrease import Statement
+    from swarmstart.terminal_set.checker.decrease import Outcome
 
 PROVED, UNUSABLE, REFUSED, UNDECIDED, UNREADABLE, INTERRUPTED = 0, 2, 3, 4, 5, 130
 _PRECISION = 64  # bits; what floats give, and a little for differences near 0
@@ -144,24 +144,17 @@ def _proofs(certificate: Certificate, deadline: float) -> Iterator[Finding]:
 
     level = f"0 < V(e) <= {certificate.alpha:.6g}"
     kind = "" if certificate.dt is None else f" over a hold of {certificate.dt:g} s"
-    yield _proof(
-        statements.decrease_statement(certificate),
-        f"V decreases{kind} on {level}",
-        deadline,
-    )
-    if certificate.growth_proven:
-        yield _proof(
-            statements.growth_statement(certificate),
-            f"V stays below {certificate.growth:.6g} V(e) between samples on {level}",
-            deadline,
-        )
-
-
-def _proof(statement: Statement, text: str, deadline: float) -> Finding:
-    from swarmstart.terminal_set.checker.decrease import Search
-
     start = time.monotonic()
-    outcome = Search(statement, deadline).run()
+    outcome = statements.prove_decrease(certificate, deadline)
+    yield _judged(outcome, f"V decreases{kind} on {level}", start)
+    if certificate.growth_proven:
+        start = time.monotonic()
+        outcome = statements.prove_growth(certificate, deadline)
+        growth = f"V stays below {certificate.growth:.6g} V(e) between samples"
+        yield _judged(outcome, f"{growth} on {level}", start)
+
+
+def _judged(outcome: Outcome, text: str, start: float) -> Finding:
     effort = f"{outcome.boxes} boxes, {time.monotonic() - start:.2f} s"
     if outcome.proven:
         return Finding(Verdict.PROVED, f"{text} ({effort})")

@@ -118,10 +118,12 @@ class Search:
     Attributes:
         statement: What to prove.
         deadline: `time.monotonic()` at which to stop.
+        most_boxes: Boxes after which to stop.
     """
 
     statement: Statement
     deadline: float
+    most_boxes: float = math.inf
     _linear: dict[Interval, _Linear] = field(default_factory=dict)
     _stages: dict[tuple[Interval, Algebra], Stages] = field(default_factory=dict)
 
@@ -145,7 +147,7 @@ class Search:
         stack = list(self._start())
         boxes = 0
         while stack:
-            if time.monotonic() > self.deadline:
+            if time.monotonic() > self.deadline or boxes >= self.most_boxes:
                 return Outcome(
                     proven=False,
                     counterexample=None,

@@ -219,7 +219,10 @@ def check_growth_by_samples(certificate: Certificate) -> Finding:
     """
     motion, steps = SampledMotion(certificate), certificate.substeps or 1
     growth, dt = certificate.growth or 1.0, certificate.dt or 0.0
-    largest = 0.0
+    largest = 1.0  # at t = 0
+    if not largest < growth:
+        text = f"V(e) is not below {growth:.6g} V(e), and so it is at t = 0"
+        return Finding(Verdict.REFUSED, text)
     for e in _inside(certificate):
         size = _norm(certificate, e)
         for i in range(1, TIMES + 1):
