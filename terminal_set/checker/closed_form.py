@@ -72,11 +72,13 @@ def check_bounds(certificate: Certificate) -> list[Finding]:
         reach = (row * inverse * row.transpose())[0, 0] * certificate.alpha
         findings.append(_within(reach, room, f"u[{i}]"))
     growth = _growth(certificate)
+    measured = certificate.growth is not None and not certificate.growth_proven
+    condition = " (if V grows no more than was measured)" if measured else ""
     for j, room in _rooms(
         certificate.x_ref, bounds["x_lower"], bounds["x_upper"], findings, "x"
     ):
         reach = inverse[j, j] * certificate.alpha * growth
-        findings.append(_within(reach, room, f"x[{j}]"))
+        findings.append(_within(reach, room, f"x[{j}]{condition}"))
     return findings
 
 

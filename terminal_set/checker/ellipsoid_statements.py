@@ -11,6 +11,7 @@ map does not grow.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import time
 from collections.abc import Sequence
@@ -183,7 +184,7 @@ def prove_growth(certificate: Certificate, deadline: float) -> Outcome:
     """
     dt = certificate.dt or 0.0
     ends = [dt * i / _PIECES for i in range(_PIECES)] + [dt]
-    pieces, boxes = list(zip(ends[:-1], ends[1:], strict=True))[::-1], 0
+    pieces, boxes = list(itertools.pairwise(ends))[::-1], 0
     while pieces:
         low, high = pieces.pop()
         narrow = high - low < dt * _NARROWEST
