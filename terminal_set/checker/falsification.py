@@ -28,7 +28,7 @@ REFINEMENT = 32  # Runge-Kutta steps of the flow a step of the map
 TIMES = 8  # instants within a hold
 _FLOAT_ERROR = 1e-10  # relative, of the map and the flow themselves
 
-_FLOAT_OPERATIONS: dict[str, Callable[..., float]] = {
+FLOAT_OPERATIONS: dict[str, Callable[..., float]] = {
     "add": lambda a, b: a + b,
     "sub": lambda a, b: a - b,
     "mul": lambda a, b: a * b,
@@ -74,7 +74,7 @@ class SampledMotion:
                 results[number] = (x if operation == "x" else u)[operands[0]]
             else:
                 arguments = [results[i] for i in operands]
-                results[number] = _FLOAT_OPERATIONS[operation](*arguments)
+                results[number] = FLOAT_OPERATIONS[operation](*arguments)
         return [results[i] for i in self._program.outputs]
 
     def moved(self, e: Sequence[float], time: float, steps: int) -> Vector:
