@@ -2,8 +2,8 @@
 
 For x' = f(x, u) near a reference (x_ref, u_ref): a gain K, a matrix P and a level alpha
 such that inside {e : e'Pe <= alpha} the law u = u_ref - K (x - x_ref) respects the
-bounds. `sampled_terminal_set` goes all the way; the modules beneath it hold one step
-each: linearisation, lqr, lyapunov, level, ellipsoid.
+bounds and e'Pe falls. `certified_terminal_set` goes all the way; the modules beneath
+it hold one step each: linearisation, lqr, lyapunov, level, refutation, proof.
 """
 
 from swarmstart.terminal_set.arrays import (
@@ -12,6 +12,20 @@ from swarmstart.terminal_set.arrays import (
     InvalidShapeError,
     NotFiniteError,
     NotPositiveError,
+)
+from swarmstart.terminal_set.certificate import (
+    Certificate,
+    HeldMargins,
+    Weights,
+    certificate_text,
+)
+from swarmstart.terminal_set.certification import (
+    HeldTooLongError,
+    NotAnEquilibriumError,
+    ProofOptions,
+    UnprovenSetError,
+    certified_terminal_set,
+    certify,
 )
 from swarmstart.terminal_set.choice import (
     Candidate,
@@ -23,6 +37,7 @@ from swarmstart.terminal_set.choice import (
 )
 from swarmstart.terminal_set.decrease import Change, continuous_change, held_change
 from swarmstart.terminal_set.design import (
+    ForeignCertificateError,
     InvalidReserveError,
     TerminalSet,
     continuous_terminal_set,
@@ -68,9 +83,13 @@ from swarmstart.terminal_set.stability import (
 __all__ = [
     "AsymmetricMatrixError",
     "Candidate",
+    "Certificate",
     "Change",
     "Ellipsoid",
+    "ForeignCertificateError",
     "Gain",
+    "HeldMargins",
+    "HeldTooLongError",
     "IndefiniteMatrixError",
     "IntervalEvaluation",
     "InvalidDynamicsError",
@@ -78,19 +97,26 @@ __all__ = [
     "InvalidReserveError",
     "InvalidShapeError",
     "NoProvenSetError",
+    "NotAnEquilibriumError",
     "NotFiniteError",
     "NotPositiveError",
     "NotStabilisableError",
     "Proof",
+    "ProofOptions",
     "ProvenLevel",
     "Reference",
     "Refutation",
     "SaturatedReferenceError",
     "TerminalSet",
     "UnknownIntervalOperationError",
+    "UnprovenSetError",
     "UnreliableSolutionError",
     "UnstableLoopError",
     "UnweightedModeError",
+    "Weights",
+    "certificate_text",
+    "certified_terminal_set",
+    "certify",
     "continuous_change",
     "continuous_lqr",
     "continuous_lyapunov",

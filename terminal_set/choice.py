@@ -23,12 +23,17 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.design import TerminalSet
 from swarmstart.terminal_set.ellipsoid import Ellipsoid
+from swarmstart.terminal_set.intervals import interval_function
 from swarmstart.terminal_set.proof import Proof, prove_level
 from swarmstart.terminal_set.refutation import Refutation, refuted_level
+from swarmstart.terminal_set.taylor import IntervalMaker
 
 SHARES = (0.99, 0.95, 0.9, 0.75, 0.5, 0.25, 0.1)
 """Of the refuted level, tried one after the other. Beyond four states the time goes
 with how near to it one wants to come."""
+
+MOST_BOXES = 100_000_000
+"""Of a proof: here it is time that ends one."""
 
 
 @dataclass(eq=False)
@@ -99,6 +104,7 @@ def proven_level(
     alpha_max: float,
     *,
     rng: np.random.Generator,
+    intervals: IntervalMaker = interval_function,
     max_seconds: float = 60.0,
 ) -> ProvenLevel:
     """Prove as much as can be of the levels up to one.
@@ -107,6 +113,7 @@ def proven_level(
         change: Of `continuous_change` or `held_change`.
         alpha_max: The level wanted, > 0: that of the bounds.
         rng: Of the rays that look for a counterexample.
+        intervals: Makes interval evaluations.
         max_seconds: For all proofs together [s].
 
     Returns:
@@ -127,7 +134,13 @@ def proven_level(
     for share in shares:
         # Half of what is left: a level too near to the refuted one must not use it up.
         left = (until - clock.perf_counter()) / 2
-        proof = prove_level(change, share * top, max_seconds=left)
+        proof = prove_level(
+            change,
+            share * top,
+            intervals=intervals,
+            max_boxes=MOST_BOXES,
+            max_seconds=left,
+        )
         if proof.proven:
             break
     return ProvenLevel(proof=proof, refutation=refutation)

@@ -16,7 +16,7 @@ as it is used, whatever P and alpha are.
 
 All levels here come from bounds on inputs and states alone. They say nothing of the
 decrease of e'Pe under the nonlinear dynamics, nor of states between two samples: that
-takes a certificate, which may lower alpha (`dataclasses.replace(design, alpha=...)`).
+takes a certificate, which may lower alpha (`certification.py`).
 
 Source: the chapter, eq. (5.8)-(5.14); H. Chen and F. Allgoewer, A quasi-infinite
 horizon nonlinear model predictive control scheme with guaranteed stability, Automatica
@@ -26,6 +26,7 @@ horizon nonlinear model predictive control scheme with guaranteed stability, Aut
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -46,9 +47,12 @@ from swarmstart.terminal_set.level import (
 )
 from swarmstart.terminal_set.linearisation import hold, linearise
 from swarmstart.terminal_set.lqr import continuous_lqr, sampled_lqr
-from swarmstart.terminal_set.lyapunov import continuous_lyapunov
+from swarmstart.terminal_set.lyapunov import continuous_lyapunov, sampled_lyapunov
 from swarmstart.terminal_set.reference import Reference
-from swarmstart.terminal_set.stability import CONTINUOUS, growth
+from swarmstart.terminal_set.stability import CONTINUOUS, SAMPLED, growth
+
+if TYPE_CHECKING:
+    from swarmstart.terminal_set.certificate import Certificate
 
 
 @dataclass(eq=False)
@@ -56,8 +60,8 @@ class InvalidReserveError(SwarmstartError, ValueError):
     """The decay kept in reserve is negative, or more than there is.
 
     Attributes:
-        kappa: The reserve asked for, 1/s.
-        decay: Decay of the slowest mode of the closed loop, 1/s.
+        kappa: The reserve asked for, 1/s, or a share of e'Pe a step.
+        decay: Decay of the slowest mode of the closed loop, likewise.
     """
 
     kappa: float
@@ -69,6 +73,23 @@ class InvalidReserveError(SwarmstartError, ValueError):
             f"kappa must be at least 0 and less than {self.decay:.6g}, the decay of "
             f"the slowest mode, got {self.kappa:.6g}"
         )
+
+
+@dataclass(eq=False)
+class ForeignCertificateError(SwarmstartError, ValueError):
+    """A set was given a certificate that does not speak of it.
+
+    Attributes:
+        name: What differs; "alpha" where the set is larger than what is certified.
+    """
+
+    name: str
+
+    def __str__(self) -> str:
+        """Say what differs."""
+        if self.name == "alpha":
+            return "alpha is larger than the level that the certificate proves"
+        return f"the certificate is of a set with another {self.name}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -83,6 +104,7 @@ class TerminalSet:
         u_ref: Reference input, shape (nu,).
         dt: How long the input is held [s]; None for an input that moves all the time.
         design: Which design it is: "sampled", "continuous", "literal" or one's own.
+        certificate: On what grounds the set stands; None: on those of its design.
         ellipsoid: {e : e'Pe <= alpha}; made from P and alpha.
 
     Raises:
@@ -91,6 +113,7 @@ class TerminalSet:
         AsymmetricMatrixError: P is not symmetric.
         IndefiniteMatrixError: P is not positive definite.
         NotPositiveError: alpha or dt is not positive and finite.
+        ForeignCertificateError: The certificate is of another set or a smaller one.
     """
 
     K: FloatArray
@@ -100,6 +123,7 @@ class TerminalSet:
     u_ref: FloatArray
     dt: float | None
     design: str
+    certificate: Certificate | None = field(default=None, repr=False)
     ellipsoid: Ellipsoid = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -118,6 +142,24 @@ class TerminalSet:
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+        if self.certificate is not None:
+            self._require_own(self.certificate)
+
+    def _require_own(self, certificate: Certificate) -> None:
+        """Refuse the certificate of another set."""
+        reference = certificate.reference
+        for name, value in (
+            ("K", certificate.K),
+            ("P", certificate.P),
+            ("x_ref", reference.x_ref),
+            ("u_ref", reference.u_ref),
+        ):
+            if not np.array_equal(getattr(self, name), value):
+                raise ForeignCertificateError(name)
+        if self.dt != certificate.dt:
+            raise ForeignCertificateError("dt")
+        if self.alpha > certificate.alpha:
+            raise ForeignCertificateError("alpha")
 
     def feedback(self, e: ArrayLike) -> FloatArray:
         """Compute the law's input relative to u_ref, du = -K e.
@@ -169,8 +211,12 @@ def sampled_terminal_set(
     dt: float,
     Q: ArrayLike,
     R: ArrayLike,
+    kappa: float = 0.0,
 ) -> TerminalSet:
     """Design the set for an input held over dt: what the chapter means to use.
+
+    P solves F'PF = (1 - kappa)(P - Q*) with F = Ad - Bd K and Q* = Q + K'RK; of
+    kappa = 0 comes the Riccati matrix.
 
     Args:
         dynamics: f(x, u) -> xdot, SI units.
@@ -178,21 +224,32 @@ def sampled_terminal_set(
         dt: How long the input is held, > 0, s.
         Q: State weight per step, shape (nx, nx), symmetric positive semidefinite.
         R: Input weight per step, shape (nu, nu), symmetric positive definite.
+        kappa: Share of e'Pe kept in reserve for the nonlinear part, at least 0 and
+            below what the slowest mode loses in a step.
 
     Returns:
-        K and P of the discrete Riccati equation, alpha of the bounds. State bounds hold
-        at the samples, not necessarily between them.
+        K of the discrete Riccati equation, P as above, alpha of the bounds. State
+        bounds hold at the samples, not necessarily between them.
 
     Raises:
+        InvalidReserveError: kappa is negative or too large.
         SwarmstartError: As `linearise`, `hold`, `sampled_lqr` say; NotPositiveError
             also when no bound limits alpha.
     """
     A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
-    gain = sampled_lqr(*hold(A, B, dt), Q, R)
+    Ad, Bd = hold(A, B, dt)
+    gain = sampled_lqr(Ad, Bd, Q, R)
+    K, P, F = gain.K, gain.P, Ad - Bd @ gain.K
+    lost = 1 - growth(F, SAMPLED) ** 2
+    if not 0 <= kappa < lost:
+        raise InvalidReserveError(kappa, lost)
+    if kappa:
+        Q_star = np.asarray(Q) + K.T @ np.asarray(R) @ K
+        P = sampled_lyapunov(F / np.sqrt(1 - kappa), Q_star)
     return TerminalSet(
-        K=gain.K,
-        P=gain.P,
-        alpha=_level_from_bounds(gain.K, gain.P, reference),
+        K=K,
+        P=P,
+        alpha=_level_from_bounds(K, P, reference),
         x_ref=reference.x_ref,
         u_ref=reference.u_ref,
         dt=dt,
