@@ -1,7 +1,7 @@
 """What a kind of scenario must offer for the commands to run it."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -31,12 +31,14 @@ class Flight:
         controller: What flies it.
         x0: Where it starts, shape (nx,).
         agents: Number of agents that plan, with as many plans in a decision.
+        documents: What else belongs into a run's folder: name of a file -> its text.
     """
 
     plant: Plant
     controller: Controller
     x0: Array
     agents: int
+    documents: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -116,6 +116,7 @@ class Run:
             "resumed_steps": self.resumed,
             "versions": versions(),
             "figures": [file.name for file in self.figures],
+            "documents": list(self.flight.documents),
             "out": str(self.folder) if self.folder else None,
         }
 
@@ -310,25 +311,29 @@ def _recorded(
 
 
 def _withdraw(folder: Path) -> None:
-    """Remove the commit mark of an earlier run in the folder, and its figures.
+    """Remove the commit mark of an earlier run in the folder, and what it wrote.
 
-    Only what that run says it drew is removed: the folder may be anybody's.
+    Only what that run says it drew and wrote is removed: the folder may be anybody's.
     """
     mark = folder / "run.json"
     try:
-        drawn = json.loads(mark.read_text())["figures"]
+        earlier = json.loads(mark.read_text())
+        drawn, written = earlier["figures"], earlier["documents"]
     except (OSError, ValueError, KeyError, TypeError):
-        drawn = []
+        drawn, written = [], []
     mark.unlink(missing_ok=True)
-    for name in drawn:
-        (folder / "figures" / Path(str(name)).name).unlink(missing_ok=True)
+    for place, names in ((folder / "figures", drawn), (folder, written)):
+        for name in names:
+            (place / Path(str(name)).name).unlink(missing_ok=True)
 
 
 def _record(finished: Run, folder: Path) -> None:
-    """Write the scenario and the trajectory."""
+    """Write the scenario, the trajectory, and what else belongs to the flight."""
     _withdraw(folder)
     text = yaml.safe_dump(
         dict(finished.resolved.settings), sort_keys=False, allow_unicode=True
     )
     write_text(folder / "scenario.yaml", text)
     write_arrays(folder / "trajectory.npz", trajectory_arrays(finished.trajectory))
+    for name, content in finished.flight.documents.items():
+        write_text(folder / name, content)

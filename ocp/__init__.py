@@ -15,7 +15,7 @@ from swarmstart.ocp.constraints import (
     disc,
 )
 from swarmstart.ocp.controller import Controller, Decision, Mode, RecedingHorizon
-from swarmstart.ocp.dual_mode import DualMode
+from swarmstart.ocp.dual_mode import DualMode, UncertifiedSetError
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.family import TrajectoryFamily
 from swarmstart.ocp.fitness import Fitness, Known
@@ -73,6 +73,7 @@ __all__ = [
     "TerminalConstraint",
     "Trajectory",
     "TrajectoryFamily",
+    "UncertifiedSetError",
     "WarmStart",
     "chosen_backend",
     "collected",

@@ -29,6 +29,10 @@ Target = Callable[[float], Array]
 """Absolute time [s] -> the state an agent ought to be in, shape (nx,)."""
 
 
+class UncertifiedSetError(InvalidProblemError):
+    """A terminal set is not certified for the time for which inputs are held here."""
+
+
 class DualMode:
     """A team that switches to linear laws when all are in their terminal sets.
 
@@ -39,23 +43,32 @@ class DualMode:
     """
 
     def __init__(
-        self, team: Team, *, sets: Sequence[TerminalSet], targets: Sequence[Target]
+        self,
+        team: Team,
+        *,
+        sets: Sequence[TerminalSet],
+        targets: Sequence[Target],
+        uncertified: bool = False,
     ) -> None:
         """Put planner and linear laws together.
 
         Args:
             team: The team.
-            sets: One terminal set an agent.
+            sets: One terminal set an agent, certified for inputs held over `team.dt`.
             targets: One target an agent.
+            uncertified: Whether sets without such a certificate are accepted too.
 
         Raises:
             InvalidProblemError: If there is not one of each an agent.
+            UncertifiedSetError: If a set is not certified for this dt.
         """
         if not len(team.agents) == len(sets) == len(targets):
             raise InvalidProblemError(
                 f"dual mode needs a terminal set and a target for each of the "
                 f"{len(team.agents)} agents, got {len(sets)} and {len(targets)}"
             )
+        if not uncertified:
+            _require_certified(sets, team.dt)
         self.team, self.sets, self.targets = team, tuple(sets), tuple(targets)
         self._problems = [a.controller.planner.problem for a in team.agents]
         # Agents of one kind share one problem's model; each keeps its own step.
@@ -113,6 +126,21 @@ class DualMode:
             controls.append(u)
             x = np.array(step(x, u, np.asarray(known.parameters))).ravel()
         return np.array(controls).T
+
+
+def _require_certified(sets: Sequence[TerminalSet], dt: float) -> None:
+    for number, one in enumerate(sets):
+        held = None if one.certificate is None else one.certificate.dt
+        if held is None or not np.isclose(held, dt, rtol=1e-12, atol=0):
+            found = "no certificate"
+            if one.certificate is not None:
+                found = "a certificate for "
+                found += f"{held:g} s" if held else "an input that moves all the time"
+            raise UncertifiedSetError(
+                f"the terminal set of agent {number} must be certified for inputs held "
+                f"for {dt:g} s, it has {found}: certify it "
+                "(swarmstart.terminal_set.certify), or pass uncertified=True"
+            )
 
 
 def _step(problem: OptimalControlProblem) -> ca.Function:

@@ -240,10 +240,12 @@ def certify(
     else:
         _require_stable_hold(dynamics, reference, design.K, dt)
         motion = _HeldMotion(dynamics, design, dt=dt, substeps=options.substeps)
-        change = held_change(motion.step, design, Q_m=margin)
-        refuted = refuted_level(change, alpha_max=min(top, of_states), rng=rng)
-        top = top if refuted is None else refuted.alpha
-        held = motion.margins(min(top, of_states), rng)
+        held, falls = motion.margins(min(top, of_states), rng)
+        if not falls:
+            change = held_change(motion.step, design, Q_m=margin)
+            refuted = refuted_level(change, alpha_max=min(top, of_states), rng=rng)
+            top = top if refuted is None else refuted.alpha
+            held, _ = motion.margins(min(top, of_states), rng)
         c = held.integrator_error
         top = min(top, of_states / (np.sqrt(held.growth) + c) ** 2)
         change = held_change(motion.step, design, Q_m=margin + (2 * c + c**2) * P)
@@ -329,12 +331,17 @@ class _HeldMotion:
         self._piece = ca.Function("piece", [x, u], [map_(x, u, dt / FINER)])
         self._law, self._substeps = law, substeps
 
-    def margins(self, alpha: float, rng: np.random.Generator) -> HeldMargins:
+    def margins(
+        self, alpha: float, rng: np.random.Generator
+    ) -> tuple[HeldMargins, bool]:
         """Measure the error of the map and the growth between samples.
 
         Args:
             alpha: Level of the ellipsoid.
             rng: Of the directions.
+
+        Returns:
+            The margins, and whether e'Pe fell over the hold at every sample.
         """
         law = self._law
         directions = rng.normal(size=(len(law.P), SAMPLES))
@@ -350,13 +357,15 @@ class _HeldMotion:
             growth = max(growth, float((law.value(_relative(now)) / size).max()))
         mapped = np.array(self.step.map(x.shape[1])(x, u))
         error = law.value(_relative(now) - _relative(mapped)) / size
-        return HeldMargins(
+        falls = bool(np.all(law.value(_relative(now)) < size))
+        measured = HeldMargins(
             substeps=self._substeps,
             integrator_error=RESERVE * float(np.sqrt(error.max())),
             samples=e.shape[1],
             growth=max(LEAST_GROWTH, GROWTH_RESERVE * growth),
             growth_is_proven=False,
         )
+        return measured, falls
 
 
 def _relative(x: Array) -> Array:

@@ -123,24 +123,23 @@ def proven_level(
     Raises:
         SwarmstartError: As `refuted_level` and `prove_level` say.
     """
-    refutation = refuted_level(change, alpha_max=alpha_max, rng=rng)
-    shares: Sequence[float] = SHARES
-    top = alpha_max
-    if refutation is None:
-        shares = (1.0, *SHARES)
-    else:
-        top = refutation.alpha
     until = clock.perf_counter() + max_seconds
-    for share in shares:
-        # Half of what is left: a level too near to the refuted one must not use it up.
-        left = (until - clock.perf_counter()) / 2
-        proof = prove_level(
-            change,
-            share * top,
-            intervals=intervals,
-            max_boxes=MOST_BOXES,
-            max_seconds=left,
+
+    def proven(alpha: float, share: float) -> Proof:
+        """Spend a share of what is left: one level must not use all of it."""
+        left = (until - clock.perf_counter()) * share
+        return prove_level(
+            change, alpha, intervals=intervals, max_boxes=MOST_BOXES, max_seconds=left
         )
+
+    # A level that cannot be proven mostly shows a counterexample at once.
+    proof = proven(alpha_max, 0.25)
+    if proof.proven:
+        return ProvenLevel(proof=proof, refutation=None)
+    refutation = refuted_level(change, alpha_max=alpha_max, rng=rng)
+    top = alpha_max if refutation is None else refutation.alpha
+    for share in (1.0, *SHARES) if refutation is None else SHARES:
+        proof = proven(share * top, 0.5)
         if proof.proven:
             break
     return ProvenLevel(proof=proof, refutation=refutation)

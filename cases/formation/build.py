@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.formation.linear_law import terminal_set_of
 from swarmstart.cases.formation.problem import (
     dynamics_of,
     planning_problem,
@@ -36,12 +37,7 @@ from swarmstart.ocp import (
     stack_models,
 )
 from swarmstart.ocp.fitness import replay
-from swarmstart.terminal_set import (
-    Reference,
-    TerminalSet,
-    literal_terminal_set,
-    sampled_terminal_set,
-)
+from swarmstart.terminal_set import Reference, TerminalSet, certificate_text
 
 Array = NDArray[np.float64]
 
@@ -72,7 +68,7 @@ def build(scenario: FormationScenario) -> FormationFlight:
     model = unicycle()
     dynamics, reference = dynamics_of(model), reference_of(scenario)
     terminal_cost = terminal_cost_of(scenario, dynamics, reference)
-    terminal_set = _terminal_set(scenario, dynamics, reference)
+    terminal_set = terminal_set_of(scenario, dynamics, reference)
     order = scenario.order_of_planning()
     agents = [
         _agent(scenario, model, terminal_cost, number, order)
@@ -82,13 +78,22 @@ def build(scenario: FormationScenario) -> FormationFlight:
     controller: Controller = team
     if scenario.dual_mode.enabled:
         targets = [_target(scenario, number) for number in range(len(agents))]
-        controller = DualMode(team, sets=[terminal_set] * len(agents), targets=targets)
+        controller = DualMode(
+            team,
+            sets=[terminal_set] * len(agents),
+            targets=targets,
+            uncertified=not scenario.dual_mode.is_certified,
+        )
     plant = Plant(
         stack_models([model] * len(agents)),
         dt=scenario.prediction.dt_s,
         substeps=scenario.plant.substeps,
     )
+    certificate = terminal_set.certificate
     return FormationFlight(
+        documents={}
+        if certificate is None
+        else {"certificate.json": certificate_text(certificate)},
         plant=plant,
         controller=controller,
         x0=np.concatenate([uav.start.vector() for uav in scenario.uavs]),
@@ -152,7 +157,7 @@ def problems(scenario: FormationScenario) -> Iterator[Problem]:
         part = "weights"
         terminal_cost_of(scenario, dynamics, reference)
         part = "dual_mode"
-        _terminal_set(scenario, dynamics, reference)
+        terminal_set_of(scenario, dynamics, reference)
     except SwarmstartError as error:
         yield (part,), f"expected a linear law that can be designed: {error}"
 
@@ -167,19 +172,6 @@ def leader_positions(scenario: FormationScenario, times: Array) -> Array:
 
 def _target(scenario: FormationScenario, number: int) -> Callable[[float], Array]:
     return lambda time: slot_states(scenario, number, np.array([time]))[:, 0]
-
-
-def _terminal_set(
-    scenario: FormationScenario, dynamics: ca.Function, reference: Reference
-) -> TerminalSet:
-    """Return the terminal set of the dual mode."""
-    dual = scenario.dual_mode
-    Q, R = np.diag(dual.Q), np.diag(dual.R)
-    if dual.design == "literal":
-        P = np.array(dual.P)
-        return literal_terminal_set(dynamics, reference, Q=Q, R=R, P=P)
-    dt = scenario.prediction.dt_s
-    return sampled_terminal_set(dynamics, reference, dt=dt, Q=Q, R=R)
 
 
 def _agent(

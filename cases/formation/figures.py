@@ -37,6 +37,9 @@ Array = NDArray[np.float64]
 
 MARKS = 6
 BEGINNING_S = 20.0
+# Pairs of states that the terminal set's matrix couples, behind a leader along x.
+PLANES = ((2, 3), (0, 2), (1, 3))
+SETS_SHOWN = 2.5
 # A clearance far above the limit says nothing: the panel ends here, in metres.
 FAR_M = 40.0
 
@@ -75,6 +78,7 @@ def draw(
         ],
         ("f_distances", distances_figure(scenario, flight, trajectory)),
         ("g_terminal_set", terminal_set_figure(flight, trajectory)),
+        ("h_entering", entering_figure(flight, trajectory)),
     ]
     return write_figures(figures, folder)
 
@@ -256,4 +260,39 @@ def terminal_set_figure(flight: FormationFlight, trajectory: Trajectory) -> "Fig
         title=f"Terminal set, {flight.terminal_set.design} design",
     )
     axes.legend(fontsize="small")
+    return figure
+
+
+def entering_figure(flight: FormationFlight, trajectory: Trajectory) -> "Figure":
+    """Return (h): the terminal set's projections, and the UAVs on their way into it."""
+    figure = new_figure((11.0, 4.2))
+    terminal_set = flight.terminal_set
+    deviations = errors(flight, trajectory.dense_times, trajectory.dense_states)
+    at_instants = errors(flight, trajectory.times, trajectory.states)
+    linear = linear_mask(trajectory)
+    extent = terminal_set.ellipsoid.extent()
+    panels = figure.subplots(1, len(PLANES))
+    for axes, (i, j) in zip(panels, PLANES, strict=True):
+        outline = terminal_set.ellipsoid.shadow(i, j)
+        axes.fill(*outline, color="0.9")
+        axes.plot(*outline, color="0.3", linestyle="--", linewidth=1)
+        for number, (dense, instants) in enumerate(
+            zip(deviations, at_instants, strict=True)
+        ):
+            axes.plot(dense[i], dense[j], color=colour(number), linewidth=0.9)
+            flown = instants[:, :-1][:, linear]
+            axes.plot(flown[i], flown[j], "o", color=colour(number), markersize=3)
+        axes.set(xlabel=RELATIVE[i][1], ylabel=RELATIVE[j][1])
+        axes.set_xlim(-SETS_SHOWN * extent[i], SETS_SHOWN * extent[i])
+        axes.set_ylim(-SETS_SHOWN * extent[j], SETS_SHOWN * extent[j])
+    _uav_legend(panels[0], flight.agents)
+    certificate = terminal_set.certificate
+    grounds = "of its bounds"
+    if certificate is not None:
+        grounds = f"certified for inputs held {certificate.dt:g} s"
+    figure.suptitle(
+        f"Terminal set, {terminal_set.design} design, alpha = {terminal_set.alpha:.4g} "
+        f"{grounds}; dots: steps under the linear law",
+        fontsize="medium",
+    )
     return figure

@@ -109,6 +109,12 @@ class DualModePart(Part):
     Q: list[NonNegative] = Field(min_length=4, max_length=4)
     R: list[Positive] = Field(min_length=2, max_length=2)
     P: Matrix | None = None
+    certify: bool = True
+
+    @property
+    def is_certified(self) -> bool:
+        """Whether the set is certified: the literal one never is."""
+        return self.enabled and self.certify and self.design == "sampled"
 
     def problems(self) -> Iterator[Problem]:
         """Yield what is wrong with it."""

@@ -11,7 +11,6 @@ What is undefined in a box, or no number, is the whole line.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -26,7 +25,10 @@ from swarmstart.ocp.compiled.tape import (
     UnknownOperationError,
     read_tape,
 )
-from swarmstart.terminal_set import UnknownIntervalOperationError
+from swarmstart.terminal_set import (
+    IntervalEvaluation,
+    UnknownIntervalOperationError,
+)
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
@@ -71,13 +73,8 @@ class _Program:
     registers: int
 
 
-def compiled_intervals(
-    function: ca.Function,
-) -> Callable[[Array, Array], tuple[Array, Array]]:
+def compiled_intervals(function: ca.Function) -> IntervalEvaluation:
     """Return an SX function of one column as a function of boxes.
-
-    An `IntervalEvaluation` of `terminal_set`: (lower, upper), each (inputs, m), gives
-    enclosures of the values, each (outputs, m).
 
     Args:
         function: x (n, 1) -> y (k, 1); of a matrix y the columns follow each other.

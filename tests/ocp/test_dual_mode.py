@@ -20,11 +20,17 @@ from swarmstart.ocp import (
     RecedingHorizon,
     Source,
     Team,
+    UncertifiedSetError,
     right_hand_side,
     simulate,
     stack_models,
 )
-from swarmstart.terminal_set import Reference, TerminalSet, sampled_terminal_set
+from swarmstart.terminal_set import (
+    Reference,
+    TerminalSet,
+    Weights,
+    certified_terminal_set,
+)
 
 Array = NDArray[np.float64]
 DT = 0.5
@@ -39,7 +45,10 @@ def terminal_set(double_integrator: Model) -> TerminalSet:
         u_lower=np.array([-1.0]),
         u_upper=np.array([1.0]),
     )
-    return sampled_terminal_set(f, reference, dt=DT, Q=np.eye(2), R=np.eye(1))
+    weights = Weights(Q=np.eye(2), R=np.eye(1))
+    return certified_terminal_set(
+        f, reference, weights, dt=DT, rng=np.random.default_rng(0)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -109,8 +118,8 @@ def test_one_agent_outside_makes_the_whole_team_plan(
 def test_linear_plan_is_clipped_to_the_bounds(
     team: Team, terminal_set: TerminalSet
 ) -> None:
-    greedy = replace(terminal_set, K=50 * terminal_set.K, alpha=1e6)
-    dual = DualMode(team, sets=[greedy] * 2, targets=[moving, moving])
+    greedy = replace(terminal_set, K=50 * terminal_set.K, alpha=1e6, certificate=None)
+    dual = DualMode(team, sets=[greedy] * 2, targets=[moving, moving], uncertified=True)
     state = np.array([5.0, 3, -5, 3])
     decision = dual.decide(0.0, state, None, rng=rng())
     assert decision.mode is Mode.LINEAR
@@ -159,7 +168,7 @@ def test_linear_plan_is_the_law_along_its_own_states(pendulum: Model) -> None:
     )
     controller = RecedingHorizon(planner=Planner(problem, search=None))
     alone = Team([Agent(controller=controller)], order=(0,))
-    dual = DualMode(alone, sets=[wide], targets=[lambda _: x_ref])
+    dual = DualMode(alone, sets=[wide], targets=[lambda _: x_ref], uncertified=True)
     (plan,) = dual.decide(0.0, np.array([1.5, -1]), None, rng=rng()).plans
     errors = plan.states[:, :-1:3] - x_ref[:, None]
     np.testing.assert_allclose(plan.controls, u_ref - wide.K @ errors, rtol=1e-12)
@@ -183,3 +192,25 @@ def test_refuses_sets_and_targets_that_are_not_one_an_agent(
         DualMode(team, sets=[terminal_set], targets=[moving, moving])
     with pytest.raises(InvalidProblemError, match="2 agents, got 2 and 1"):
         DualMode(team, sets=[terminal_set] * 2, targets=[moving])
+
+
+def test_refuses_a_set_that_is_not_certified_for_its_hold(
+    team: Team, terminal_set: TerminalSet
+) -> None:
+    targets = [moving, moving]
+    bare = replace(terminal_set, certificate=None)
+    with pytest.raises(UncertifiedSetError, match=r"agent 1 .* 0\.5 s, it has no cert"):
+        DualMode(team, sets=[terminal_set, bare], targets=targets)
+    assert terminal_set.certificate is not None
+    f = terminal_set.certificate.dynamics
+    longer = certified_terminal_set(
+        f,
+        terminal_set.certificate.reference,
+        Weights(Q=np.eye(2), R=np.eye(1)),
+        dt=2 * DT,
+        rng=np.random.default_rng(0),
+    )
+    with pytest.raises(UncertifiedSetError, match="has a certificate for 1 s"):
+        DualMode(team, sets=[longer] * 2, targets=targets)
+    accepted = DualMode(team, sets=[bare, longer], targets=targets, uncertified=True)
+    assert accepted.sets == (bare, longer)

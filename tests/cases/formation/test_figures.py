@@ -19,6 +19,7 @@ from swarmstart.cases.formation.build import FormationFlight
 from swarmstart.cases.formation.figures import (
     distances_figure,
     draw,
+    entering_figure,
     relative_figure,
     terminal_set_figure,
     tracks_figure,
@@ -54,7 +55,7 @@ def test_all_figures_are_drawn_in_order_and_not_blank(
     tmp_path: Path,
 ) -> None:
     files = draw(scenario, flight, trajectory, tmp_path / "figures")
-    assert [file.name[0] for file in files] == list("abcdefg")
+    assert [file.name[0] for file in files] == list("abcdefgh")
     assert sorted(files) == sorted((tmp_path / "figures").iterdir())
     assert all(colours(file) > 50 for file in files)
 
@@ -133,3 +134,16 @@ def test_a_writer_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     check_writer("gif")
     with pytest.raises(MissingWriterError, match="needs the program ffmpeg"):
         check_writer("mp4")
+
+
+def test_the_way_into_the_set_is_drawn_over_its_projections(
+    flight: FormationFlight, trajectory: Trajectory
+) -> None:
+    panels = entering_figure(flight, trajectory).axes
+    assert len(panels) == 3
+    extent = flight.terminal_set.ellipsoid.extent()
+    (outline,) = (line for line in panels[0].lines if line.get_linestyle() == "--")
+    assert np.max(np.asarray(outline.get_xdata())) == pytest.approx(extent[2], rel=1e-3)
+    assert np.max(np.asarray(outline.get_ydata())) == pytest.approx(extent[3], rel=1e-3)
+    dots = [line for line in panels[0].lines if line.get_marker() == "o"]
+    assert len(dots) == UAVS and np.size(dots[0].get_xdata()) == 2  # the linear steps
