@@ -233,7 +233,7 @@ def certify(
     )
     top = SHRUNK * level_from_inputs(design.K, P, reference.u_max)
     of_states = SHRUNK * level_from_states(P, reference.e_max)
-    held = None
+    held, refuted = None, None
     if dt is None:
         top = min(top, of_states)
         change = continuous_change(dynamics, design, Q_m=margin)
@@ -269,7 +269,8 @@ def certify(
         Q_m=margin,
         held=held,
         proof=level.proof,
-        refutation=level.refutation,
+        # Without the integrator's margin: a counterexample all the more with it.
+        refutation=level.refutation or refuted,
         design=design.design,
         weights=None,
     )

@@ -49,12 +49,11 @@ class TaylorForm:
         hessian, gradient = ca.hessian(value, e)
         self._pairs, pairs = _symmetric_entries(len(T), 2)
         self._triples, triples = _symmetric_entries(len(T), 3)
-        bends = {pair: ca.jacobian(hessian[pair], e) for pair in pairs}
-        third = [bends[i, j][k] for i, j, k in triples]
+        bends = ca.vertcat(*[hessian[pair] for pair in pairs])
+        turns = ca.jacobian(bends, e)
+        third = [turns[int(self._pairs[i, j]), k] for i, j, k in triples]
         self._value_and_slope = evaluated(ca.vertcat(value, gradient), e, intervals)
-        self._hessian = evaluated(
-            ca.vertcat(*[hessian[pair] for pair in pairs]), e, intervals
-        )
+        self._hessian = evaluated(bends, e, intervals)
         self._third = evaluated(ca.vertcat(*third), e, intervals)
         self._T, self._size = T, np.abs(T)
 

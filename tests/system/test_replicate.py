@@ -104,8 +104,8 @@ def test_the_page_holds_every_claim_and_every_figure(folder: Path) -> None:
     for number in range(1, CLAIMS + 1):
         assert f'id="claim-{number}"' in page
     assert page.count("<h3>Fig. ") == FIGURES
-    # 7 panels a formation flight, 7 a close formation, 6 a reconfiguration.
-    assert page.count('src="data:image/png;base64,') == 4 * 7 + 2 * 7 + 2 * 6
+    # 8 panels a formation flight, 7 a close formation, 6 a reconfiguration.
+    assert page.count('src="data:image/png;base64,') == 4 * 8 + 2 * 7 + 2 * 6
     assert not re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page)
     assert "url(" not in page and "@import" not in page
 

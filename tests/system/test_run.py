@@ -23,6 +23,7 @@ from swarmstart.cases.cli import main
 from swarmstart.cases.formation.names import MEASURES
 from swarmstart.cases.run import key_of
 from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.terminal_set.check import main as check
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
@@ -80,11 +81,24 @@ def test_the_folder_holds_the_documented_files_and_nothing_else(
 ) -> None:
     folder, told = flown
     assert {file.name for file in folder.iterdir()} == {
-        *("scenario.yaml", "trajectory.npz", "run.json", "figures")
+        *("scenario.yaml", "trajectory.npz", "run.json", "figures"),
+        "certificate.json",
     }
     assert json.loads((folder / "run.json").read_text()) == told
     drawn = {file.name for file in (folder / "figures").iterdir()}
-    assert drawn == set(told["figures"]) and len(drawn) == 7
+    assert drawn == set(told["figures"]) and len(drawn) == 8
+    assert told["documents"] == ["certificate.json"]
+
+
+def test_the_certificate_of_a_flight_is_proven_again(
+    flown: tuple[Path, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("flint")
+    folder, told = flown
+    file = folder / "certificate.json"
+    assert json.loads(file.read_text())["alpha"] == told["measures"]["terminal_level"]
+    assert check(["--seconds", "60", str(file)]) == 0
+    assert "V decreases over a hold of 1 s" in capsys.readouterr().out
 
 
 def test_the_recorded_scenario_is_the_same_run(flown: tuple[Path, Any]) -> None:
@@ -323,15 +337,18 @@ def test_an_animation_as_mp4_without_ffmpeg_is_refused_before_the_flight(
     )
 
 
-def test_a_run_again_leaves_no_figure_of_the_run_before(
+def test_a_run_again_leaves_nothing_that_the_run_before_wrote(
     command: Command, tmp_path: Path
 ) -> None:
     folder = tmp_path / "r"
     tiny = ("run", "formation_v", *TINY, "--set", "steps=1", "--out", folder)
     assert command(*tiny).code == 0
     (folder / "figures" / "mine.png").touch()
-    assert command(*tiny, "--no-figures").code == 0
+    (folder / "mine.json").touch()
+    bounds_only = ("--set", "dual_mode.certify=false")
+    assert command(*tiny, "--no-figures", *bounds_only).code == 0
     assert [file.name for file in (folder / "figures").iterdir()] == ["mine.png"]
+    assert {file.name for file in folder.glob("*.json")} == {"run.json", "mine.json"}
 
 
 def test_a_reader_that_has_gone_is_no_error() -> None:

@@ -1,0 +1,242 @@
+"""Systems whose terminal sets are certified and measured, published and others.
+
+Three are here because nobody looked at them while the proof was written: the cart with
+a pole, the rotating actuator and the ball on a beam.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import fsolve
+
+from swarmstart.cases.models.close_formation import Wingman, close_formation
+from swarmstart.ocp import right_hand_side
+from swarmstart.terminal_set import Reference, TerminalSet, Weights
+
+Array = NDArray[np.float64]
+FREE = 1e3
+"""Bounds that no proven set comes near: it is the decrease that limits the level."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class System:
+    """A system and the design that is certified.
+
+    Attributes:
+        dynamics: f(x, u).
+        reference: Reference and bounds.
+        weights: Of the law.
+        dt: How long the input is held [s]; None: it moves all the time.
+        substeps: Runge-Kutta steps a hold.
+        of_cost_to_go: Whether the margin is Q + K'RK, for a bound of the cost to go.
+        given: A law and a P in place of a design.
+        is_new: Whether nobody looked at it while the proof was written.
+    """
+
+    dynamics: ca.Function
+    reference: Reference
+    weights: Weights
+    dt: float | None = None
+    substeps: int = 1
+    of_cost_to_go: bool = False
+    given: TerminalSet | None = None
+    is_new: bool = False
+
+
+def bounded(x_ref: list[float], u_ref: list[float], u_max: list[float]) -> Reference:
+    """Return a reference with bounds of the input around it."""
+    room = np.array(u_max, dtype=float)
+    return Reference(
+        x_ref=np.array(x_ref, dtype=float),
+        u_ref=np.array(u_ref, dtype=float),
+        u_lower=np.array(u_ref) - room,
+        u_upper=np.array(u_ref) + room,
+    )
+
+
+def plain(nx: int, nu: int) -> Weights:
+    """Return Q = I, R = I."""
+    return Weights(Q=np.eye(nx), R=np.eye(nu))
+
+
+def chen() -> System:
+    """Chen and Allgoewer (1998): kappa 0.95, the paper's margin."""
+    x, u, mu = ca.SX.sym("x", 2), ca.SX.sym("u"), 0.5
+    xdot = ca.vertcat(
+        x[1] + u * (mu + (1 - mu) * x[0]), x[0] + u * (mu - 4 * (1 - mu) * x[1])
+    )
+    return System(
+        dynamics=ca.Function("chen", [x, u], [xdot]),
+        reference=bounded([0, 0], [0], [2]),
+        weights=Weights(Q=0.5 * np.eye(2), R=np.eye(1), kappa=0.95),
+        of_cost_to_go=True,
+    )
+
+
+def van_der_pol() -> System:
+    """Reversed in time, no input: the region of attraction's usual test."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    xdot = ca.vertcat(-x[1], x[0] - (1 - x[0] ** 2) * x[1]) + 0 * u
+    reference = Reference(
+        x_ref=np.zeros(2),
+        u_ref=np.zeros(1),
+        u_lower=-np.ones(1),
+        u_upper=np.ones(1),
+        x_lower=-FREE * np.ones(2),
+        x_upper=FREE * np.ones(2),
+    )
+    own = TerminalSet(
+        K=np.zeros((1, 2)), P=np.array([[1.5, -0.5], [-0.5, 1.0]]), alpha=1.0,
+        x_ref=np.zeros(2), u_ref=np.zeros(1), dt=None, design="given",
+    )  # fmt: skip
+    return System(
+        dynamics=ca.Function("van_der_pol", [x, u], [xdot]),
+        reference=reference,
+        weights=plain(2, 1),
+        given=own,
+    )
+
+
+def pendulum(dt: float | None = None) -> System:
+    """Upright, g / l = 9.81."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    xdot = ca.vertcat(x[1], 9.81 * ca.sin(x[0]) + u)
+    return System(
+        dynamics=ca.Function("pendulum", [x, u], [xdot]),
+        reference=bounded([0, 0], [0], [FREE]),
+        weights=plain(2, 1),
+        dt=dt,
+    )
+
+
+def reactor() -> System:
+    """Stirred tank at its unstable point, 350 K: Henson and Seborg (1997)."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    rate = 7.2e10 * ca.exp(-8750 / x[1]) * x[0]
+    heat = 5e4 / (1000 * 0.239)
+    xdot = ca.vertcat(
+        (1 - x[0]) - rate,
+        (350 - x[1]) + heat * rate + 5e4 / (100 * 1000 * 0.239) * (u - x[1]),
+    )
+    f = ca.Function("reactor", [x, u], [xdot])
+    c, coolant = fsolve(
+        lambda v: np.array(f([v[0], 350.0], v[1])).ravel(), [0.5, 300.0], xtol=1e-12
+    )
+    return System(
+        dynamics=f,
+        reference=bounded([c, 350.0], [coolant], [FREE]),
+        weights=Weights(Q=np.diag([1.0, 1e-4]), R=1e-4 * np.eye(1)),
+    )
+
+
+def unicycle(weight: float, *, speed: float, dt: float | None, tight: bool) -> System:
+    """Behind a leader that flies straight: the chapter's formation."""
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u", 2)
+    xdot = ca.vertcat(u, x[0] * ca.cos(x[1]), x[0] * ca.sin(x[1]))
+    u_max = [5.0, np.pi / 18] if tight else [FREE, FREE]
+    return System(
+        dynamics=ca.Function("unicycle", [x, u], [xdot]),
+        reference=bounded([speed, 0, 0, 0], [0, 0], u_max),
+        weights=Weights(Q=np.eye(4), R=np.diag([1.0, weight])),
+        dt=dt,
+        substeps=1 if tight else 4,
+    )
+
+
+def wingman(*, height_of_first_order: bool) -> System:
+    """Close formation (5.20) with exact kinematics, 200 ft/s; 5 or 6 states."""
+    model = close_formation(Wingman(), kinematics="exact", heading_from="leader")
+    nx = 5 if height_of_first_order else 6
+    x, u = ca.SX.sym("x", nx), ca.SX.sym("u", 3)
+    whole = ca.vertcat(x, 0) if height_of_first_order else x
+    xdot = right_hand_side(model)(whole, u, ca.DM([200, 0, 0]))
+    if height_of_first_order:
+        xdot = ca.vertcat(xdot[:4], (u[2] - x[4]) / Wingman().height_lag_b_s)
+    slot = Wingman().slot_ft
+    return System(
+        dynamics=ca.Function("wingman", [x, u], [xdot]),
+        reference=bounded(
+            [slot[0], slot[1], 0, 200, 0, 0][:nx], [200, 0, 0], [FREE] * 3
+        ),
+        weights=Weights(
+            Q=np.diag([0.01, 0.01, 10, 0.01, 0.01, 0.01][:nx]),
+            R=np.diag([0.01, 10, 0.01]),
+        ),
+    )
+
+
+def cart_and_pole() -> System:
+    """A pole of 1 m and 0.1 kg on a cart of 1 kg: Barto, Sutton and Anderson (1983)."""
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
+    _, angle, speed, turning = ca.vertsplit(x)
+    cart, pole, half, g = 1.0, 0.1, 0.5, 9.81
+    sine, cosine, total = ca.sin(angle), ca.cos(angle), cart + pole
+    pushed = (u + pole * half * turning**2 * sine) / total
+    turned = (g * sine - cosine * pushed) / (half * (4 / 3 - pole * cosine**2 / total))
+    moved = pushed - pole * half * turned * cosine / total
+    return System(
+        dynamics=ca.Function(
+            "cart", [x, u], [ca.vertcat(speed, turning, moved, turned)]
+        ),
+        reference=bounded([0] * 4, [0], [FREE]),
+        weights=plain(4, 1),
+        is_new=True,
+    )
+
+
+def rotating_actuator() -> System:
+    """Translation damped by a rotating actuator: Bupp, Bernstein and Coppola (1998)."""
+    x, u, coupling = ca.SX.sym("x", 4), ca.SX.sym("u"), 0.1
+    sine, cosine = ca.sin(x[2]), ca.cos(x[2])
+    swing = x[0] - coupling * x[3] ** 2 * sine
+    total = 1 - coupling**2 * cosine**2
+    xdot = ca.vertcat(
+        x[1],
+        (-swing - coupling * cosine * u) / total,
+        x[3],
+        (coupling * cosine * swing + u) / total,
+    )
+    return System(
+        dynamics=ca.Function("actuator", [x, u], [xdot]),
+        reference=bounded([0] * 4, [0], [FREE]),
+        weights=plain(4, 1),
+        is_new=True,
+    )
+
+
+def ball_on_beam() -> System:
+    """Hauser, Sastry and Kokotovic (1992); the beam's acceleration is the input."""
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
+    rolled = 0.7143 * (x[0] * x[3] ** 2 - 9.81 * ca.sin(x[2]))
+    return System(
+        dynamics=ca.Function("ball", [x, u], [ca.vertcat(x[1], rolled, x[3], u)]),
+        reference=bounded([0] * 4, [0], [FREE]),
+        weights=plain(4, 1),
+        is_new=True,
+    )
+
+
+SYSTEMS: dict[str, Callable[[], System]] = {
+    "Chen and Allgoewer, Q_m = Q*": chen,
+    "van der Pol, reversed": van_der_pol,
+    "pendulum": pendulum,
+    "pendulum, held 0.1 s": lambda: pendulum(0.1),
+    "stirred tank, 350 K": reactor,
+    "unicycle, 15 m/s": lambda: unicycle(1, speed=15, dt=None, tight=False),
+    "formation, R = I, bounds": lambda: unicycle(1, speed=15, dt=1.0, tight=True),
+    "formation, R = diag(1, 100), bounds": lambda: unicycle(
+        100, speed=15, dt=1.0, tight=True
+    ),
+    "formation, R = diag(1, 1000), bounds": lambda: unicycle(
+        1000, speed=15, dt=1.0, tight=True
+    ),
+    "formation, R = I, no bounds": lambda: unicycle(1, speed=15, dt=1.0, tight=False),
+    "cart and pole": cart_and_pole,
+    "rotating actuator": rotating_actuator,
+    "ball on a beam": ball_on_beam,
+    "close formation, 5 states": lambda: wingman(height_of_first_order=True),
+    "close formation, 6 states": lambda: wingman(height_of_first_order=False),
+}

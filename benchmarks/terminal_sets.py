@@ -1,0 +1,244 @@
+"""How near proven and refuted levels come, how long it takes, whether samples agree.
+
+    python benchmarks/terminal_sets.py --write docs/terminal_set_proofs.md
+
+Each system is certified with compiled intervals and, where it has at most four states,
+with those of NumPy; then states are drawn from the certified set, half of them from its
+edge, and flown by another integrator. Whoever of them leaves the set, breaks a bound or
+does not come nearer makes the exit code 3.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from swarmstart.benchmarks.tables import row
+from swarmstart.benchmarks.terminal_set_systems import SYSTEMS, System
+from swarmstart.ocp import compiled_intervals
+from swarmstart.terminal_set import (
+    ProofOptions,
+    TerminalSet,
+    certified_terminal_set,
+    certify,
+    continuous_terminal_set,
+    interval_function,
+)
+from swarmstart.terminal_set.tape import tape_of
+from swarmstart.terminal_set.taylor import IntervalMaker
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-10
+BLOCK = 50_000
+NUMPY_STATES = 4
+"""Beyond so many states NumPy is not timed."""
+_HEAD = """# Proven and refuted levels
+
+Made by `python benchmarks/terminal_sets.py --samples {samples}`. Refuted: the nearest
+deviation found at which e'Pe does not decrease (a local answer). Gap: refuted over
+proven, less 1; where nothing is refuted the level is that of the bounds. Seconds: the
+last proof alone. Violations: of {samples} random states of the set, half of them on its
+edge, flown for one hold (or 1 s) by another integrator (DOP853, 1e-10): how many broke
+an input's bound, left the set at the end, or did not decrease. New: nobody looked at it
+while the proof was written.
+
+"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Measured:
+    """What was found for one system."""
+
+    terminal_set: TerminalSet
+    numpy_seconds: float | None
+    numpy_gap: float | None
+    violations: int
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure all systems, print the table, and write it where asked."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--samples", type=int, default=1_000_000)
+    parser.add_argument("--seconds", type=float, default=20.0, help="for each proof")
+    parser.add_argument("--only", help="systems whose name has this in it")
+    parser.add_argument("--write", type=Path, help="a Markdown file to write")
+    options = parser.parse_args(arguments)
+    lines = [
+        row(
+            "system", "states", "refuted", "proven", "gap", "boxes", "seconds",
+            "NumPy: seconds", "gap", "violations",
+        ),
+        row(*["---"] * 10),
+    ]  # fmt: skip
+    print("\n".join(lines))
+    violations = 0
+    for name, make in SYSTEMS.items():
+        if options.only and options.only not in name:
+            continue
+        system = make()
+        measured = measure(system, samples=options.samples, seconds=options.seconds)
+        violations += measured.violations
+        lines.append(_row(name, system, measured))
+        print(lines[-1], flush=True)
+    if options.write:
+        head = _HEAD.format(samples=f"{options.samples:,}")
+        options.write.write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
+    return 3 if violations else 0
+
+
+def measure(system: System, *, samples: int, seconds: float) -> Measured:
+    """Certify a system and fly samples of its set.
+
+    Args:
+        system: The system.
+        samples: Number of states drawn.
+        seconds: For each proof [s].
+    """
+    found = certified(system, compiled_intervals, seconds)
+    in_numpy = None
+    if len(found.P) <= NUMPY_STATES:
+        in_numpy = certified(system, interval_function, seconds)
+    numpy_proof = None if in_numpy is None else in_numpy.certificate
+    return Measured(
+        terminal_set=found,
+        numpy_seconds=None if numpy_proof is None else numpy_proof.proof.seconds,
+        numpy_gap=None if numpy_proof is None else numpy_proof.gap,
+        violations=violations_of(system, found, samples, np.random.default_rng(1)),
+    )
+
+
+def certified(system: System, intervals: IntervalMaker, seconds: float) -> TerminalSet:
+    """Return the certified set of a system."""
+    rng, weights = np.random.default_rng(0), system.weights
+    options = ProofOptions(
+        substeps=system.substeps, intervals=intervals, max_seconds=seconds
+    )
+    f, reference = system.dynamics, system.reference
+    if system.given is not None:
+        return certify(
+            f, reference, system.given, dt=system.dt, options=options, rng=rng
+        )
+    if system.of_cost_to_go:
+        design = continuous_terminal_set(
+            f, reference, Q=weights.Q, R=weights.R, kappa=weights.kappa
+        )
+        Q_star = weights.Q + design.K.T @ weights.R @ design.K
+        options = ProofOptions(Q_m=Q_star, intervals=intervals, max_seconds=seconds)
+    return certified_terminal_set(
+        f, reference, weights, dt=system.dt, options=options, rng=rng
+    )
+
+
+def violations_of(
+    system: System, found: TerminalSet, samples: int, rng: np.random.Generator
+) -> int:
+    """Return how many states of a set do not do what it promises."""
+    return sum(
+        _violations(system, found, min(BLOCK, samples - done), rng)
+        for done in range(0, samples, BLOCK)
+    )
+
+
+def _violations(
+    system: System, found: TerminalSet, count: int, rng: np.random.Generator
+) -> int:
+    """Fly a block of states; see `violations_of`."""
+    nx, reference = len(found.P), system.reference
+    e = found.ellipsoid.boundary(rng.normal(size=(nx, count)))
+    inner = np.arange(count) % 2 == 0
+    e *= np.where(inner, rng.random(count) ** (1 / nx), 1.0)
+    f = _numeric(system)
+    # The reference flies along, as the last column.
+    x0 = np.hstack([e, np.zeros((nx, 1))]) + found.x_ref[:, None]
+    held = found.u_ref[:, None] + np.hstack(
+        [found.feedback(e), 0 * found.u_ref[:, None]]
+    )
+
+    def rates(time: float, flat: Array) -> Array:
+        del time
+        x = flat.reshape(nx, count + 1)
+        u = held
+        if system.dt is None:
+            u = found.u_ref[:, None] + found.feedback(x - x[:, -1:])
+        return f(x, u).ravel()
+
+    duration = 1.0 if system.dt is None else system.dt
+    flown = solve_ivp(
+        rates, (0.0, duration), x0.ravel(), method="DOP853",
+        rtol=TOLERANCE, atol=TOLERANCE,
+    )  # fmt: skip
+    x = flown.y[:, -1].reshape(nx, count + 1)
+    before, after = found.value(e), found.value(x[:, :-1] - x[:, -1:])
+    du = found.feedback(e)
+    outside = (np.abs(du) > reference.u_max[:, None] * (1 + 1e-9)).any(axis=0)
+    return int(np.sum(outside | ~(after < before) | ~(after <= found.alpha)))
+
+
+def _numeric(system: System) -> "_RightHandSide":
+    """Return f of many columns in NumPy, from its tape."""
+    tape, results = tape_of(system.dynamics)
+    return _RightHandSide(tape, results)
+
+
+_FORMS: dict[str, Callable[..., Array]] = {
+    "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide,
+    "pow": np.power, "neg": np.negative, "sq": np.square, "twice": lambda a: 2 * a,
+    "inv": np.reciprocal, "sqrt": np.sqrt, "sin": np.sin, "cos": np.cos,
+    "tan": np.tan, "exp": np.exp, "log": np.log, "atan": np.arctan,
+    "tanh": np.tanh, "fabs": np.abs, "fmin": np.minimum, "fmax": np.maximum,
+}  # fmt: skip
+
+
+class _RightHandSide:
+    """f(x, u) of many columns."""
+
+    def __init__(self, tape: list[list[str | int | float]], results: list[int]) -> None:
+        """Keep the tape."""
+        self._tape, self._results = tape, results
+
+    def __call__(self, x: Array, u: Array) -> Array:
+        """Return the rates, shape (nx, m)."""
+        values: list[Array] = []
+        for operation, *operands in self._tape:
+            if operation == "const":
+                values.append(np.full(x.shape[1], float(operands[0])))
+            elif operation in ("x", "u"):
+                values.append((x if operation == "x" else u)[int(operands[0])])
+            else:
+                form = _FORMS[str(operation)]
+                values.append(form(*[values[int(k)] for k in operands]))
+        return np.stack([values[k] for k in self._results])
+
+
+def _row(name: str, system: System, measured: Measured) -> str:
+    """Return a system's row."""
+    found, certificate = measured.terminal_set, measured.terminal_set.certificate
+    if certificate is None:
+        raise TypeError("expected a certified set")
+    refutation, proof = certificate.refutation, certificate.proof
+    return row(
+        f"{name} (new)" if system.is_new else name,
+        str(len(found.P)),
+        "-" if refutation is None else f"{refutation.alpha:.5g}",
+        f"{found.alpha:.5g}",
+        _share(certificate.gap),
+        f"{proof.boxes:,}",
+        f"{proof.seconds:.2f}",
+        "-" if measured.numpy_seconds is None else f"{measured.numpy_seconds:.2f}",
+        "-" if measured.numpy_seconds is None else _share(measured.numpy_gap),
+        str(measured.violations),
+    )
+
+
+def _share(gap: float | None) -> str:
+    return "0" if gap is None else f"{100 * gap:.1f} %"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
