@@ -49,6 +49,7 @@ class Cells:
         high = np.maximum(high * lower[0], high * upper[0])
         self.z_middle, self.z_reach = (low + high) / 2, (high - low) / 2
         self.z = self._u * (lower[0] + upper[0]) / 2
+        self._rho_middle = (lower[0] + upper[0]) / 2
         self.reach = np.maximum(high - self.z, self.z - low)
         self.reach += PADDING * np.abs(self.z)
 
@@ -72,7 +73,7 @@ class Cells:
         turned = np.abs(beside) * self.half[1:] / self._nearest
         sup = radial * cosine + turned.sum(axis=0)
         rho = np.where(sup > 0, self._rho[1], self._rho[0])
-        at = (g * self.z).sum(axis=0)
+        at = radial * self._rho_middle
         terms = np.vstack([rho * radial * cosine - at, rho * turned])
         rounding = PADDING * rho * np.abs(g).sum(axis=0)
         along = np.vstack([np.abs(radial), np.abs(beside) * rho / self._nearest])
@@ -88,6 +89,38 @@ class Cells:
         radial = (pull * np.abs(self._u)).sum(axis=0)
         beside = pull * self._rho[1] / self._nearest
         return np.asarray(self.half * (along + np.vstack([radial, beside])))
+
+
+class TimedCells(Cells):
+    """Cells of a ball, each for all times of an interval: the last coordinate is t."""
+
+    def __init__(self, lower: Array, upper: Array, times: tuple[float, float]) -> None:
+        """Compute where the cells are.
+
+        Args:
+            lower: Lower corners, shape (1 + nx, m), rho > 0.
+            upper: Upper corners, same shape.
+            times: First and last time, the same for all.
+        """
+        super().__init__(lower, upper)
+        middle, half = (times[0] + times[1]) / 2, (times[1] - times[0]) / 2
+        self._half_time = half * (1 + PADDING) + PADDING * middle
+
+        def below(rows: Array, value: float) -> Array:
+            return np.vstack([rows, np.full((1, rows.shape[1]), value)])
+
+        self.z, self.reach = below(self.z, middle), below(self.reach, self._half_time)
+        self.z_middle = below(self.z_middle, middle)
+        self.z_reach = below(self.z_reach, self._half_time)
+
+    def linear(self, g: Array) -> tuple[Array, Array]:
+        """Return terms and slopes; see `Cells`, g with a last row for t."""
+        terms, along = super().linear(g[:-1])
+        return np.vstack([terms, self._half_time * np.abs(g[-1:])]), along
+
+    def spread(self, along: Array, pull: Array) -> Array:
+        """Return by how much a function spreads along rho and each w; see `Cells`."""
+        return super().spread(along, pull[:-1])
 
 
 def _directions(w: Array, most: Array, least: Array, *, sign: float) -> Array:

@@ -33,6 +33,7 @@ from swarmstart.terminal_set.design import (
     sampled_terminal_set,
 )
 from swarmstart.terminal_set.ellipsoid import Ellipsoid
+from swarmstart.terminal_set.growth import Hold, prove_growth
 from swarmstart.terminal_set.intervals import interval_function
 from swarmstart.terminal_set.level import level_from_inputs, level_from_states
 from swarmstart.terminal_set.linearisation import held_spectral_radius, linearise
@@ -139,7 +140,9 @@ class ProofOptions:
         substeps: Runge-Kutta steps a hold, at least 1.
         intervals: Makes interval evaluations; `swarmstart.ocp.compiled_intervals` is
             faster, and needed beyond four states.
-        max_seconds: For the proofs [s].
+        growth: Whether the growth between samples is to be proven too; otherwise it is
+            measured only, which takes less time.
+        max_seconds: For the proofs of the decrease [s], and again for the growth.
 
     Raises:
         NotPositiveError: substeps is below 1.
@@ -148,6 +151,7 @@ class ProofOptions:
     Q_m: ArrayLike | None = None
     substeps: int = 1
     intervals: IntervalMaker = interval_function
+    growth: bool = True
     max_seconds: float = 60.0
 
     def __post_init__(self) -> None:
@@ -233,7 +237,7 @@ def certify(
     )
     top = SHRUNK * level_from_inputs(design.K, P, reference.u_max)
     of_states = SHRUNK * level_from_states(P, reference.e_max)
-    held, refuted = None, None
+    motion, held, refuted = None, None, None
     if dt is None:
         top = min(top, of_states)
         change = continuous_change(dynamics, design, Q_m=margin)
@@ -259,6 +263,15 @@ def certify(
     if not level.alpha > 0:
         known = None if level.refutation is None else level.refutation.alpha
         raise UnprovenSetError(level.proof.alpha, known, options.max_seconds)
+    if motion is not None and held is not None and options.growth:
+        proof = prove_growth(
+            motion.hold,
+            level.alpha,
+            held.growth,
+            intervals=options.intervals,
+            max_seconds=options.max_seconds,
+        )
+        held = replace(held, growth_is_proven=proof.proven)
     certificate = Certificate(
         dynamics=dynamics,
         reference=reference,
@@ -319,6 +332,7 @@ class _HeldMotion:
 
     Attributes:
         step: F(x, u) -> x after dt.
+        hold: (e, t) -> the deviation after t, by as many steps.
     """
 
     def __init__(
@@ -330,6 +344,10 @@ class _HeldMotion:
         map_ = ca.simpleRK(dynamics, substeps, 4).expand()
         self.step = ca.Function("step", [x, u], [map_(x, u, dt)])
         self._piece = ca.Function("piece", [x, u], [map_(x, u, dt / FINER)])
+        e, t = ca.SX.sym("e", x.numel()), ca.SX.sym("t")
+        x_ref, u_ref = ca.DM(law.x_ref), ca.DM(law.u_ref)
+        after = map_(x_ref + e, u_ref - ca.DM(law.K) @ e, t) - map_(x_ref, u_ref, t)
+        self.hold = Hold(motion=ca.Function("motion", [e, t], [after]), P=law.P, dt=dt)
         self._law, self._substeps = law, substeps
 
     def margins(

@@ -20,6 +20,7 @@ rounded up by more than the rounding of what is added.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import casadi as ca
@@ -67,17 +68,12 @@ class DecreaseBounds:
             UnknownIntervalOperationError: c has an operation without interval form.
         """
         self.T = _diagonalising(change)
-        self.defect = _defect(self.T, change.P, np.eye(len(self.T)))
-        self._away_from_centre = TaylorForm(change.function, self.T, intervals)
-        self._diagonal, self._beside = self._quadratic_part()
+        self.defect = defect(self.T, change.P, np.eye(len(self.T)))
+        self._form = TaylorForm(change.function, self.T, intervals)
+        zero = np.zeros((len(self.T), 1))
+        middle, radius = self._form.hessians(zero, zero)
+        self._M = beside_diagonal(middle[0], radius[0])
         self._remainder = _remainder(change, self.T, intervals)
-
-    def _quadratic_part(self) -> tuple[Array, float]:
-        """Return the diagonal of M, and a bound of all beside it."""
-        middle, radius = self._away_from_centre.hessians(np.zeros((len(self.T), 1)))
-        M, beside = middle[0] / 2, radius[0] / 2
-        beside = beside + np.abs(M - np.diag(np.diag(M)))
-        return np.diag(M).copy(), float(beside.sum(axis=1).max())
 
     def __call__(self, lower: Array, upper: Array) -> Undecided:
         """Return where c < 0 is not shown.
@@ -87,19 +83,11 @@ class DecreaseBounds:
             upper: Upper corners, same shape.
         """
         quadratic, remainder = self._about_centre(lower, upper)
-        left = ~(quadratic + remainder < 0)
-        lower, upper, quadratic = lower[:, left], upper[:, left], quadratic[left]
-        spread = upper - lower
-        # Near the centre it is the radius that counts, once the quadratic part is fine.
-        inner = lower[0] == 0
-        spread[0] = np.where(inner, np.where(quadratic < 0, np.inf, 0.0), spread[0])
-        shown = np.zeros(inner.size, dtype=bool)
-        outer = np.flatnonzero(~inner)
-        if outer.size:
-            cells = Cells(lower[:, outer], upper[:, outer])
-            bound, spread[:, outer] = self._away_from_centre(cells)
-            shown[outer] = bound < 0
-        return Undecided(lower[:, ~shown], upper[:, ~shown], spread[:, ~shown])
+
+        def away_from_centre(lower: Array, upper: Array) -> tuple[Array, Array]:
+            return self._form(Cells(lower, upper))
+
+        return undecided(away_from_centre, lower, upper, quadratic, remainder)
 
     def _about_centre(self, lower: Array, upper: Array) -> tuple[Array, Array]:
         """Return upper bounds of u'Mu and of rho b + rho^2 d, each (m,)."""
@@ -108,28 +96,80 @@ class DecreaseBounds:
         _, (b, d) = self._remainder(from_zero, upper)
         rho = np.where(b > 0, upper[0], lower[0])
         remainder = added_up(0 * rho, np.stack([rho * b, upper[0] ** 2 * d]))
-        return self._quadratic(lower[1:], upper[1:]), remainder
+        return quadratic_bound(*self._M, lower[1:], upper[1:]), remainder
 
-    def _quadratic(self, lower: Array, upper: Array) -> Array:
-        """Return an upper bound of u'Mu over boxes of w.
 
-        sum d_i s_i / sum s_i with s_i = w_i^2 between their ends is largest where the
-        s_i of the largest d_i are at their upper ends and the others at their lower.
-        """
-        inside = (lower <= 0) & (upper >= 0)
-        most = np.maximum(lower**2, upper**2)
-        least = np.where(inside, 0.0, np.minimum(lower**2, upper**2))
-        order = np.argsort(-self._diagonal)
-        d = self._diagonal[order][:, None]
-        s, best = least[order].copy(), np.full(lower.shape[1], -np.inf)
-        for k in range(len(order) + 1):
-            if k:
-                s[k - 1] = most[order[k - 1]]
-            total = s.sum(axis=0)
-            with np.errstate(invalid="ignore"):
-                value = np.where(total > 0, (d * s).sum(axis=0) / total, -np.inf)
-            best = np.maximum(best, value)
-        return np.asarray(best + PADDING * np.abs(self._diagonal).max() + self._beside)
+def undecided(
+    bounded: Callable[[Array, Array], tuple[Array, Array]],
+    lower: Array,
+    upper: Array,
+    quadratic: Array,
+    remainder: Array,
+) -> Undecided:
+    """Return where c < 0 follows from neither of its bounds.
+
+    Args:
+        bounded: Lower and upper corners of boxes with rho > 0 -> upper bounds of c,
+            (m,), and how much it spreads along each coordinate, (1 + nx, m).
+        lower: Lower corners, shape (1 + nx, m).
+        upper: Upper corners.
+        quadratic: Upper bounds of u'Mu, (m,).
+        remainder: Upper bounds of c / rho^2 - u'Mu.
+    """
+    left = ~(quadratic + remainder < 0)
+    lower, upper, quadratic = lower[:, left], upper[:, left], quadratic[left]
+    spread = upper - lower
+    # Near the centre it is the radius that counts, once the quadratic part is fine.
+    inner = lower[0] == 0
+    spread[0] = np.where(inner, np.where(quadratic < 0, np.inf, 0.0), spread[0])
+    shown = np.zeros(inner.size, dtype=bool)
+    outer = np.flatnonzero(~inner)
+    if outer.size:
+        bound, spread[:, outer] = bounded(lower[:, outer], upper[:, outer])
+        shown[outer] = bound < 0
+    return Undecided(lower[:, ~shown], upper[:, ~shown], spread[:, ~shown])
+
+
+def beside_diagonal(middle: Array, radius: Array) -> tuple[Array, float]:
+    """Return the diagonal of M = H/2, and a bound of all beside it.
+
+    Args:
+        middle: Middle of H, shape (nx, nx).
+        radius: Its radius.
+    """
+    M = middle / 2
+    beside = radius / 2 + np.abs(M - np.diag(np.diag(M)))
+    return np.diag(M).copy(), float(beside.sum(axis=1).max())
+
+
+def quadratic_bound(
+    diagonal: Array, beside: float, lower: Array, upper: Array
+) -> Array:
+    """Return an upper bound of u'Mu over boxes of w, shape (m,).
+
+    sum d_i s_i / sum s_i with s_i = w_i^2 between their ends is largest where the s_i
+    of the largest d_i are at their upper ends and the others at their lower.
+
+    Args:
+        diagonal: Of M, shape (nx,).
+        beside: A bound of all beside it.
+        lower: Lower corners, shape (nx, m).
+        upper: Upper corners.
+    """
+    inside = (lower <= 0) & (upper >= 0)
+    most = np.maximum(lower**2, upper**2)
+    least = np.where(inside, 0.0, np.minimum(lower**2, upper**2))
+    order = np.argsort(-diagonal)
+    d = diagonal[order][:, None]
+    s, best = least[order].copy(), np.full(lower.shape[1], -np.inf)
+    for k in range(len(order) + 1):
+        if k:
+            s[k - 1] = most[order[k - 1]]
+        total = s.sum(axis=0)
+        with np.errstate(invalid="ignore"):
+            value = np.where(total > 0, (d * s).sum(axis=0) / total, -np.inf)
+        best = np.maximum(best, value)
+    return np.asarray(best + PADDING * np.abs(diagonal).max() + beside)
 
 
 def _diagonalising(change: Change) -> Array:
@@ -153,7 +193,7 @@ def _remainder(
     if change.is_held:
         # P is S'S to rounding: squares have tighter intervals than a form in P.
         S: Array = np.linalg.inv(T).astype(np.float64)
-        wider = 1 + _defect(S, np.eye(nx), change.P) * np.linalg.norm(T) ** 2
+        wider = 1 + defect(S, np.eye(nx), change.P) * np.linalg.norm(T) ** 2
         b = ca.dot(P @ ca.substitute(first, s, 0), second)
         d = wider / 4 * ca.sumsqr(ca.DM(S) @ second)
     else:
@@ -161,8 +201,14 @@ def _remainder(
     return evaluated(ca.vertcat(b, d), ca.vertcat(s, w), intervals)
 
 
-def _defect(T: Array, P: Array, expected: Array) -> float:
-    """Return a bound of |T'PT - expected|, rounding included."""
+def defect(T: Array, P: Array, expected: Array) -> float:
+    """Return a bound of |T'PT - expected|, rounding included.
+
+    Args:
+        T: Shape (nx, nx).
+        P: Shape (nx, nx).
+        expected: Shape (nx, nx).
+    """
     off = np.abs(T.T @ P @ T - expected)
     size = np.abs(T).T @ np.abs(P) @ np.abs(T)
     return float((off + 4 * len(P) * np.finfo(float).eps * size).sum(axis=1).max())

@@ -14,6 +14,7 @@ another matter, and so are the bounds of inputs and states (`level.py`).
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -85,7 +86,67 @@ def prove_level(
     began = clock.perf_counter()
     bounds = DecreaseBounds(change, intervals)
     radius = float(np.sqrt(alpha)) * (1 + COVER + bounds.defect)
-    stack, boxes = [_faces(len(change.P), radius)], 0
+
+    def broken(left: Undecided) -> FloatArray | None:
+        return _counterexample(change.function, bounds.T, left)
+
+    limits = Limits(max_boxes=max_boxes, until=began + max_seconds)
+    search = search_ball(bounds, len(change.P), radius, limits=limits, broken=broken)
+    return Proof(
+        proven=search.finished,
+        alpha=alpha,
+        boxes=search.boxes,
+        seconds=clock.perf_counter() - began,
+        counterexample=search.counterexample,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Limits:
+    """When a search is given up.
+
+    Attributes:
+        max_boxes: After how many boxes.
+        until: At which time, of `time.perf_counter` [s].
+    """
+
+    max_boxes: int
+    until: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Search:
+    """How a search of a ball went.
+
+    Attributes:
+        finished: Whether every box was decided.
+        boxes: How many were looked at.
+        counterexample: Where one was met.
+    """
+
+    finished: bool
+    boxes: int
+    counterexample: FloatArray | None = None
+
+
+def search_ball(
+    bounds: Callable[[Array, Array], Undecided],
+    nx: int,
+    radius: float,
+    *,
+    limits: Limits,
+    broken: Callable[[Undecided], FloatArray | None] = lambda left: None,
+) -> Search:
+    """Cut a ball into boxes until all are decided.
+
+    Args:
+        bounds: Lower and upper corners of boxes of (rho, w) -> those undecided.
+        nx: Dimension of the ball.
+        radius: Its radius.
+        limits: When it is given up.
+        broken: Undecided boxes -> a counterexample among them, if any.
+    """
+    stack, boxes = [_faces(nx, radius)], 0
     while stack:
         lower, upper = stack.pop()
         if lower.shape[1] > CHUNK:
@@ -93,20 +154,15 @@ def prove_level(
             lower, upper = lower[:, :CHUNK], upper[:, :CHUNK]
         boxes += lower.shape[1]
         left = bounds(lower, upper)
-        seconds = clock.perf_counter() - began
         if not left.lower.size:
             continue
-        broken = _counterexample(change.function, bounds.T, left)
+        found = broken(left)
         is_cut_out = bool((left.spread.max(axis=0) <= 0).any())
-        too_long = boxes > max_boxes or seconds > max_seconds
-        if broken is not None or is_cut_out or too_long:
-            return Proof(
-                proven=False, alpha=alpha, boxes=boxes, seconds=seconds,
-                counterexample=broken,
-            )  # fmt: skip
+        too_long = boxes > limits.max_boxes or clock.perf_counter() > limits.until
+        if found is not None or is_cut_out or too_long:
+            return Search(finished=False, boxes=boxes, counterexample=found)
         stack.append(_halves(left))
-    seconds = clock.perf_counter() - began
-    return Proof(proven=True, alpha=alpha, boxes=boxes, seconds=seconds)
+    return Search(finished=True, boxes=boxes)
 
 
 Boxes = tuple[Array, Array]

@@ -16,6 +16,7 @@ Source: Neumaier (1990), Interval Methods for Systems of Equations; Makino and B
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from itertools import combinations_with_replacement
 
 import casadi as ca
@@ -37,8 +38,8 @@ class TaylorForm:
         """Build the functions that are evaluated.
 
         Args:
-            c: e (nx, 1) -> a number.
-            T: e = T z, shape (nx, nx).
+            c: e (n, 1) -> a number.
+            T: e = T z, shape (n, n).
             intervals: Makes the interval evaluations.
 
         Raises:
@@ -56,6 +57,16 @@ class TaylorForm:
         self._hessian = evaluated(bends, e, intervals)
         self._third = evaluated(ca.vertcat(*third), e, intervals)
         self._T, self._size = T, np.abs(T)
+
+    def turned(self, T: Array) -> TaylorForm:
+        """Return the same form in other coordinates.
+
+        Args:
+            T: e = T z, shape (n, n).
+        """
+        other = copy(self)
+        other._T, other._size = T, np.abs(T)
+        return other
 
     def __call__(self, cells: Cells) -> tuple[Array, Array]:
         """Bound c on cells.
@@ -80,42 +91,73 @@ class TaylorForm:
         slope = self._T.T @ ((low[1:] + high[1:]) / 2)
         unsure = size.T @ ((high[1:] - low[1:]) / 2 + PADDING * np.abs(high[1:]))
         moved = PADDING * np.abs(high[1:]) * (size @ np.abs(cells.z))  # T z is rounded
-        bends, wide = self.hessians(at)
+        bends, wide = self.hessians(at, at)
         most = np.abs(bends) + wide
         pull = np.einsum("mij,jm->im", most, d)
         own = np.einsum("mii->im", bends + wide)
         crossed = pull - np.einsum("mii->im", most) * d
         bent = (np.maximum(own, 0.0) * d + crossed) * d / 2
-        third = self._third_order(cells)
+        third = self._third_order(cells, d)
         steps, along = cells.linear(slope)
         terms = [steps, unsure * d, moved, bent, third * d / 6]
         spread = cells.spread(along, pull + third / 2)
         return added_up(high[0], np.vstack(terms)), spread
 
-    def hessians(self, at: Array) -> tuple[Array, Array]:
-        """Return T'(Hessian of c)T at points e: middles and radii, (m, nx, nx).
+    def hessians(self, lower: Array, upper: Array) -> tuple[Array, Array]:
+        """Return T'(Hessian of c)T over boxes of e: middles and radii, (m, n, n).
 
         Args:
-            at: The points, shape (nx, m).
+            lower: Lower corners, shape (n, m).
+            upper: Upper corners.
         """
-        middle, radius = _middle_and_radius(*self._hessian(at, at))
+        middle, radius = _middle_and_radius(*self._hessian(lower, upper))
         middle, radius = middle.T[:, self._pairs], radius.T[:, self._pairs]
         return self._T.T @ middle @ self._T, self._size.T @ radius @ self._size
 
-    def _third_order(self, cells: Cells) -> Array:
-        """Bound |D^3 c [x, x, .]| over cells, |x_i| <= reach_i, (nx, m)."""
-        nx = len(self._T)
+    def beyond_second_order(self, cells: Cells, d: Array) -> Array:
+        """Bound the third-order term of a Taylor series about a point.
+
+        Args:
+            cells: Cells that have both the point and where the series is taken.
+            d: How far that is along each axis, (n, m).
+
+        Returns:
+            Upper bounds of |D^3 c [d, d, d]| / 6 over the cells, shape (m,).
+        """
+        with np.errstate(invalid="ignore", over="ignore"):
+            third = self._third_order(cells, d)
+        return added_up(0 * d[0], third * d / 6)
+
+    def hessian_slopes(self, lower: Array, upper: Array) -> Array:
+        """Bound how fast T'(Hessian of c)T changes along the last axis, (m, n, n).
+
+        Args:
+            lower: Lower corners of boxes of e, shape (n, m).
+            upper: Upper corners.
+        """
+        middle, radius = _middle_and_radius(*self._third(lower, upper))
+        tensor = np.abs(_turned(middle.T[:, self._triples], self._T))
+        tensor += _turned(radius.T[:, self._triples], self._size)
+        return np.asarray(tensor[..., -1])
+
+    def _third_order(self, cells: Cells, d: Array) -> Array:
+        """Bound |D^3 c [x, x, .]| over cells, |x_i| <= d_i, (n, m)."""
         at, reach = self._T @ cells.z_middle, self._size @ cells.z_reach * (1 + PADDING)
         middle, radius = _middle_and_radius(*self._third(at - reach, at + reach))
-        tensor, wide = middle.T[:, self._triples], radius.T[:, self._triples]
-        for _ in range(3):
-            # T on the last axis, which then becomes the first one.
-            turned = (tensor.reshape(-1, nx) @ self._T).reshape(tensor.shape)
-            tensor = np.ascontiguousarray(np.moveaxis(turned, 3, 1))
-        d = cells.reach
+        tensor = _turned(middle.T[:, self._triples], self._T)
         along = _twice_along(np.abs(tensor), d.T)
-        along += _twice_along(wide, (self._size @ d).T) @ self._size
-        return np.asarray(along.T)
+        # Of the radius no more than this is needed, and this takes less.
+        wide = _twice_along(radius.T[:, self._triples], (self._size @ d).T)
+        return np.asarray((along + wide @ self._size).T)
+
+
+def _turned(tensor: Array, T: Array) -> Array:
+    """Return sum t_ijk T_ia T_jb T_kc of m tensors (m, n, n, n)."""
+    for _ in range(3):
+        # T on the last axis, which then becomes the first one.
+        turned = (tensor.reshape(-1, len(T)) @ T).reshape(tensor.shape)
+        tensor = np.ascontiguousarray(np.moveaxis(turned, 3, 1))
+    return tensor
 
 
 def evaluated(

@@ -67,13 +67,16 @@ def _certified(
         R: Diagonal of the input weight.
         dt: How long inputs are held [s].
     """
+    reference = Reference(**{name: np.array(values) for name, values in entries})
+    # Only bounds of states rest on the growth between samples.
+    is_bounded = reference.x_lower is not None
     return certified_terminal_set(
         dynamics_of(unicycle()),
-        Reference(**{name: np.array(values) for name, values in entries}),
+        reference,
         Weights(Q=np.diag(Q), R=np.diag(R)),
         dt=dt,
         rng=np.random.default_rng(SEED),
-        options=ProofOptions(intervals=compiled_intervals),
+        options=ProofOptions(intervals=compiled_intervals, growth=is_bounded),
     )
 
 

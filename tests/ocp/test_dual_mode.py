@@ -26,6 +26,7 @@ from swarmstart.ocp import (
     stack_models,
 )
 from swarmstart.terminal_set import (
+    ProofOptions,
     Reference,
     TerminalSet,
     Weights,
@@ -34,6 +35,7 @@ from swarmstart.terminal_set import (
 
 Array = NDArray[np.float64]
 DT = 0.5
+MEASURED = ProofOptions(growth=False)  # linear: nothing to learn from the proof
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def terminal_set(double_integrator: Model) -> TerminalSet:
     )
     weights = Weights(Q=np.eye(2), R=np.eye(1))
     return certified_terminal_set(
-        f, reference, weights, dt=DT, rng=np.random.default_rng(0)
+        f, reference, weights, dt=DT, options=MEASURED, rng=np.random.default_rng(0)
     )
 
 
@@ -208,6 +210,7 @@ def test_refuses_a_set_that_is_not_certified_for_its_hold(
         terminal_set.certificate.reference,
         Weights(Q=np.eye(2), R=np.eye(1)),
         dt=2 * DT,
+        options=MEASURED,
         rng=np.random.default_rng(0),
     )
     with pytest.raises(UncertifiedSetError, match="has a certificate for 1 s"):

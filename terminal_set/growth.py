@@ -1,0 +1,148 @@
+"""Growth between samples: by how much e'Pe may rise while an input is held.
+
+With F_t the Runge-Kutta map to the time t, relative to the reference's own motion,
+
+    V(F_t(e)) < g V(e)   for all t in [0, dt], 0 < V(e) <= alpha
+
+is shown by the search that shows a decrease (`proof.py`), for one interval of times
+after another: t is an interval in all that is evaluated. An interval on which it does
+not work out is cut in two.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.terminal_set.arrays import FloatArray
+from swarmstart.terminal_set.cells import PADDING, TimedCells
+from swarmstart.terminal_set.enclosure import (
+    Undecided,
+    beside_diagonal,
+    defect,
+    quadratic_bound,
+    undecided,
+)
+from swarmstart.terminal_set.intervals import interval_function
+from swarmstart.terminal_set.proof import COVER, Limits, Proof, search_ball
+from swarmstart.terminal_set.taylor import IntervalMaker, TaylorForm
+
+Array = NDArray[np.float64]
+
+PIECES = 16
+"""Intervals of time to begin with."""
+BOXES_OF_A_PIECE = 4000
+"""After how many it is cut, while it is longer than the shortest."""
+SHORTEST = 1 / 1024
+"""Of the hold."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Hold:
+    """A motion with its input held.
+
+    Attributes:
+        motion: (e, t) -> the deviation after t; e for t = 0.
+        P: Shape of the ellipsoids, (nx, nx), symmetric positive definite.
+        dt: How long [s].
+    """
+
+    motion: ca.Function
+    P: FloatArray
+    dt: float
+
+
+def prove_growth(
+    hold: Hold,
+    alpha: float,
+    growth: float,
+    *,
+    intervals: IntervalMaker = interval_function,
+    max_seconds: float = 60.0,
+) -> Proof:
+    """Try to prove that e'Pe stays below g times itself during a hold.
+
+    Args:
+        hold: The motion.
+        alpha: Level of the ellipsoid, > 0.
+        growth: g, above 1.
+        intervals: Makes interval evaluations.
+        max_seconds: After how many seconds it is given up [s].
+
+    Raises:
+        UnknownIntervalOperationError: The motion has an operation without interval
+            form.
+    """
+    began = clock.perf_counter()
+    P, nx, boxes, proven = hold.P, len(hold.P), 0, True
+    v = ca.SX.sym("v", nx + 1)
+    e, t = v[:nx], v[nx]
+    after = hold.motion(e, t)
+    change = ca.bilin(ca.DM(P), after, after) - growth * ca.bilin(ca.DM(P), e, e)
+    form = TaylorForm(ca.Function("growth", [v], [change]), np.eye(nx + 1), intervals)
+    pieces = list(pairwise(np.linspace(0.0, hold.dt, PIECES + 1).tolist()))
+    until = began + max_seconds
+    while pieces and proven:
+        low, high = pieces.pop()
+        shortest = high - low <= SHORTEST * hold.dt
+        bounds = _GrowthBounds(form, P, (low, high))
+        limits = Limits(
+            max_boxes=100 * BOXES_OF_A_PIECE if shortest else BOXES_OF_A_PIECE,
+            until=until,
+        )
+        radius = float(np.sqrt(alpha)) * (1 + COVER + bounds.defect)
+        search = search_ball(bounds, nx, radius, limits=limits)
+        boxes += search.boxes
+        if search.finished:
+            continue
+        proven = not shortest and clock.perf_counter() < until
+        middle = (low + high) / 2
+        pieces += [(low, middle), (middle, high)]
+    seconds = clock.perf_counter() - began
+    return Proof(proven=proven, alpha=alpha, boxes=boxes, seconds=seconds)
+
+
+class _GrowthBounds:
+    """Whether V(F_t) < g V on boxes of (rho, w), for an interval of times.
+
+    Attributes:
+        defect: A bound of |T'PT - I|.
+    """
+
+    def __init__(
+        self, form: TaylorForm, P: FloatArray, times: tuple[float, float]
+    ) -> None:
+        """Turn the coordinates so that the quadratic part is diagonal."""
+        nx = len(P)
+        root = np.linalg.inv(np.linalg.cholesky(P)).T
+        first, last = (np.append(np.zeros(nx), time)[:, None] for time in times)
+        middle, _ = form.hessians((first + last) / 2, (first + last) / 2)
+        T = np.asarray(root @ np.linalg.eigh(root.T @ middle[0, :nx, :nx] @ root)[1])
+        with_time = np.eye(nx + 1)
+        with_time[:nx, :nx] = T
+        self._form, self._times = form.turned(with_time), times
+        middle, radius = self._form.hessians((first + last) / 2, (first + last) / 2)
+        changed = self._form.hessian_slopes(first, last) * (times[1] - times[0]) / 2
+        radius += changed * (1 + PADDING)
+        self._M = beside_diagonal(middle[0, :nx, :nx], radius[0, :nx, :nx])
+        self.defect = defect(T, P, np.eye(nx))
+
+    def __call__(self, lower: Array, upper: Array) -> Undecided:
+        """Return where it is not shown; see `DecreaseBounds`."""
+        quadratic = quadratic_bound(*self._M, lower[1:], upper[1:])
+        from_zero = lower.copy()
+        from_zero[0] = 0.0
+        cells = TimedCells(from_zero, upper, self._times)
+        d = np.abs(cells.z_middle) + cells.z_reach
+        d[-1] = 0.0  # A series in e; for each t its own.
+        remainder = self._form.beyond_second_order(cells, d) / upper[0] ** 2
+
+        def away_from_centre(lower: Array, upper: Array) -> tuple[Array, Array]:
+            return self._form(TimedCells(lower, upper, self._times))
+
+        return undecided(away_from_centre, lower, upper, quadratic, remainder)

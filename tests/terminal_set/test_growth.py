@@ -1,0 +1,75 @@
+"""Growth between samples: proven above what it is, never below."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from swarmstart.ocp import compiled_intervals
+from swarmstart.terminal_set import Reference, TerminalSet, sampled_terminal_set
+from swarmstart.terminal_set.growth import Hold, prove_growth
+
+Array = NDArray[np.float64]
+
+
+def hold_of(dynamics: ca.Function, found: TerminalSet, dt: float) -> Hold:
+    e, t = ca.SX.sym("e", len(found.P)), ca.SX.sym("t")
+    step = ca.simpleRK(dynamics, 1, 4).expand()
+    x_ref, u_ref = ca.DM(found.x_ref), ca.DM(found.u_ref)
+    moved = step(x_ref + e, u_ref - ca.DM(found.K) @ e, t) - step(x_ref, u_ref, t)
+    return Hold(motion=ca.Function("motion", [e, t], [moved]), P=found.P, dt=dt)
+
+
+def test_of_a_linear_loop_it_is_what_the_eigenvalues_say() -> None:
+    """A double integrator: Runge-Kutta is exact, V(t) = e'Phi(t)'P Phi(t)e."""
+    x, u, dt = ca.SX.sym("x", 2), ca.SX.sym("u"), 1.5
+    dynamics = ca.Function("f", [x, u], [ca.vertcat(x[1], u)])
+    bounds = Reference(
+        x_ref=np.zeros(2), u_ref=np.zeros(1), u_lower=-np.ones(1), u_upper=np.ones(1)
+    )
+    found = sampled_terminal_set(
+        dynamics, bounds, dt=dt, Q=np.diag([1.0, 0.01]), R=0.01 * np.eye(1)
+    )
+    A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+    T = np.linalg.inv(np.linalg.cholesky(found.P)).T
+
+    def growth(t: float) -> float:
+        block = expm(np.block([[A, B], [np.zeros((1, 3))]]) * t)
+        turned = (block[:2, :2] - block[:2, 2:] @ found.K) @ T
+        return float(np.linalg.eigvalsh(turned.T @ found.P @ turned)[-1])
+
+    largest = max(growth(t) for t in np.linspace(0, dt, 2001))
+    assert largest > 1.05
+    hold = hold_of(dynamics, found, dt)
+    for alpha in (1e-3, 1e3):
+        assert prove_growth(hold, alpha, 1.01 * largest).proven
+        below = prove_growth(hold, alpha, 0.99 * largest, max_seconds=2)
+        assert not below.proven
+
+
+@pytest.mark.parametrize(("weight", "growth"), [(1.0, 2.2), (100.0, 1.1)])
+def test_the_formation_grows_by_no_more_while_it_is_held(
+    formation: ca.Function, leader: Reference, weight: float, growth: float
+) -> None:
+    found = sampled_terminal_set(
+        formation, leader, dt=1.0, Q=np.eye(4), R=np.diag([1.0, weight])
+    )
+    hold = hold_of(formation, found, 1.0)
+    proof = prove_growth(hold, found.alpha, growth, intervals=compiled_intervals)
+    assert proof.proven and proof.boxes < 200_000
+
+
+def test_less_than_what_is_measured_is_never_proven(
+    formation: ca.Function, leader: Reference
+) -> None:
+    """With R = I e'Pe rises to 1.998 times its value after 0.44 s."""
+    found = sampled_terminal_set(formation, leader, dt=1.0, Q=np.eye(4), R=np.eye(2))
+    hold = hold_of(formation, found, 1.0)
+    for growth in (1.0, 1.5, 1.95):
+        proof = prove_growth(
+            hold, found.alpha, growth, intervals=compiled_intervals, max_seconds=1
+        )
+        assert not proof.proven
