@@ -117,7 +117,10 @@ def certified(system: System, intervals: IntervalMaker, seconds: float) -> Termi
     """Return the certified set of a system."""
     rng, weights = np.random.default_rng(0), system.weights
     options = ProofOptions(
-        substeps=system.substeps, intervals=intervals, max_seconds=seconds
+        substeps=system.substeps,
+        intervals=intervals,
+        growth=False,
+        max_seconds=seconds,
     )
     f, reference = system.dynamics, system.reference
     if system.given is not None:
