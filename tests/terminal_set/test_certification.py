@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -288,3 +289,20 @@ def test_a_certificate_stays_with_its_set(held: TerminalSet) -> None:
 def test_refuses_no_substep() -> None:
     with pytest.raises(NotPositiveError, match="substeps must be a positive number"):
         ProofOptions(substeps=0)
+
+
+def test_the_page_says_what_its_example_prints(
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("flint")
+    page = (Path(__file__).parents[2] / "docs" / "terminal_sets.md").read_text("utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, "terminal_sets.md", "exec"), {})  # Our own page.
+    level, refuted, boxes = capsys.readouterr().out.split()
+    shown = re.findall(r"prints\n\n    (.*)\n", page)[0].split()
+    assert (level, refuted) == tuple(shown[:2])
+    assert int(boxes) == pytest.approx(int(shown[2]), rel=0.1)
+    assert main(["certificate.json"]) == 0
