@@ -40,7 +40,7 @@ NUMPY_STATES = 4
 """Beyond so many states NumPy is not timed."""
 _HEAD = """# Proven and refuted levels
 
-Made by `python benchmarks/terminal_sets.py --samples {samples}`. Refuted: the nearest
+Made by `python benchmarks/terminal_sets.py --samples {number}`. Refuted: the nearest
 deviation found at which e'Pe does not decrease (a local answer). Gap: refuted over
 proven, less 1; where nothing is refuted the level is that of the bounds. Seconds: the
 last proof alone. Violations: of {samples} random states of the set, half of them on its
@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         lines.append(_row(name, system, measured))
         print(lines[-1], flush=True)
     if options.write:
-        head = _HEAD.format(samples=f"{options.samples:,}")
+        head = _HEAD.format(number=options.samples, samples=f"{options.samples:,}")
         options.write.write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
     return 3 if violations else 0
 

@@ -201,21 +201,7 @@ def _content(certificate: Certificate) -> dict[str, object]:
         "dt": certificate.dt,
         "substeps": None if held is None else held.substeps,
         "Q_m": certificate.Q_m.tolist(),
-        "margins": {
-            "integrator": None
-            if held is None
-            else {
-                "relative_error": held.integrator_error,
-                "grounds": "measured",
-                "samples": held.samples,
-            },
-            "between_samples": None
-            if held is None
-            else {
-                "growth": held.growth,
-                "grounds": "proven" if held.growth_is_proven else "measured",
-            },
-        },
+        "margins": _margins(certificate.held),
         "refuted": None
         if refutation is None
         else {
@@ -234,6 +220,23 @@ def _content(certificate: Certificate) -> dict[str, object]:
             "seconds": round(certificate.proof.seconds, 3),
         },
         "statements": certificate.statements(),
+    }
+
+
+def _margins(held: HeldMargins | None) -> dict[str, object]:
+    """Return the margins of a held input as the file has them."""
+    if held is None:
+        return {"integrator": None, "between_samples": None}
+    return {
+        "integrator": {
+            "relative_error": held.integrator_error,
+            "grounds": "measured",
+            "samples": held.samples,
+        },
+        "between_samples": {
+            "growth": held.growth,
+            "grounds": "proven" if held.growth_is_proven else "measured",
+        },
     }
 
 

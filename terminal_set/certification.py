@@ -23,36 +23,31 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.terminal_set.arrays import FloatArray, NotPositiveError, finite_array
+from swarmstart.terminal_set.arrays import (
+    FloatArray,
+    NotPositiveError,
+    positive_semidefinite,
+)
 from swarmstart.terminal_set.certificate import Certificate, HeldMargins, Weights
 from swarmstart.terminal_set.choice import proven_level
-from swarmstart.terminal_set.decrease import continuous_change, held_change
+from swarmstart.terminal_set.decrease import Change, continuous_change, held_change
 from swarmstart.terminal_set.design import (
     TerminalSet,
     continuous_terminal_set,
     sampled_terminal_set,
 )
-from swarmstart.terminal_set.ellipsoid import Ellipsoid
-from swarmstart.terminal_set.growth import Hold, prove_growth
+from swarmstart.terminal_set.growth import prove_growth
+from swarmstart.terminal_set.held_motion import HeldMotion
 from swarmstart.terminal_set.intervals import interval_function
 from swarmstart.terminal_set.level import level_from_inputs, level_from_states
 from swarmstart.terminal_set.linearisation import held_spectral_radius, linearise
 from swarmstart.terminal_set.reference import Reference
-from swarmstart.terminal_set.refutation import refuted_level
+from swarmstart.terminal_set.refutation import Refutation, refuted_level
 from swarmstart.terminal_set.stability import SAMPLED
 from swarmstart.terminal_set.taylor import IntervalMaker
 
 Array = NDArray[np.float64]
 
-RESERVE = 10.0
-"""How many times the measured error of the integrator the proof allows for."""
-SAMPLES = 2000
-RADII = (0.01, 0.3, 0.6, 0.8, 0.9, 1.0)
-"""At which parts of the set's radius the margins are measured, for every sample."""
-FINER = 50
-"""Steps of the fine integration in one of the map's; the growth is measured at each."""
-GROWTH_RESERVE = 1.1
-LEAST_GROWTH = 1.05
 SHRUNK = 1 - 1e-12
 """Of a level that is a bound's: its rounding."""
 EQUILIBRIUM_TOLERANCE = 1e-9
@@ -231,28 +226,21 @@ def certify(
     """
     options = options or ProofOptions()
     require_equilibrium(dynamics, reference)
-    P = design.P
-    margin = finite_array(
-        "Q_m", np.zeros_like(P) if options.Q_m is None else options.Q_m, P.shape
+    nx = len(design.P)
+    Q_m = positive_semidefinite(
+        "Q_m", np.zeros((nx, nx)) if options.Q_m is None else options.Q_m, nx
     )
-    top = SHRUNK * level_from_inputs(design.K, P, reference.u_max)
-    of_states = SHRUNK * level_from_states(P, reference.e_max)
-    motion, held, refuted = None, None, None
+    top = SHRUNK * level_from_inputs(design.K, design.P, reference.u_max)
+    of_states = SHRUNK * level_from_states(design.P, reference.e_max)
+    hold = None
     if dt is None:
+        change = continuous_change(dynamics, design, Q_m=Q_m)
         top = min(top, of_states)
-        change = continuous_change(dynamics, design, Q_m=margin)
     else:
         _require_stable_hold(dynamics, reference, design.K, dt)
-        motion = _HeldMotion(dynamics, design, dt=dt, substeps=options.substeps)
-        held, falls = motion.margins(min(top, of_states), rng)
-        if not falls:
-            change = held_change(motion.step, design, Q_m=margin)
-            refuted = refuted_level(change, alpha_max=min(top, of_states), rng=rng)
-            top = top if refuted is None else refuted.alpha
-            held, _ = motion.margins(min(top, of_states), rng)
-        c = held.integrator_error
-        top = min(top, of_states / (np.sqrt(held.growth) + c) ** 2)
-        change = held_change(motion.step, design, Q_m=margin + (2 * c + c**2) * P)
+        motion = HeldMotion(dynamics, design, dt=dt, substeps=options.substeps)
+        hold = _measured_hold(motion, Q_m, top, of_states, rng)
+        change, top = hold.change, hold.top
     level = proven_level(
         change,
         top,
@@ -260,34 +248,99 @@ def certify(
         intervals=options.intervals,
         max_seconds=options.max_seconds,
     )
+    refutation = level.refutation
+    if refutation is None and hold is not None:
+        # Without the integrator's margin: a counterexample all the more with it.
+        refutation = hold.refutation
     if not level.alpha > 0:
-        known = None if level.refutation is None else level.refutation.alpha
+        known = None if refutation is None else refutation.alpha
         raise UnprovenSetError(level.proof.alpha, known, options.max_seconds)
-    if motion is not None and held is not None and options.growth:
-        proof = prove_growth(
-            motion.hold,
-            level.alpha,
-            held.growth,
-            intervals=options.intervals,
-            max_seconds=options.max_seconds,
-        )
-        held = replace(held, growth_is_proven=proof.proven)
     certificate = Certificate(
         dynamics=dynamics,
         reference=reference,
         K=design.K,
-        P=P,
+        P=design.P,
         alpha=level.alpha,
         dt=dt,
-        Q_m=margin,
-        held=held,
+        Q_m=Q_m,
+        held=None if hold is None else _with_growth(hold, level.alpha, options),
         proof=level.proof,
-        # Without the integrator's margin: a counterexample all the more with it.
-        refutation=level.refutation or refuted,
+        refutation=refutation,
         design=design.design,
         weights=None,
     )
     return replace(design, alpha=level.alpha, dt=dt, certificate=certificate)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _MeasuredHold:
+    """What is to be proven of a held input.
+
+    Attributes:
+        motion: The motion.
+        change: c, the integrator's margin included.
+        top: The level within all bounds, those between the samples included; the
+            refuted one where that is less.
+        margins: As measured.
+        refutation: Of the map without a margin, within the bounds; None if there is
+            none.
+    """
+
+    motion: HeldMotion
+    change: Change
+    top: float
+    margins: HeldMargins
+    refutation: Refutation | None
+
+
+def _measured_hold(
+    motion: HeldMotion,
+    Q_m: FloatArray,
+    of_inputs: float,
+    of_states: float,
+    rng: np.random.Generator,
+) -> _MeasuredHold:
+    """Measure the margins on the largest set that may be proven.
+
+    Args:
+        motion: The motion.
+        Q_m: Margin, shape (nx, nx).
+        of_inputs: The level of the inputs' bounds.
+        of_states: That of the states' bounds, at the samples.
+        rng: Of the samples and rays.
+    """
+    law, top = motion.law, min(of_inputs, of_states)
+    margins, falls = motion.margins(top, rng)
+    refutation = None
+    if not falls:
+        change = held_change(motion.step, law, Q_m=Q_m)
+        refutation = refuted_level(change, alpha_max=top, rng=rng)
+        top = top if refutation is None else refutation.alpha
+        margins, _ = motion.margins(top, rng)
+    c = margins.integrator_error
+    return _MeasuredHold(
+        motion=motion,
+        change=held_change(motion.step, law, Q_m=Q_m + (2 * c + c**2) * law.P),
+        top=min(top, of_states / (np.sqrt(margins.growth) + c) ** 2),
+        margins=margins,
+        refutation=refutation,
+    )
+
+
+def _with_growth(
+    hold: _MeasuredHold, alpha: float, options: ProofOptions
+) -> HeldMargins:
+    """Return the margins, the growth proven where that is asked for and works out."""
+    if not options.growth:
+        return hold.margins
+    proof = prove_growth(
+        hold.motion.hold,
+        alpha,
+        hold.margins.growth,
+        intervals=options.intervals,
+        max_seconds=options.max_seconds,
+    )
+    return replace(hold.margins, growth_is_proven=proof.proven)
 
 
 def require_equilibrium(dynamics: ca.Function, reference: Reference) -> None:
@@ -325,68 +378,3 @@ def _require_stable_hold(
         else:
             unstable = middle
     raise HeldTooLongError(dt, radius, stable)
-
-
-class _HeldMotion:
-    """The motion over one hold: by the Runge-Kutta map, and much finer.
-
-    Attributes:
-        step: F(x, u) -> x after dt.
-        hold: (e, t) -> the deviation after t, by as many steps.
-    """
-
-    def __init__(
-        self, dynamics: ca.Function, law: TerminalSet, *, dt: float, substeps: int
-    ) -> None:
-        """Build the maps."""
-        x = ca.SX.sym("x", dynamics.size1_in(0))
-        u = ca.SX.sym("u", dynamics.size1_in(1))
-        map_ = ca.simpleRK(dynamics, substeps, 4).expand()
-        self.step = ca.Function("step", [x, u], [map_(x, u, dt)])
-        self._piece = ca.Function("piece", [x, u], [map_(x, u, dt / FINER)])
-        e, t = ca.SX.sym("e", x.numel()), ca.SX.sym("t")
-        x_ref, u_ref = ca.DM(law.x_ref), ca.DM(law.u_ref)
-        after = map_(x_ref + e, u_ref - ca.DM(law.K) @ e, t) - map_(x_ref, u_ref, t)
-        self.hold = Hold(motion=ca.Function("motion", [e, t], [after]), P=law.P, dt=dt)
-        self._law, self._substeps = law, substeps
-
-    def margins(
-        self, alpha: float, rng: np.random.Generator
-    ) -> tuple[HeldMargins, bool]:
-        """Measure the error of the map and the growth between samples.
-
-        Args:
-            alpha: Level of the ellipsoid.
-            rng: Of the directions.
-
-        Returns:
-            The margins, and whether e'Pe fell over the hold at every sample.
-        """
-        law = self._law
-        directions = rng.normal(size=(len(law.P), SAMPLES))
-        boundary = Ellipsoid(P=law.P, alpha=alpha).boundary(directions)
-        e = np.hstack([radius * boundary for radius in RADII])
-        x = np.hstack([e, np.zeros((len(law.P), 1))]) + law.x_ref[:, None]
-        u = np.hstack([law.feedback(e), np.zeros((len(law.u_ref), 1))])
-        u += law.u_ref[:, None]
-        size, growth = law.value(e), 1.0
-        piece, now = self._piece.map(x.shape[1]), x
-        for _ in range(FINER):
-            now = np.array(piece(now, u))
-            growth = max(growth, float((law.value(_relative(now)) / size).max()))
-        mapped = np.array(self.step.map(x.shape[1])(x, u))
-        error = law.value(_relative(now) - _relative(mapped)) / size
-        falls = bool(np.all(law.value(_relative(now)) < size))
-        measured = HeldMargins(
-            substeps=self._substeps,
-            integrator_error=RESERVE * float(np.sqrt(error.max())),
-            samples=e.shape[1],
-            growth=max(LEAST_GROWTH, GROWTH_RESERVE * growth),
-            growth_is_proven=False,
-        )
-        return measured, falls
-
-
-def _relative(x: Array) -> Array:
-    """Return the deviations from the last column, which is the reference's."""
-    return x[:, :-1] - x[:, -1:]
