@@ -46,8 +46,8 @@ class Proof:
         alpha: The level.
         boxes: How many were looked at.
         seconds: Wall time [s].
-        counterexample: A deviation with c >= 0, shape (nx,), where one was met; None
-            otherwise.
+        counterexample: A deviation with c >= 0 or at which c is no number, shape (nx,),
+            where one was met; None otherwise.
     """
 
     proven: bool
@@ -189,9 +189,9 @@ def _halves(boxes: Undecided) -> Boxes:
 
 
 def _counterexample(c: ca.Function, T: Array, boxes: Undecided) -> FloatArray | None:
-    """Return a deviation with c >= 0 among the outer ends of boxes, if any."""
+    """Return a deviation where c is not below 0, or is none, among the boxes' ends."""
     w = (boxes.lower[1:] + boxes.upper[1:]) / 2
     e = T @ (boxes.upper[0] * w / np.linalg.norm(w, axis=0))
     values = np.array(c.map(e.shape[1])(e)).ravel()
     worst = int(np.argmax(values))
-    return e[:, worst] if values[worst] >= 0 else None
+    return None if values[worst] < 0 else e[:, worst]  # NaN is the largest.

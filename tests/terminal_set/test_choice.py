@@ -152,3 +152,20 @@ def test_the_volume_is_that_of_the_half_axes() -> None:
         expected = np.log(half_axes * np.sqrt(alpha)).sum()
         volume = log_volume(Ellipsoid(P=(P + P.T) / 2, alpha=alpha))
         assert volume == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_model_that_is_not_defined_everywhere_gets_a_smaller_set() -> None:
+    """sqrt(1 + x): the bounds' level reaches far beyond x = -1."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    xdot = ca.vertcat(x[1], ca.sqrt(x[0] + 1) - 1 + u)
+    dynamics = ca.Function("root", [x, u], [xdot])
+    bounds = Reference(
+        x_ref=np.zeros(2), u_ref=np.zeros(1),
+        u_lower=-50 * np.ones(1), u_upper=50 * np.ones(1),
+    )  # fmt: skip
+    found = continuous_terminal_set(dynamics, bounds, Q=np.eye(2), R=np.eye(1))
+    level = proven_level(
+        continuous_change(dynamics, found), found.alpha, rng=np.random.default_rng(0)
+    )
+    assert 0 < level.alpha < found.alpha
+    assert Ellipsoid(P=found.P, alpha=level.alpha).extent()[0] < 1
