@@ -32,8 +32,8 @@ SHARE = 0.92
 """Of the refuted level, what is tried first: with six states more takes too long."""
 NEARER_SHARE = 0.99
 SMALLER_SHARES = (0.5, 0.25, 0.1, 0.03, 0.01, 1e-3, 1e-4, 1e-5)
-"""Where the first is not proven. A smaller level takes hardly less time; where the model
-is not defined in the whole of a larger one, that shows at once."""
+"""Where the first is not proven. A smaller level takes hardly less time; that the model
+is not defined in the whole of a larger one shows at once."""
 MOST_BOXES = 100_000_000
 """Of a proof: here it is time that ends one."""
 
