@@ -4,14 +4,14 @@
 
 Each system is certified with compiled intervals and, where it has at most four states,
 with those of NumPy; then states are drawn from the certified set, half of them from its
-edge, and flown by another integrator. Whoever of them leaves the set, breaks a bound or
-does not come nearer makes the exit code 3.
+edge, and flown by another integrator. Whoever of them leaves the set, breaks an input's
+bound or does not come nearer makes the exit code 3.
 """
 
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -132,7 +132,7 @@ def certified(system: System, intervals: IntervalMaker, seconds: float) -> Termi
             f, reference, Q=weights.Q, R=weights.R, kappa=weights.kappa
         )
         Q_star = weights.Q + design.K.T @ weights.R @ design.K
-        options = ProofOptions(Q_m=Q_star, intervals=intervals, max_seconds=seconds)
+        options = replace(options, Q_m=Q_star)
     return certified_terminal_set(
         f, reference, weights, dt=system.dt, options=options, rng=rng
     )
@@ -176,6 +176,8 @@ def _violations(
         rates, (0.0, duration), x0.ravel(), method="DOP853",
         rtol=TOLERANCE, atol=TOLERANCE,
     )  # fmt: skip
+    if not flown.success:
+        raise ArithmeticError(f"the samples could not be flown: {flown.message}")
     x = flown.y[:, -1].reshape(nx, count + 1)
     before, after = found.value(e), found.value(x[:, :-1] - x[:, -1:])
     du = found.feedback(e)

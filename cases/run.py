@@ -318,8 +318,8 @@ def _withdraw(folder: Path) -> None:
     mark = folder / "run.json"
     try:
         earlier = json.loads(mark.read_text())
-        drawn, written = earlier["figures"], earlier["documents"]
-    except (OSError, ValueError, KeyError, TypeError):
+        drawn, written = earlier["figures"], earlier.get("documents", [])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         drawn, written = [], []
     mark.unlink(missing_ok=True)
     for place, names in ((folder / "figures", drawn), (folder, written)):

@@ -29,6 +29,10 @@ Target = Callable[[float], Array]
 """Absolute time [s] -> the state an agent ought to be in, shape (nx,)."""
 
 
+SLACK = 1e-9
+"""Of a bound of the controls: they are clipped to it."""
+
+
 class UncertifiedSetError(InvalidProblemError):
     """A terminal set is not certified for the time for which inputs are held here."""
 
@@ -60,7 +64,8 @@ class DualMode:
 
         Raises:
             InvalidProblemError: If there is not one of each an agent.
-            UncertifiedSetError: If a set is not certified for this dt.
+            UncertifiedSetError: If a set is not certified for this dt, or for inputs
+                that exceed the bounds of the agent's controls.
         """
         if not len(team.agents) == len(sets) == len(targets):
             raise InvalidProblemError(
@@ -68,7 +73,8 @@ class DualMode:
                 f"{len(team.agents)} agents, got {len(sets)} and {len(targets)}"
             )
         if not uncertified:
-            _require_certified(sets, team.dt)
+            problems = [agent.controller.planner.problem for agent in team.agents]
+            _require_certified(sets, team.dt, problems)
         self.team, self.sets, self.targets = team, tuple(sets), tuple(targets)
         self._problems = [a.controller.planner.problem for a in team.agents]
         # Agents of one kind share one problem's model; each keeps its own step.
@@ -128,8 +134,14 @@ class DualMode:
         return np.array(controls).T
 
 
-def _require_certified(sets: Sequence[TerminalSet], dt: float) -> None:
-    for number, one in enumerate(sets):
+def _require_certified(
+    sets: Sequence[TerminalSet], dt: float, problems: Sequence[OptimalControlProblem]
+) -> None:
+    """Refuse sets that are not certified for this dt and these bounds of the controls.
+
+    That the certificate's model is the agent's own is for the caller to see to.
+    """
+    for number, (one, problem) in enumerate(zip(sets, problems, strict=True)):
         held = None if one.certificate is None else one.certificate.dt
         if held is None or not np.isclose(held, dt, rtol=1e-12, atol=0):
             found = "no certificate"
@@ -141,6 +153,20 @@ def _require_certified(sets: Sequence[TerminalSet], dt: float) -> None:
                 f"for {dt:g} s, it has {found}: certify it "
                 "(swarmstart.terminal_set.certify), or pass uncertified=True"
             )
+        lower, upper = problem.control_limits
+        at, reach = one.u_ref, np.sqrt(one.alpha * _squared_gains(one))
+        if np.any(at - reach < lower - SLACK) or np.any(at + reach > upper + SLACK):
+            raise UncertifiedSetError(
+                f"the terminal set of agent {number} must keep its controls between "
+                f"{lower.tolist()} and {upper.tolist()}; its law reaches from "
+                f"{(at - reach).tolist()} to {(at + reach).tolist()}"
+            )
+
+
+def _squared_gains(one: TerminalSet) -> Array:
+    """Return K_i P^-1 K_i', what the law reaches on the set of level 1, (nu,)."""
+    columns = np.linalg.solve(np.linalg.cholesky(one.P), one.K.T)
+    return np.asarray(np.sum(columns**2, axis=0))
 
 
 def _step(problem: OptimalControlProblem) -> ca.Function:

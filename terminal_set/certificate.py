@@ -69,6 +69,11 @@ class HeldMargins:
     growth: float
     growth_is_proven: bool
 
+    @property
+    def is_usable(self) -> bool:
+        """Whether the margins are numbers, and less than all of e'Pe."""
+        return bool(self.integrator_error < 0.4 and np.isfinite(self.growth))  # noqa: PLR2004
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Certificate:

@@ -16,6 +16,7 @@ much larger.
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -26,12 +27,14 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.arrays import (
     FloatArray,
     NotPositiveError,
+    finite_array,
     positive_semidefinite,
 )
 from swarmstart.terminal_set.certificate import Certificate, HeldMargins, Weights
 from swarmstart.terminal_set.choice import proven_level
 from swarmstart.terminal_set.decrease import Change, continuous_change, held_change
 from swarmstart.terminal_set.design import (
+    ForeignCertificateError,
     TerminalSet,
     continuous_terminal_set,
     sampled_terminal_set,
@@ -43,14 +46,17 @@ from swarmstart.terminal_set.level import level_from_inputs, level_from_states
 from swarmstart.terminal_set.linearisation import held_spectral_radius, linearise
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.refutation import Refutation, refuted_level
-from swarmstart.terminal_set.stability import SAMPLED
 from swarmstart.terminal_set.taylor import IntervalMaker
 
 Array = NDArray[np.float64]
 
-SHRUNK = 1 - 1e-12
-"""Of a level that is a bound's: its rounding."""
-EQUILIBRIUM_TOLERANCE = 1e-9
+ROUNDING = 1e-12
+"""Of a bound's level, beside what the condition of P adds to it."""
+NEARBY = 1e-12
+"""Within which part of its own size a reference must have an equilibrium."""
+HALVINGS = 40
+"""Of a level at which the model is not defined, or e'Pe does not fall, before a hold is
+measured at it."""
 
 
 @dataclass(eq=False)
@@ -140,7 +146,8 @@ class ProofOptions:
         max_seconds: For the proofs of the decrease [s], and again for the growth.
 
     Raises:
-        NotPositiveError: substeps is below 1.
+        NotPositiveError: substeps is below 1, or max_seconds not above 0.
+        TypeError: substeps is no whole number.
     """
 
     Q_m: ArrayLike | None = None
@@ -150,9 +157,12 @@ class ProofOptions:
     max_seconds: float = 60.0
 
     def __post_init__(self) -> None:
-        """Check the range."""
+        """Check the ranges."""
+        object.__setattr__(self, "substeps", operator.index(self.substeps))
         if self.substeps < 1:
             raise NotPositiveError("substeps", self.substeps)
+        if not self.max_seconds > 0:
+            raise NotPositiveError("max_seconds", self.max_seconds)
 
 
 def certified_terminal_set(
@@ -225,19 +235,29 @@ def certify(
         SwarmstartError: As `refuted_level` and `prove_level` say.
     """
     options = options or ProofOptions()
+    A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
     require_equilibrium(dynamics, reference)
+    for name in ("x_ref", "u_ref"):
+        if not np.array_equal(getattr(design, name), getattr(reference, name)):
+            raise ForeignCertificateError(name)
     nx = len(design.P)
     Q_m = positive_semidefinite(
         "Q_m", np.zeros((nx, nx)) if options.Q_m is None else options.Q_m, nx
     )
-    top = SHRUNK * level_from_inputs(design.K, design.P, reference.u_max)
-    of_states = SHRUNK * level_from_states(design.P, reference.e_max)
+    # F P^-1 F' is computed with an error of about eps times the condition of P.
+    rounding = ROUNDING + 4 * nx * float(np.finfo(float).eps) * float(
+        np.linalg.cond(design.P)
+    )
+    top = (1 - rounding) * level_from_inputs(design.K, design.P, reference.u_max)
+    of_states = (1 - rounding) * level_from_states(design.P, reference.e_max)
+    if not 0 < min(top, of_states) < np.inf:
+        raise NotPositiveError("the level that the bounds allow", min(top, of_states))
     hold = None
     if dt is None:
         change = continuous_change(dynamics, design, Q_m=Q_m)
         top = min(top, of_states)
     else:
-        _require_stable_hold(dynamics, reference, design.K, dt)
+        _require_stable_hold(A, B, design.K, dt)
         motion = HeldMotion(dynamics, design, dt=dt, substeps=options.substeps)
         hold = _measured_hold(motion, Q_m, top, of_states, rng)
         change, top = hold.change, hold.top
@@ -316,12 +336,17 @@ def _measured_hold(
         change = held_change(motion.step, law, Q_m=Q_m)
         refutation = refuted_level(change, alpha_max=top, rng=rng)
         top = top if refutation is None else refutation.alpha
-        margins, _ = motion.margins(top, rng)
+        margins, falls = motion.margins(top, rng)
+    for _ in range(HALVINGS):
+        if margins.is_usable and (falls or refutation is not None):
+            break
+        top /= 2
+        margins, falls = motion.margins(top, rng)
     c = margins.integrator_error
     return _MeasuredHold(
         motion=motion,
         change=held_change(motion.step, law, Q_m=Q_m + (2 * c + c**2) * law.P),
-        top=min(top, of_states / (np.sqrt(margins.growth) + c) ** 2),
+        top=min(top, of_states / (margins.growth**0.5 + c) ** 2),
         margins=margins,
         refutation=refutation,
     )
@@ -351,11 +376,21 @@ def require_equilibrium(dynamics: ca.Function, reference: Reference) -> None:
         reference: The reference; it may move in states that f does not depend on.
 
     Raises:
-        NotAnEquilibriumError: It moves in a state that matters.
+        NotAnEquilibriumError: It moves in a state that matters, and so do all points
+            within rounding of it.
+        NotFiniteError: The rate there is NaN or infinite.
+        UnknownIntervalOperationError: f has an operation without interval form.
     """
     xdot = np.array(dynamics(reference.x_ref, reference.u_ref)).ravel()
+    xdot = finite_array("the rate at the reference", xdot, (None,))
+    x = ca.SX.sym("x", reference.x_ref.size)
+    u = ca.SX.sym("u", reference.u_ref.size)
+    rate = ca.Function("rate", [ca.vertcat(x, u)], [dynamics(x, u)])
+    at = np.concatenate([reference.x_ref, reference.u_ref])[:, None]
+    around = NEARBY * np.abs(at)
+    low, high = interval_function(rate)(at - around, at + around)
+    moving = ((low > 0) | (high < 0))[:, 0]
     matters = np.array(dynamics.jac_sparsity(0, 0).T.get_triplet()[0], dtype=int)
-    moving = np.abs(xdot) > EQUILIBRIUM_TOLERANCE * (1 + np.abs(reference.x_ref))
     entries = sorted(set(np.flatnonzero(moving)) & set(matters))
     if entries:
         rates = tuple(float(xdot[entry]) for entry in entries)
@@ -363,12 +398,11 @@ def require_equilibrium(dynamics: ca.Function, reference: Reference) -> None:
 
 
 def _require_stable_hold(
-    dynamics: ca.Function, reference: Reference, K: FloatArray, dt: float
+    A: FloatArray, B: FloatArray, K: FloatArray, dt: float
 ) -> None:
     """Refuse a gain that is unstable when its input is held."""
-    A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
     radius = held_spectral_radius(A, B, K, dt)
-    if radius < SAMPLED.limit:
+    if radius < 1:
         return
     stable, unstable = 0.0, dt
     for _ in range(40):

@@ -31,9 +31,9 @@ from swarmstart.terminal_set.taylor import IntervalMaker
 SHARE = 0.92
 """Of the refuted level, what is tried first: with six states more takes too long."""
 NEARER_SHARE = 0.99
-SMALLER_SHARES = (0.5, 0.25, 0.1, 0.03, 0.01, 1e-3, 1e-4, 1e-5)
-"""Where the first is not proven. A smaller level takes hardly less time; that the model
-is not defined in the whole of a larger one shows at once."""
+SMALLEST_SHARE = 1e-12
+"""Down to which a level is quartered. A smaller one takes hardly less time to prove;
+that the model is not defined in the whole of a larger one shows at once."""
 MOST_BOXES = 100_000_000
 """Of a proof: here it is time that ends one."""
 
@@ -146,10 +146,10 @@ def proven_level(
         nearer = proof_of(NEARER_SHARE * top)
         best = nearer if nearer.proven else best
         return ProvenLevel(proof=best, refutation=refutation)
-    for share in SMALLER_SHARES:
+    share = 0.5
+    while not best.proven and share > SMALLEST_SHARE and clock.perf_counter() < until:
         best = proof_of(share * top, 0.5)
-        if best.proven:
-            break
+        share /= 4
     return ProvenLevel(proof=best, refutation=refutation)
 
 

@@ -29,7 +29,7 @@ from swarmstart.terminal_set.enclosure import (
     undecided,
 )
 from swarmstart.terminal_set.intervals import interval_function
-from swarmstart.terminal_set.proof import COVER, Limits, Proof, search_ball
+from swarmstart.terminal_set.proof import Limits, Proof, radius_of, search_ball
 from swarmstart.terminal_set.taylor import IntervalMaker, TaylorForm
 
 Array = NDArray[np.float64]
@@ -95,7 +95,10 @@ def prove_growth(
             max_boxes=100 * BOXES_OF_A_PIECE if shortest else BOXES_OF_A_PIECE,
             until=until,
         )
-        radius = float(np.sqrt(alpha)) * (1 + COVER + bounds.defect)
+        radius = radius_of(alpha, bounds.defect)
+        if not np.isfinite(radius):
+            proven = False
+            break
         search = search_ball(bounds, nx, radius, limits=limits)
         boxes += search.boxes
         if search.finished:

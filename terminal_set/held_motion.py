@@ -5,6 +5,8 @@ motion. Measured at states of the whole set, against an integration FINER times 
 
     c with |phi(e) - F(e)|_P <= c |e|_P
     g with e'Pe at any time of the hold <= g e'Pe at its beginning
+
+c at the end of the hold; in it the map takes shorter steps.
 """
 
 from __future__ import annotations
@@ -78,7 +80,9 @@ class HeldMotion:
         piece, now = self._piece.map(x.shape[1]), x
         for _ in range(FINER):
             now = np.array(piece(now, u))
-            growth = max(growth, float((law.value(_relative(now)) / size).max()))
+            # Not Python's max, which would drop NaN.
+            grown = (law.value(_relative(now)) / size).max()
+            growth = float(np.maximum(growth, grown))
         mapped = np.array(self.step.map(x.shape[1])(x, u))
         error = law.value(_relative(now) - _relative(mapped)) / size
         falls = bool(np.all(law.value(_relative(now)) < size))
@@ -86,7 +90,7 @@ class HeldMotion:
             substeps=self._substeps,
             integrator_error=RESERVE * float(np.sqrt(error.max())),
             samples=e.shape[1],
-            growth=max(LEAST_GROWTH, GROWTH_RESERVE * growth),
+            growth=float(np.maximum(LEAST_GROWTH, GROWTH_RESERVE * growth)),
             growth_is_proven=False,
         )
         return measured, falls

@@ -5,7 +5,7 @@ interval that holds the function's value at every point of the box, rounding inc
 every operation's ends are computed in floats and moved outwards, by |end| times
 
     + - * / sqrt         WIDER (IEEE: half a unit in the last place off at most)
-    sin cos tan exp log  FUNCTION_WIDER (NumPy documents at most 4 units)
+    the functions        FUNCTION_WIDER (NumPy documents at most 4 units)
 
 and SMALLEST, below which floats lose digits.
 
@@ -71,7 +71,8 @@ class UnknownIntervalOperationError(SwarmstartError, NotImplementedError):
         """Say which."""
         return (
             f"{self.function} has the operation {self.operation}, which has no "
-            "interval form here"
+            "interval form here (a proof takes derivatives: those of fabs, fmin and "
+            "fmax have none)"
         )
 
 
@@ -89,7 +90,7 @@ def interval_function(function: ca.Function) -> IntervalEvaluation:
     for operation, *_ in tape:
         if operation not in (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, *_FORMS):
             raise UnknownIntervalOperationError(
-                function.name(), f"{operation} (CasADi's number)"
+                function.name(), _NAMES.get(operation, str(operation))
             )
     outputs, registers = expanded.numel_out(0), expanded.sz_w()
     # The tape counts the entries that are not zero by structure.
@@ -115,6 +116,12 @@ def interval_function(function: ca.Function) -> IntervalEvaluation:
 
     return evaluate
 
+
+_NAMES = {
+    getattr(ca, name): name.removeprefix("OP_").lower()
+    for name in dir(ca)
+    if name.startswith("OP_")
+}
 
 Instruction = tuple[int, list[int], list[int], float]
 """An operation, its inputs, its outputs, and its constant where it is one."""
@@ -189,7 +196,7 @@ def _square(a: Interval) -> Interval:
 
 
 def _twice(a: Interval) -> Interval:
-    return 2 * a[0], 2 * a[1]
+    return _outward(2 * a[0], 2 * a[1])
 
 
 def _invert(a: Interval) -> Interval:
@@ -243,7 +250,7 @@ def _wave(
         far = ~(np.maximum(np.abs(a[0]), np.abs(a[1])) < 1 / PERIOD_SLACK)
         low = np.where(far | _turns(a, highest - np.pi), -1.0, np.maximum(low, -1.0))
         high = np.where(far | _turns(a, highest), 1.0, np.minimum(high, 1.0))
-        return low, high
+        return _whole(~(a[0] <= a[1]), (low, high))
 
     return enclosed
 

@@ -85,7 +85,10 @@ def prove_level(
         raise NotPositiveError("alpha", alpha)
     began = clock.perf_counter()
     bounds = DecreaseBounds(change, intervals)
-    radius = float(np.sqrt(alpha)) * (1 + COVER + bounds.defect)
+    radius = radius_of(alpha, bounds.defect)
+    if not np.isfinite(float(change.function(0))) or not np.isfinite(radius):
+        seconds = clock.perf_counter() - began
+        return Proof(proven=False, alpha=alpha, boxes=0, seconds=seconds)
 
     def broken(left: Undecided) -> FloatArray | None:
         return _counterexample(change.function, bounds.T, left)
@@ -99,6 +102,21 @@ def prove_level(
         seconds=clock.perf_counter() - began,
         counterexample=search.counterexample,
     )
+
+
+def radius_of(alpha: float, defect: float) -> float:
+    """Return a radius whose ball of z holds an ellipsoid of e.
+
+    Args:
+        alpha: Level of the ellipsoid.
+        defect: A bound d of |T'PT - I|: e'Pe >= (1 - d) |z|^2.
+
+    Returns:
+        At least sqrt(alpha / (1 - d)); infinite where T is of no use.
+    """
+    if not defect < 0.5:  # noqa: PLR2004
+        return float("inf")
+    return float(np.sqrt(alpha)) * (1 + COVER + defect)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -56,7 +56,7 @@ def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
             tape.append([OPERATIONS[code], *[work[operand] for operand in source]])
         else:
             raise UnknownIntervalOperationError(
-                function.name(), f"{code} (CasADi's number)"
+                function.name(), f"number {code} of CasADi"
             )
         work[target[0]] = len(tape) - 1
     if len(results) < function.numel_out(0):

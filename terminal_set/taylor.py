@@ -90,13 +90,18 @@ class TaylorForm:
         low, high = self._value_and_slope(at, at)
         slope = self._T.T @ ((low[1:] + high[1:]) / 2)
         unsure = size.T @ ((high[1:] - low[1:]) / 2 + PADDING * np.abs(high[1:]))
-        moved = PADDING * np.abs(high[1:]) * (size @ np.abs(cells.z))  # T z is rounded
         bends, wide = self.hessians(at, at)
         most = np.abs(bends) + wide
-        pull = np.einsum("mij,jm->im", most, d)
         own = np.einsum("mii->im", bends + wide)
-        crossed = pull - np.einsum("mii->im", most) * d
+        sizes = np.einsum("mii->im", most).copy()
+        np.einsum("mii->mi", most)[...] = 0.0
+        crossed = np.einsum("mij,jm->im", most, d)
+        pull = crossed + sizes * d
         bent = (np.maximum(own, 0.0) * d + crossed) * d / 2
+        # The point is T z rounded: what that moves the slopes by, and the value.
+        rounded = PADDING * (size @ np.abs(cells.z))
+        moved = np.abs(high[1:]) * rounded
+        unsure += np.einsum("mij,jm->im", wide, np.abs(cells.z))
         third = self._third_order(cells, d)
         steps, along = cells.linear(slope)
         terms = [steps, unsure * d, moved, bent, third * d / 6]
@@ -173,13 +178,14 @@ def evaluated(
     Raises:
         UnknownIntervalOperationError: It has an operation without interval form.
     """
-    return intervals(ca.Function("bounded", [v], [ca.cse(expression)]))
+    return intervals(ca.Function("the_change_of_V", [v], [ca.cse(expression)]))
 
 
 def _middle_and_radius(low: Array, high: Array) -> tuple[Array, Array]:
     """Return middles and radii, these with room for the rounding of products."""
     size = np.maximum(np.abs(low), np.abs(high))
-    return (low + high) / 2, (high - low) / 2 + PADDING * size
+    with np.errstate(invalid="ignore", over="ignore"):
+        return (low + high) / 2, (high - low) / 2 + PADDING * size
 
 
 def _symmetric_entries(

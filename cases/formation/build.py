@@ -68,7 +68,7 @@ def build(scenario: FormationScenario) -> FormationFlight:
     model = unicycle()
     dynamics, reference = dynamics_of(model), reference_of(scenario)
     terminal_cost = terminal_cost_of(scenario, dynamics, reference)
-    terminal_set = terminal_set_of(scenario, dynamics, reference)
+    terminal_set = terminal_set_of(scenario, reference)
     order = scenario.order_of_planning()
     agents = [
         _agent(scenario, model, terminal_cost, number, order)
@@ -157,7 +157,7 @@ def problems(scenario: FormationScenario) -> Iterator[Problem]:
         part = "weights"
         terminal_cost_of(scenario, dynamics, reference)
         part = "dual_mode"
-        terminal_set_of(scenario, dynamics, reference)
+        terminal_set_of(scenario, reference)
     except SwarmstartError as error:
         yield (part,), f"expected a linear law that can be designed: {error}"
 

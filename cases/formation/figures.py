@@ -288,7 +288,7 @@ def entering_figure(flight: FormationFlight, trajectory: Trajectory) -> "Figure"
     _uav_legend(panels[0], flight.agents)
     certificate = terminal_set.certificate
     grounds = "of its bounds"
-    if certificate is not None:
+    if certificate is not None and certificate.dt is not None:
         grounds = f"certified for inputs held {certificate.dt:g} s"
     figure.suptitle(
         f"Terminal set, {terminal_set.design} design, alpha = {terminal_set.alpha:.4g} "

@@ -7,7 +7,6 @@ bounds for which the decrease is proven, for inputs held over a control step.
 from dataclasses import fields
 from functools import cache
 
-import casadi as ca
 import numpy as np
 
 from swarmstart.cases.formation.problem import dynamics_of
@@ -28,14 +27,11 @@ SEED = 0
 """Of the samples behind a certificate's margins: a set is the same in every run."""
 
 
-def terminal_set_of(
-    scenario: FormationScenario, dynamics: ca.Function, reference: Reference
-) -> TerminalSet:
+def terminal_set_of(scenario: FormationScenario, reference: Reference) -> TerminalSet:
     """Return the terminal set of the dual mode, certified where it is to take over.
 
     Args:
         scenario: The scenario.
-        dynamics: f(x, u) of one UAV.
         reference: The leader's motion and the bounds.
 
     Raises:
@@ -45,7 +41,7 @@ def terminal_set_of(
     dt = scenario.prediction.dt_s
     if dual.is_certified:
         return _certified(_entries(reference), tuple(dual.Q), tuple(dual.R), dt)
-    Q, R = np.diag(dual.Q), np.diag(dual.R)
+    dynamics, Q, R = dynamics_of(unicycle()), np.diag(dual.Q), np.diag(dual.R)
     if dual.design == "literal":
         P = np.array(dual.P)
         return literal_terminal_set(dynamics, reference, Q=Q, R=R, P=P)
@@ -69,7 +65,7 @@ def _certified(
     """
     reference = Reference(**{name: np.array(values) for name, values in entries})
     # Only bounds of states rest on the growth between samples.
-    is_bounded = reference.x_lower is not None
+    is_bounded = bool(np.isfinite(reference.e_max).any())
     return certified_terminal_set(
         dynamics_of(unicycle()),
         reference,

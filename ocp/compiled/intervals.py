@@ -25,7 +25,12 @@ from swarmstart.ocp.compiled.tape import (
     UnknownOperationError,
     read_tape,
 )
-from swarmstart.terminal_set import (
+from swarmstart.terminal_set.intervals import (
+    FUNCTION_WIDER,
+    MOST_PRODUCTS,
+    PERIOD_SLACK,
+    SMALLEST,
+    WIDER,
     IntervalEvaluation,
     UnknownIntervalOperationError,
 )
@@ -34,14 +39,6 @@ Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
 BLOCK = 256
-WIDER = 2.3e-16
-FUNCTION_WIDER = 1.2e-15
-SMALLEST = 1e-300
-PERIOD_SLACK = 1e-12
-"""By which part of an angle a turning point may be mistaken for inside a box."""
-MOST_PRODUCTS = 16
-"""The largest whole power that is made of squares and products."""
-
 _OPERATIONS = (
     "add sub mul div pow fmin fmax neg sq twice fabs sqrt sin cos tan exp log atan tanh"
 ).split()
@@ -304,7 +301,7 @@ def _apply_one(code: int, x: Array, out: Array) -> None:
             out[0, k], out[1, k] = -x[1, k], -x[0, k]
     elif code == _TWICE:
         for k in range(BLOCK):
-            out[0, k], out[1, k] = 2.0 * x[0, k], 2.0 * x[1, k]
+            out[0, k], out[1, k] = _outward(2.0 * x[0, k], 2.0 * x[1, k], WIDER)
     elif code in (_SQ, _FABS):
         _size(code, x, out)
     else:
@@ -356,6 +353,8 @@ def _wave(code: int, a: float, b: float) -> tuple[float, float]:
     else:
         s, t, highest = math.cos(a), math.cos(b), 0.0
     low, high = _outward(min(s, t), max(s, t), FUNCTION_WIDER)
+    if not a <= b:
+        return -np.inf, np.inf
     if _turns(a, b, highest - np.pi) or not low >= -1.0:
         low = -1.0
     if _turns(a, b, highest) or not high <= 1.0:

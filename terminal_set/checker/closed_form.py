@@ -25,6 +25,7 @@ from swarmstart.terminal_set.checker.motion import (
     rate,
 )
 
+NEARBY = 1e-12  # of an entry of the reference; it is computed in floats
 ROUNDING = 1e-9  # relative; alpha may be a bound itself, computed in floats
 
 
@@ -74,6 +75,8 @@ def check_bounds(certificate: Certificate) -> list[Finding]:
     growth = _growth(certificate)
     measured = certificate.growth is not None and not certificate.growth_proven
     condition = " (if V grows no more than was measured)" if measured else ""
+    if certificate.dt is not None and certificate.growth is None:
+        condition = " (at the samples)"
     for j, room in _rooms(
         certificate.x_ref, bounds["x_lower"], bounds["x_upper"], findings, "x"
     ):
@@ -91,17 +94,16 @@ def check_equilibrium(certificate: Certificate) -> Finding:
     Returns:
         The finding.
     """
-    x = [VALUES.constant(value) for value in certificate.x_ref]
-    u = [VALUES.constant(value) for value in certificate.u_ref]
+    x = [VALUES.constant(_around(value)) for value in certificate.x_ref]
+    u = [VALUES.constant(_around(value)) for value in certificate.u_ref]
     rates = [jet.value for jet in rate(Program.of(certificate), x, u)]
-    scale = max(1.0, *(abs(value) for value in certificate.x_ref))
     felt = {
         certificate.tape[index][1][0]
         for index in live_instructions(certificate)
         if certificate.tape[index][0] == "x"
     }
     for j, slope in enumerate(rates):
-        if j in felt and not slope.abs_upper() <= ROUNDING * scale:
+        if j in felt and not slope.contains(0):
             return Finding(
                 Verdict.REFUSED,
                 f"the reference is no equilibrium: x[{j}] moves at {_shown(slope)} and "
@@ -111,6 +113,11 @@ def check_equilibrium(certificate: Certificate) -> Finding:
         Verdict.PROVED,
         "the reference is an equilibrium, but for states on which nothing depends",
     )
+
+
+def _around(value: float) -> arb:
+    """The points within rounding of a number: one of them is to be the equilibrium."""
+    return arb(value, abs(value) * NEARBY)
 
 
 def _growth(certificate: Certificate) -> arb:

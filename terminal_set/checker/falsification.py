@@ -191,7 +191,8 @@ def check_integrator(certificate: Certificate) -> Finding:
         except (ValueError, ArithmeticError) as error:
             return _undefined(e, error)
         apart = tuple(a - b for a, b in zip(flow, map_, strict=True))
-        largest = max(largest, _norm(certificate, apart) / size)
+        off = _norm(certificate, apart) / size
+        largest = off if not off <= largest else largest  # NaN is kept.
         if not largest <= certificate.integrator + _FLOAT_ERROR:
             return Finding(
                 Verdict.REFUSED,
@@ -230,7 +231,8 @@ def check_growth_by_samples(certificate: Certificate) -> Finding:
                 moved = motion.moved(e, dt * i / TIMES, steps)
             except (ValueError, ArithmeticError) as error:
                 return _undefined(e, error)
-            largest = max(largest, (_norm(certificate, moved) / size) ** 2)
+            grown = (_norm(certificate, moved) / size) ** 2
+            largest = grown if not grown <= largest else largest  # NaN is kept.
             if not largest < growth:
                 return Finding(
                     Verdict.REFUSED,

@@ -196,7 +196,7 @@ def test_refuses_sets_and_targets_that_are_not_one_an_agent(
         DualMode(team, sets=[terminal_set] * 2, targets=[moving])
 
 
-def test_refuses_a_set_that_is_not_certified_for_its_hold(
+def test_refuses_a_set_that_is_not_certified_for_its_hold_and_its_bounds(
     team: Team, terminal_set: TerminalSet
 ) -> None:
     targets = [moving, moving]
@@ -215,5 +215,20 @@ def test_refuses_a_set_that_is_not_certified_for_its_hold(
     )
     with pytest.raises(UncertifiedSetError, match="has a certificate for 1 s"):
         DualMode(team, sets=[longer] * 2, targets=targets)
+    wide = replace(
+        terminal_set.certificate.reference,
+        u_lower=np.array([-1.5]),
+        u_upper=np.array([1.5]),
+    )
+    strong = certified_terminal_set(
+        f,
+        wide,
+        Weights(Q=np.eye(2), R=np.eye(1)),
+        dt=DT,
+        options=MEASURED,
+        rng=np.random.default_rng(0),
+    )
+    with pytest.raises(UncertifiedSetError, match=r"between \[-1\.0\] and \[1\.0\]"):
+        DualMode(team, sets=[strong] * 2, targets=targets)
     accepted = DualMode(team, sets=[bare, longer], targets=targets, uncertified=True)
     assert accepted.sets == (bare, longer)

@@ -19,6 +19,7 @@ from swarmstart.terminal_set import (
     HeldTooLongError,
     InvalidReserveError,
     NotAnEquilibriumError,
+    NotFiniteError,
     NotPositiveError,
     ProofOptions,
     Reference,
@@ -232,6 +233,49 @@ def test_a_pendulum_that_leans_is_no_equilibrium() -> None:
         certified_terminal_set(
             pendulum(), leaning, Weights(Q=np.eye(2), R=np.eye(1)), rng=rng()
         )
+
+
+def test_a_drift_that_is_small_beside_the_state_is_none_the_less_one() -> None:
+    """9e-4 at x = 1e6: the true equilibrium is outside the bounds of the state."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    dynamics = loop(ca.vertcat(-x[0] + u, -(x[1] - 1e6) + 9e-4), x, u)
+    near = np.array([0.0, 1e6])
+    reference = bounded(
+        near, np.array([1e-6]), x_lower=near - 1e-5, x_upper=near + 1e-5
+    )
+    with pytest.raises(NotAnEquilibriumError, match=r"xdot\[1\] = 0\.0009 there"):
+        certified_terminal_set(
+            dynamics, reference, Weights(Q=np.eye(2), R=np.eye(1)), rng=rng()
+        )
+
+
+def test_a_model_that_is_no_number_at_the_reference_is_refused() -> None:
+    """Its derivatives are numbers: the constant has vanished from them."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    dynamics = loop(-x + u + ca.log(ca.SX(-1)), x, u)
+    reference = bounded(np.zeros(1), np.ones(1))
+    with pytest.raises(NotFiniteError, match="the rate at the reference"):
+        certified_terminal_set(
+            dynamics, reference, Weights(Q=np.eye(1), R=np.eye(1)), rng=rng()
+        )
+
+
+@pytest.mark.parametrize("dt", [None, 0.1])
+def test_a_model_that_is_not_defined_everywhere_gets_a_smaller_set(
+    dt: float | None,
+) -> None:
+    """1 - sqrt(x) about x = 1: the bounds' level reaches far beyond x = 0."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    reference = bounded(np.ones(1), np.array([1e3]))
+    found = certified_terminal_set(
+        loop(1 - ca.sqrt(x) + u, x, u),
+        reference,
+        Weights(Q=np.eye(1), R=np.eye(1)),
+        dt=dt,
+        options=MEASURED,
+        rng=rng(),
+    )
+    assert 0.1 < found.ellipsoid.extent()[0] < 1
 
 
 def test_a_continuous_gain_that_is_held_too_long_is_refused(
