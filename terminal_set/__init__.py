@@ -20,8 +20,6 @@ from swarmstart.terminal_set.certificate import (
     certificate_text,
 )
 from swarmstart.terminal_set.certification import (
-    HeldTooLongError,
-    NotAnEquilibriumError,
     ProofOptions,
     UnprovenSetError,
     certified_terminal_set,
@@ -69,6 +67,10 @@ from swarmstart.terminal_set.lyapunov import (
     continuous_lyapunov,
     literal_lyapunov,
     sampled_lyapunov,
+)
+from swarmstart.terminal_set.prerequisites import (
+    HeldTooLongError,
+    NotAnEquilibriumError,
 )
 from swarmstart.terminal_set.proof import Proof, prove_level
 from swarmstart.terminal_set.reference import Reference

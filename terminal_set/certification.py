@@ -27,7 +27,6 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.arrays import (
     FloatArray,
     NotPositiveError,
-    finite_array,
     positive_semidefinite,
 )
 from swarmstart.terminal_set.certificate import Certificate, HeldMargins, Weights
@@ -43,7 +42,11 @@ from swarmstart.terminal_set.growth import prove_growth
 from swarmstart.terminal_set.held_motion import HeldMotion
 from swarmstart.terminal_set.intervals import interval_function
 from swarmstart.terminal_set.level import level_from_inputs, level_from_states
-from swarmstart.terminal_set.linearisation import held_spectral_radius, linearise
+from swarmstart.terminal_set.linearisation import linearise
+from swarmstart.terminal_set.prerequisites import (
+    require_equilibrium,
+    require_stable_hold,
+)
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.refutation import Refutation, refuted_level
 from swarmstart.terminal_set.taylor import IntervalMaker
@@ -52,59 +55,9 @@ Array = NDArray[np.float64]
 
 ROUNDING = 1e-12
 """Of a bound's level, beside what the condition of P adds to it."""
-NEARBY = 1e-12
-"""Within which part of its own size a reference must have an equilibrium."""
 HALVINGS = 40
 """Of a level at which the model is not defined, or e'Pe does not fall, before a hold is
 measured at it."""
-
-
-@dataclass(eq=False)
-class NotAnEquilibriumError(SwarmstartError, ValueError):
-    """A reference moves, and the dynamics depend on where it moves to.
-
-    Attributes:
-        entries: Which entries of x_ref move and matter.
-        rates: Their rates, of f(x_ref, u_ref).
-    """
-
-    entries: tuple[int, ...]
-    rates: tuple[float, ...]
-
-    def __str__(self) -> str:
-        """Say which entries."""
-        moving = ", ".join(
-            f"xdot[{entry}] = {rate:.6g}"
-            for entry, rate in zip(self.entries, self.rates, strict=True)
-        )
-        return (
-            f"x_ref and u_ref are no equilibrium: {moving} there, and the dynamics "
-            "depend on these states; only states that the dynamics do not depend on "
-            "may move along the reference"
-        )
-
-
-@dataclass(eq=False)
-class HeldTooLongError(SwarmstartError, ValueError):
-    """A gain does not survive that its input is held for so long.
-
-    Attributes:
-        dt: How long it is to be held [s].
-        spectral_radius: Of the held loop.
-        longest: Up to which time the held loop is stable [s].
-    """
-
-    dt: float
-    spectral_radius: float
-    longest: float
-
-    def __str__(self) -> str:
-        """Say how long would do."""
-        return (
-            f"the gain is unstable when its input is held for {self.dt:g} s: the "
-            f"spectral radius is {self.spectral_radius:.4g}; it is stable up to "
-            f"{self.longest:.3g} s, and a sampled design for any dt"
-        )
 
 
 @dataclass(eq=False)
@@ -257,7 +210,7 @@ def certify(
         change = continuous_change(dynamics, design, Q_m=Q_m)
         top = min(top, of_states)
     else:
-        _require_stable_hold(A, B, design.K, dt)
+        require_stable_hold(A, B, design.K, dt)
         motion = HeldMotion(dynamics, design, dt=dt, substeps=options.substeps)
         hold = _measured_hold(motion, Q_m, top, of_states, rng)
         change, top = hold.change, hold.top
@@ -366,49 +319,3 @@ def _with_growth(
         max_seconds=options.max_seconds,
     )
     return replace(hold.margins, growth_is_proven=proof.proven)
-
-
-def require_equilibrium(dynamics: ca.Function, reference: Reference) -> None:
-    """Refuse a reference whose motion changes the linear system around it.
-
-    Args:
-        dynamics: f(x, u) -> xdot.
-        reference: The reference; it may move in states that f does not depend on.
-
-    Raises:
-        NotAnEquilibriumError: It moves in a state that matters, and so do all points
-            within rounding of it.
-        NotFiniteError: The rate there is NaN or infinite.
-        UnknownIntervalOperationError: f has an operation without interval form.
-    """
-    xdot = np.array(dynamics(reference.x_ref, reference.u_ref)).ravel()
-    xdot = finite_array("the rate at the reference", xdot, (None,))
-    x = ca.SX.sym("x", reference.x_ref.size)
-    u = ca.SX.sym("u", reference.u_ref.size)
-    rate = ca.Function("rate", [ca.vertcat(x, u)], [dynamics(x, u)])
-    at = np.concatenate([reference.x_ref, reference.u_ref])[:, None]
-    around = NEARBY * np.abs(at)
-    low, high = interval_function(rate)(at - around, at + around)
-    moving = ((low > 0) | (high < 0))[:, 0]
-    matters = np.array(dynamics.jac_sparsity(0, 0).T.get_triplet()[0], dtype=int)
-    entries = sorted(set(np.flatnonzero(moving)) & set(matters))
-    if entries:
-        rates = tuple(float(xdot[entry]) for entry in entries)
-        raise NotAnEquilibriumError(tuple(int(entry) for entry in entries), rates)
-
-
-def _require_stable_hold(
-    A: FloatArray, B: FloatArray, K: FloatArray, dt: float
-) -> None:
-    """Refuse a gain that is unstable when its input is held."""
-    radius = held_spectral_radius(A, B, K, dt)
-    if radius < 1:
-        return
-    stable, unstable = 0.0, dt
-    for _ in range(40):
-        middle = (stable + unstable) / 2
-        if held_spectral_radius(A, B, K, middle) < 1:
-            stable = middle
-        else:
-            unstable = middle
-    raise HeldTooLongError(dt, radius, stable)
