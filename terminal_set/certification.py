@@ -53,6 +53,8 @@ from swarmstart.terminal_set.taylor import IntervalMaker
 
 Array = NDArray[np.float64]
 
+SHRUNK = 1 - 1e-9
+"""Of the growth that bounds of states leave room for: its rounding."""
 ROUNDING = 1e-12
 """Of a bound's level, beside what the condition of P adds to it."""
 HALVINGS = 40
@@ -296,10 +298,16 @@ def _measured_hold(
         top /= 2
         margins, falls = motion.margins(top, rng)
     c = margins.integrator_error
+    top = min(top, of_states / (margins.growth**0.5 + c) ** 2)
+    if of_states < np.inf:
+        # What the states' bounds leave room for is proven sooner.
+        roomy = SHRUNK * max((of_states / top) ** 0.5 - c, 0.0) ** 2
+        growth = max(margins.growth, min(2 * margins.growth, roomy))
+        margins = replace(margins, growth=growth)
     return _MeasuredHold(
         motion=motion,
         change=held_change(motion.step, law, Q_m=Q_m + (2 * c + c**2) * law.P),
-        top=min(top, of_states / (margins.growth**0.5 + c) ** 2),
+        top=top,
         margins=margins,
         refutation=refutation,
     )
