@@ -121,7 +121,7 @@ def _design(
     equation = f"{domain.name} Riccati"
     try:
         K, P = _solve((A, B, Q, R), domain)
-    except np.linalg.LinAlgError as error:
+    except (np.linalg.LinAlgError, ValueError) as error:  # SciPy gives up in both ways
         quantity = "|residual| / |P|"
         raise UnreliableSolutionError(
             equation, quantity, np.inf, RESIDUAL_LIMIT

@@ -164,3 +164,11 @@ def test_arrays_of_the_wrong_kind_are_refused(
         design(A[:3], B, I4, I2)
     with pytest.raises(NotFiniteError, match="A must hold finite real numbers"):
         design(A * np.nan, B, I4, I2)
+
+
+def test_weights_that_no_solver_can_handle_are_named_as_such(
+    matrices: Matrices,
+) -> None:
+    """Twelve orders of magnitude apart: SciPy gives up with a ValueError."""
+    with pytest.raises(UnreliableSolutionError, match="sampled Riccati equation"):
+        sampled_lqr(*hold(*matrices, 1.0), I4, np.diag([1.0, 1e12]))
