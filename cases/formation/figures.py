@@ -279,13 +279,19 @@ def entering_figure(flight: FormationFlight, trajectory: Trajectory) -> "Figure"
         for number, (dense, instants) in enumerate(
             zip(deviations, at_instants, strict=True)
         ):
-            axes.plot(dense[i], dense[j], color=colour(number), linewidth=0.9)
+            axes.plot(
+                dense[i],
+                dense[j],
+                color=colour(number),
+                linewidth=0.9,
+                label=f"UAV {number + 1}",
+            )
             flown = instants[:, :-1][:, linear]
             axes.plot(flown[i], flown[j], "o", color=colour(number), markersize=3)
         axes.set(xlabel=RELATIVE[i][1], ylabel=RELATIVE[j][1])
         axes.set_xlim(-SETS_SHOWN * extent[i], SETS_SHOWN * extent[i])
         axes.set_ylim(-SETS_SHOWN * extent[j], SETS_SHOWN * extent[j])
-    _uav_legend(panels[0], flight.agents)
+    panels[0].legend(fontsize="small")
     certificate = terminal_set.certificate
     grounds = "of its bounds"
     if certificate is not None and certificate.dt is not None:
