@@ -22,7 +22,7 @@ from swarmstart.ocp.integrators import held_step
 from swarmstart.ocp.planner import Plan, Source
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.team import Team, first_controls
-from swarmstart.terminal_set import TerminalSet
+from swarmstart.terminal_set import TerminalSet, input_excess
 
 Array = NDArray[np.float64]
 Target = Callable[[float], Array]
@@ -154,19 +154,14 @@ def _require_certified(
                 "(swarmstart.terminal_set.certify), or pass uncertified=True"
             )
         lower, upper = problem.control_limits
-        at, reach = one.u_ref, np.sqrt(one.alpha * _squared_gains(one))
+        at, ones = one.u_ref, np.ones(len(one.u_ref))
+        reach = input_excess(one.K, one.P, one.alpha, ones)
         if np.any(at - reach < lower - SLACK) or np.any(at + reach > upper + SLACK):
             raise UncertifiedSetError(
                 f"the terminal set of agent {number} must keep its controls between "
                 f"{lower.tolist()} and {upper.tolist()}; its law reaches from "
                 f"{(at - reach).tolist()} to {(at + reach).tolist()}"
             )
-
-
-def _squared_gains(one: TerminalSet) -> Array:
-    """Return K_i P^-1 K_i', what the law reaches on the set of level 1, (nu,)."""
-    columns = np.linalg.solve(np.linalg.cholesky(one.P), one.K.T)
-    return np.asarray(np.sum(columns**2, axis=0))
 
 
 def _step(problem: OptimalControlProblem) -> ca.Function:
