@@ -38,9 +38,7 @@ class Cells:
         self._rho, w = (lower[0], upper[0]), (lower[1:] + upper[1:]) / 2
         self.half = (upper - lower) / 2 * (1 + PADDING)
         self._u = w / np.linalg.norm(w, axis=0)
-        inside = (lower[1:] <= 0) & (upper[1:] >= 0)
-        most = np.maximum(lower[1:] ** 2, upper[1:] ** 2)
-        least = np.where(inside, 0.0, np.minimum(lower[1:] ** 2, upper[1:] ** 2))
+        least, most = squares(lower[1:], upper[1:])
         self._nearest = np.sqrt(least.sum(axis=0)) * (1 - PADDING)
         low = _directions(lower[1:], most, least, sign=-1.0)
         high = _directions(upper[1:], most, least, sign=1.0)
@@ -136,6 +134,18 @@ def _directions(w: Array, most: Array, least: Array, *, sign: float) -> Array:
     others = np.where(outwards, least.sum(axis=0) - least, most.sum(axis=0) - most)
     length = np.sqrt(w**2 + np.maximum(others, 0.0))
     return np.where(length > 0, w / np.where(length > 0, length, 1.0), sign)
+
+
+def squares(lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Return the least and the largest squares of numbers between two ends.
+
+    Args:
+        lower: Lower ends.
+        upper: Upper ends, same shape.
+    """
+    inside = (lower <= 0) & (upper >= 0)
+    ends = lower**2, upper**2
+    return np.where(inside, 0.0, np.minimum(*ends)), np.maximum(*ends)
 
 
 def added_up(start: Array, steps: Array) -> Array:

@@ -27,7 +27,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.terminal_set.cells import PADDING, Cells, added_up
+from swarmstart.terminal_set.cells import PADDING, Cells, added_up, squares
 from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.intervals import IntervalEvaluation
 from swarmstart.terminal_set.taylor import IntervalMaker, TaylorForm, evaluated
@@ -156,9 +156,7 @@ def quadratic_bound(
         lower: Lower corners, shape (nx, m).
         upper: Upper corners.
     """
-    inside = (lower <= 0) & (upper >= 0)
-    most = np.maximum(lower**2, upper**2)
-    least = np.where(inside, 0.0, np.minimum(lower**2, upper**2))
+    least, most = squares(lower, upper)
     order = np.argsort(-diagonal)
     d = diagonal[order][:, None]
     s, best = least[order].copy(), np.full(lower.shape[1], -np.inf)
