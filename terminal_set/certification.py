@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.arrays import (
@@ -50,8 +50,6 @@ from swarmstart.terminal_set.prerequisites import (
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.refutation import Refutation, refuted_level
 from swarmstart.terminal_set.taylor import IntervalMaker
-
-Array = NDArray[np.float64]
 
 SHRUNK = 1 - 1e-9
 """Of the growth that bounds of states leave room for: its rounding."""
@@ -200,9 +198,8 @@ def certify(
         "Q_m", np.zeros((nx, nx)) if options.Q_m is None else options.Q_m, nx
     )
     # F P^-1 F' is computed with an error of about eps times the condition of P.
-    rounding = ROUNDING + 4 * nx * float(np.finfo(float).eps) * float(
-        np.linalg.cond(design.P)
-    )
+    condition = float(np.linalg.cond(design.P))
+    rounding = ROUNDING + 4 * nx * float(np.finfo(float).eps) * condition
     top = (1 - rounding) * level_from_inputs(design.K, design.P, reference.u_max)
     of_states = (1 - rounding) * level_from_states(design.P, reference.e_max)
     if not 0 < min(top, of_states) < np.inf:

@@ -39,6 +39,8 @@ WIDER = 2.3e-16
 """Relative: half a unit of the operation and half a unit of moving its end."""
 FUNCTION_WIDER = 1.2e-15
 SMALLEST = 1e-300
+MOST_PRODUCTS = 16
+"""The largest whole power that is made of squares and products."""
 PERIOD_SLACK = 1e-12
 """By which part of an angle a turning point may be mistaken for inside a box."""
 
@@ -76,6 +78,15 @@ class UnknownIntervalOperationError(SwarmstartError, NotImplementedError):
         )
 
 
+def operation_name(code: int) -> str:
+    """Return what CasADi calls an operation, or its number.
+
+    Args:
+        code: CasADi's number of it.
+    """
+    return _NAMES.get(code, str(code))
+
+
 def interval_function(function: ca.Function) -> IntervalEvaluation:
     """Return an SX function of one column as a function of boxes.
 
@@ -90,7 +101,7 @@ def interval_function(function: ca.Function) -> IntervalEvaluation:
     for operation, *_ in tape:
         if operation not in (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, *_FORMS):
             raise UnknownIntervalOperationError(
-                function.name(), _NAMES.get(operation, str(operation))
+                function.name(), operation_name(operation)
             )
     outputs, registers = expanded.numel_out(0), expanded.sz_w()
     # The tape counts the entries that are not zero by structure.
@@ -270,9 +281,6 @@ def _power(a: Interval, b: Interval) -> Interval:
         if whole.is_integer() and 0 <= whole <= MOST_PRODUCTS:
             return _whole_power(a, int(whole))
     return _whole(a[0] <= 0, _rising(np.exp)(_multiply(b, _logarithm(a))))
-
-
-MOST_PRODUCTS = 16
 
 
 def _whole_power(a: Interval, exponent: int) -> Interval:

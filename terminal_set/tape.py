@@ -11,7 +11,10 @@ from __future__ import annotations
 
 import casadi as ca
 
-from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
+from swarmstart.terminal_set.intervals import (
+    UnknownIntervalOperationError,
+    operation_name,
+)
 
 Instruction = list[str | int | float]
 
@@ -55,9 +58,7 @@ def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
         elif code in OPERATIONS:
             tape.append([OPERATIONS[code], *[work[operand] for operand in source]])
         else:
-            raise UnknownIntervalOperationError(
-                function.name(), f"number {code} of CasADi"
-            )
+            raise UnknownIntervalOperationError(function.name(), operation_name(code))
         work[target[0]] = len(tape) - 1
     if len(results) < function.numel_out(0):
         tape.append(["const", 0.0])  # Of the entries that are zero by structure.

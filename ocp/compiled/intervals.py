@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
 BLOCK = 256
+_LOADED = ("constant", "input")
+"""What is in its register before the first instruction."""
 _OPERATIONS = (
     "add sub mul div pow fmin fmax neg sq twice fabs sqrt sin cos tan exp log atan tanh"
 ).split()
@@ -103,7 +105,7 @@ def _reduced(tape: Tape) -> Tape:
     builder = TapeBuilder()
     numbers: list[int] = []
     for node in tape.nodes:
-        if node.operation in ("input", "constant"):
+        if node.operation in _LOADED:
             numbers.append(builder.number(node))
             continue
         arguments = tuple(numbers[a] for a in node.arguments)
@@ -154,7 +156,7 @@ def _program(tape: Tape) -> _Program:
     count = 0
     rows, inputs, constants = [], [], []
     for number, node in enumerate(tape.nodes):
-        is_loaded = node.operation in ("constant", "input")
+        is_loaded = node.operation in _LOADED
         if free and not is_loaded:
             register[number] = free.pop()
         else:
@@ -182,15 +184,12 @@ def _last_uses(tape: Tape) -> dict[int, list[int]]:
     """Return for each value the computed values that nothing uses after it."""
     used_last: dict[int, int] = {}
     for number, node in enumerate(tape.nodes):
-        if node.operation not in ("constant", "input"):
+        if node.operation not in _LOADED:
             used_last.update(dict.fromkeys(node.arguments, number))
     kept = set(tape.outputs[0])
     freed: dict[int, list[int]] = {}
     for value, user in used_last.items():
-        if value not in kept and tape.nodes[value].operation not in (
-            "constant",
-            "input",
-        ):
+        if value not in kept and tape.nodes[value].operation not in _LOADED:
             freed.setdefault(user, []).append(value)
     return freed
 
