@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
 POSITION = (2, 3)
 """Rows of the states that are the position."""
+METRE = 1.0
+"""Scale of distances and speeds in the chapter's penalties: in m and m/s."""
 SAME_PLACE_M = 1e-9
 """Points nearer than this are one."""
 

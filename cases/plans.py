@@ -20,6 +20,10 @@ def effort(trajectory: Trajectory) -> dict[str, Measure]:
     seconds = trajectory.step_seconds
     return {
         "evaluations": sum(plan.evaluations for plan in plans),
+        "steps_starting_outside": sum(
+            any(plan.start_excess > 0 for plan in decision.plans)
+            for decision in trajectory.decisions
+        ),
         "step_seconds_median": float(np.median(seconds)),
         "step_seconds_max": float(np.max(seconds)),
     }

@@ -25,7 +25,15 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.versions import package_version
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp import Decision, Mode, Plan, Source, Step, Trajectory
+from swarmstart.ocp import (
+    Decision,
+    Mode,
+    Plan,
+    PolishStatus,
+    Source,
+    Step,
+    Trajectory,
+)
 
 Array = NDArray[np.float64]
 
@@ -135,9 +143,16 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "plan_source": np.array([[p.source.name for p in row] for row in plans]),
         "search_cost": _of_plans(plans, lambda p: p.search_cost),
         "search_violation": _of_plans(plans, lambda p: p.search_violation),
+        "plan_polish": np.array([[_polish_name(p) for p in row] for row in plans]),
+        "plan_start_excess": _of_plans(plans, lambda p: p.start_excess),
         "plan_evaluations": _of_plans(plans, lambda p: p.evaluations).astype(np.int64),
         "search_history": _histories(plans),
     }
+
+
+def _polish_name(plan: Plan) -> str:
+    """Return the name of how a plan's polish ended; empty without a polish."""
+    return plan.polish_status.name if plan.polish_status else ""
 
 
 def _histories(plans: Sequence[Sequence[Plan]]) -> Array:
@@ -228,6 +243,10 @@ def load_partial(
     return steps, kept["rng"]
 
 
+def _polish_status(name: str) -> PolishStatus | None:
+    return PolishStatus[name] if name else None
+
+
 def _steps(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
     """Return arrays written by `trajectory_arrays` as steps."""
     steps = []
@@ -244,6 +263,8 @@ def _steps(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
                 search_violation=float(arrays["search_violation"][number, agent]),
                 evaluations=int(arrays["plan_evaluations"][number, agent]),
                 search_history=_unpadded(arrays["search_history"][number, agent]),
+                polish_status=_polish_status(str(arrays["plan_polish"][number, agent])),
+                start_excess=float(arrays["plan_start_excess"][number, agent]),
             )
             for agent in range(arrays["plan_cost"].shape[1])
         )

@@ -19,7 +19,6 @@ import yaml
 
 from swarmstart.cases.claims import judged
 from swarmstart.cases.feasibility import found_plans, planned
-from swarmstart.cases.interrupts import noticed
 from swarmstart.cases.kind import Flight, Measure
 from swarmstart.cases.record import (
     load_partial,
@@ -35,6 +34,7 @@ from swarmstart.cases.record import (
 from swarmstart.cases.scenario import Resolved
 from swarmstart.cases.versions import versions
 from swarmstart.ocp import Step, Trajectory, chosen_backend, collected, fly
+from swarmstart.ocp.interrupts import noticed
 
 logger = logging.getLogger(__name__)
 

@@ -281,7 +281,7 @@ class Scenario(Part):
     steps: int = Field(ge=1, le=1_000_000)
     search: AnySearch
     budget: BudgetPart
-    order: OrderPart
+    order: OrderPart | None = None
     polish: Literal["none", "ipopt"] = "none"
     ipopt: IpoptPart = IpoptPart()
     basins: int = Field(default=0, ge=0)
@@ -322,7 +322,7 @@ class Scenario(Part):
         return SearchSettings(
             algorithm=algorithm,
             budget=self.budget.budget(),
-            order=self.order.order(),
+            order=None if self.order is None else self.order.order(),
             warm_start=part.warm_start,
             sampling=part.sampling,
             basins=self.basins,

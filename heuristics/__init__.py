@@ -9,12 +9,13 @@ from swarmstart.heuristics.algorithm import (
     Kernels,
     State,
 )
+from swarmstart.heuristics.arguments import ALGORITHMS, algorithm_of, generator_of
 from swarmstart.heuristics.box import Box, InvalidBoxError, InvalidPointsError
 from swarmstart.heuristics.chaotic_pso import ChaoticPSO
 from swarmstart.heuristics.cma import CMAES
 from swarmstart.heuristics.compiled_loop import CompiledObjective, Pointers
 from swarmstart.heuristics.de import DifferentialEvolution
-from swarmstart.heuristics.default import default_algorithm
+from swarmstart.heuristics.default import default_algorithm, default_order
 from swarmstart.heuristics.genetic import GeneticAlgorithm
 from swarmstart.heuristics.initial import Initial
 from swarmstart.heuristics.jde import SelfAdaptiveDE
@@ -48,7 +49,13 @@ from swarmstart.heuristics.search import (
     Snapshot,
 )
 
+
+class SearchInterrupted(KeyboardInterrupt):
+    partial = None
+
+
 __all__ = [
+    "ALGORITHMS",
     "CMAES",
     "LSHADE",
     "Algorithm",
@@ -77,14 +84,18 @@ __all__ = [
     "RandomSearch",
     "Sampling",
     "Search",
+    "SearchInterrupted",
     "SearchResult",
     "SelfAdaptiveDE",
     "Snapshot",
     "State",
     "StopReason",
+    "algorithm_of",
     "default_algorithm",
+    "default_order",
     "epsilon_level",
     "feasibility_first",
+    "generator_of",
     "minimize",
     "run",
     "static_penalty",

@@ -7,12 +7,10 @@ from swarmstart.ocp.compiled.intervals import compiled_intervals
 from swarmstart.ocp.compiled.simd import Prepared
 from swarmstart.ocp.constraints import (
     Bounds,
-    Connection,
     Constraint,
     PathConstraint,
-    Separation,
+    Rows,
     TerminalConstraint,
-    disc,
 )
 from swarmstart.ocp.controller import Controller, Decision, Mode, RecedingHorizon
 from swarmstart.ocp.dual_mode import DualMode, UncertifiedSetError
@@ -25,10 +23,18 @@ from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.open_loop import OpenLoop
 from swarmstart.ocp.planner import Plan, Planner, SearchSettings, Source, WarmStart
-from swarmstart.ocp.polish import IpoptOptions, Polished, Polisher, PolishStatus
+from swarmstart.ocp.polish import (
+    IpoptOptions,
+    NlpOptions,
+    Polished,
+    Polisher,
+    PolishStatus,
+)
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.solution import Solution, SolutionStatus, verified
-from swarmstart.ocp.solving import solve
+from swarmstart.ocp.separation import Connection, Separation, disc
+from swarmstart.ocp.solution import Solution, verified
+from swarmstart.ocp.solving import SolveInterrupted, solve
+from swarmstart.ocp.status import SolutionStatus
 from swarmstart.ocp.team import Agent, Team
 
 __all__ = [
@@ -51,6 +57,7 @@ __all__ = [
     "LocalTeam",
     "Mode",
     "Model",
+    "NlpOptions",
     "OpenLoop",
     "OptimalControlProblem",
     "PathConstraint",
@@ -62,11 +69,13 @@ __all__ = [
     "Polisher",
     "Prepared",
     "RecedingHorizon",
+    "Rows",
     "SearchSettings",
     "Separation",
     "Solution",
     "SolutionStatus",
     "SolveError",
+    "SolveInterrupted",
     "Source",
     "Step",
     "Team",

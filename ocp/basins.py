@@ -37,6 +37,7 @@ def polish_basins(
     known: Known,
     *,
     tolerance: float,
+    near: bool,
 ) -> tuple[Polished, int]:
     """Polish from each start; return the best, and the evaluations of all.
 
@@ -46,9 +47,17 @@ def polish_basins(
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
         tolerance: Largest violation that counts as none.
+        near: Whether the starts are answers, worth staying near; see Polisher.
     """
     best, *others = (
-        polisher(start.controls, x0, known, states=start.states) for start in starts
+        polisher(
+            start.controls,
+            x0,
+            known,
+            states=start.states,
+            near=near and start.states is None,
+        )
+        for start in starts
     )
     evaluations = best.evaluations
     for one in others:

@@ -1,240 +1,145 @@
-"""What a trajectory must respect, and by how much it does not.
+"""Constraints on a trajectory: how far they are broken, and their rows for an NLP.
 
-Every constraint names one `expression` in the problem's symbols. Its values at the
-two ends of a check (a part of a control interval, see problem.py) give
+Every constraint names one `expression` in the problem's symbols. From its value v
 
-- `excess(start, end)`: a number >= 0, 0 = respected, for the population search; it is
-  summed over the checks (the "violation" of an individual), and
-- `inequalities(value)`: smooth g(value) <= 0 for the NLP of the polish.
+    rows(v)      measured quantity with its limits, lower <= q(v) <= upper, in the units
+                 of the user: what an answer is verified by
+    smooth(v)    the same demand in rows that are smooth everywhere, for an NLP
+    excess(a, b) column of numbers, positive if a row is broken between the values a and
+                 b at the two ends of a check (a part of a control interval): what the
+                 population search sees
 
-Disc and Separation demand |r| >= d of a relative position r. On points, r is taken at
-the end of the check; on the segment, at the nearest point of the straight line between
-the two relative positions, which catches what passes between two samples:
+The search adds up the positive excesses, each divided by its row's `scale`, over all
+checks: the "violation" of an individual, a number without unit. An expression with
+controls jumps at a control instant, so it is evaluated at both ends of every interval,
+with that interval's control.
 
-    t* = clip(-a'(b - a) / |b - a|^2, 0, 1),   distance = |a + t* (b - a)|
+A scale that is not given is found from the problem (scaling.py), so that the units of a
+constraint change nothing.
 
-Connection demands |r| <= d. Its largest value on a segment is at an end of it, so that
-points and segment are the same.
-
-Source: the chapter's (5.15), (5.16) for `measure="indicator"`, which counts 1 for each
-violated check instead of measuring how far; the segment is ours.
+Distances are in separation.py.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, Protocol, get_args
+import functools
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple, Protocol, get_args
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.limits import Array, Limit, limits_of, require_choice, scales_given
 from swarmstart.ocp.model import as_column
 
 Measure = Literal["excess", "indicator"]
-Along = Literal["points", "segments"]
-Array = NDArray[np.float64]
-Limit = float | Sequence[float] | Array
-"""One number for all, or one for each row."""
 
-# Below this squared length [m^2] a segment is a point; avoids 0/0 only.
-_SHORTEST_SEGMENT = 1e-12
+
+class Rows(NamedTuple):
+    """Values with their limits, lower <= values <= upper.
+
+    Attributes:
+        values: Shape (m, 1).
+        lower: Shape (m,).
+        upper: Shape (m,).
+    """
+
+    values: ca.SX
+    lower: Array
+    upper: Array
 
 
 class Constraint(Protocol):
-    """One inequality on the states, controls, parameters and signals."""
+    """Limits on an expression of states, controls, parameters and signals."""
+
+    @property
+    def name(self) -> str:
+        """Name in messages; empty: its expression."""
 
     @property
     def expression(self) -> ca.SX:
-        """What is evaluated at each check, a column in the problem's symbols."""
+        """Column in the problem's symbols that is evaluated at each check."""
+
+    @property
+    def scale(self) -> Limit | None:
+        """Size of each row of `rows`, shape (m,); None: found automatically."""
+
+    @property
+    def measure(self) -> Measure:
+        """How the search measures it: "excess" or "indicator"."""
+
+    def rows(self, value: ca.SX) -> Rows:
+        """Return the measured quantity and its limits, in the units of the user."""
+
+    def smooth(self, value: ca.SX) -> Rows:
+        """Return the same demand as smooth rows, in the same units near the limits."""
 
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return by how much the values at a check's two ends break the constraint."""
+        """Return by how much each row is broken at most, <= 0 if respected, (m, 1)."""
 
-    def inequalities(self, value: ca.SX) -> ca.SX:
-        """Return g, shape (m, 1), with g <= 0 where the value is allowed."""
+    def indicated(self, excess: ca.SX) -> ca.SX:
+        """Return 1 for each row that an indicator counts as broken, (m, 1)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Bounds:
-    """Box bounds on controls, and on states at every check.
+    """Box bounds on controls and states.
 
     Attributes:
-        controls: (lower, upper), each a number or shape (nu,); None = unbounded.
+        controls: (lower, upper), each a number or shape (nu,); None = unbounded. A
+            control with equal bounds is fixed.
         states: (lower, upper), each a number or shape (nx,), -inf and inf where a
-            state is free; None = all free.
+            state is free; None = all free. They hold at the start and at every check.
+        state_scale: The excess of a state is divided by it, a number or shape (nx,);
+            None: found automatically.
     """
 
     controls: tuple[Limit, Limit] | None = None
     states: tuple[Limit, Limit] | None = None
+    state_scale: Limit | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PathConstraint:
-    """lower <= expression <= upper at the end of every check.
+    """lower <= expression <= upper at the start and at the end of every check.
 
     Attributes:
-        expression: Column in the problem's symbols, shape (m, 1).
+        expression: Column in the problem's symbols, shape (m, 1), or a list of
+            scalars.
         lower: Lower limits, a number or shape (m,).
         upper: Upper limits, a number or shape (m,).
-        scale: The excess is divided by it; the units in which it is measured.
-        measure: "excess" (how far) or "indicator" (1 where broken).
+        scale: The excess is divided by it, a number or shape (m,); None: found
+            automatically.
+        measure: "excess" (how far) or "indicator" (1 for each row broken).
+        name: Name in messages; empty: the expression.
     """
 
     expression: ca.SX
     lower: Limit = -np.inf
     upper: Limit = np.inf
-    scale: float = 1.0
+    scale: Limit | None = None
     measure: Measure = "excess"
+    name: str = ""
 
     def __post_init__(self) -> None:
         """Bring the limits into the shape of the expression."""
-        expression = as_column("expression", self.expression)
-        object.__setattr__(self, "expression", expression)
-        limits = limits_of(
-            "path constraint", (self.lower, self.upper), expression.numel()
-        )
-        object.__setattr__(self, "lower", limits[0])
-        object.__setattr__(self, "upper", limits[1])
-        require_distance("scale", self.scale)
+        _set_limits(self, "path constraint")
         require_choice("measure", self.measure, get_args(Measure))
 
-    def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return the summed scaled excess at the check's end."""
-        over = self.inequalities(end)
-        if not over.numel():
-            return ca.SX(0)
-        if self.measure == "indicator":
-            return ca.sum1(over > 0)
-        return ca.sum1(ca.fmax(over, 0)) / self.scale
+    def rows(self, value: ca.SX) -> Rows:
+        """Return the value and its limits."""
+        return Rows(value, np.asarray(self.lower), np.asarray(self.upper))
 
-    def inequalities(self, value: ca.SX) -> ca.SX:
-        """Return value - upper and lower - value where these are finite."""
-        lower, upper = np.asarray(self.lower), np.asarray(self.upper)
-        rows = [value[int(i)] - upper[i] for i in np.flatnonzero(np.isfinite(upper))]
-        rows += [lower[i] - value[int(i)] for i in np.flatnonzero(np.isfinite(lower))]
-        return ca.vertcat(ca.SX(0, 1), *rows)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Separation:
-    """Keep a relative position at least `distance` away from the origin.
-
-    Attributes:
-        relative: Relative position in the problem's symbols, (2, 1) or (3, 1) [m].
-        distance: Smallest allowed distance [m].
-        margin: Added to the distance in the search [m].
-        smooth_margin: Added to it in the NLP, which sees points only [m].
-        along: "points" or "segments" between the ends of a check.
-        measure: "excess" [m] or "indicator" (1 for each check at or below the limit).
-    """
-
-    relative: ca.SX
-    distance: float
-    margin: float = 0.0
-    smooth_margin: float = 0.0
-    along: Along = "points"
-    measure: Measure = "excess"
-
-    def __post_init__(self) -> None:
-        """Refuse distances and choices that are none."""
-        object.__setattr__(self, "relative", as_column("relative", self.relative))
-        require_distance("distance", self.distance, self.margin, self.smooth_margin)
-        require_choice("along", self.along, get_args(Along))
-        require_choice("measure", self.measure, get_args(Measure))
-
-    @property
-    def expression(self) -> ca.SX:
-        """The relative position."""
-        return self.relative
+    def smooth(self, value: ca.SX) -> Rows:
+        """Return the value and its limits."""
+        return self.rows(value)
 
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return how much too near [m], or 1 where at or below the limit (5.16)."""
-        nearest = end if self.along == "points" else nearest_on_segment(start, end)
-        limit = self.distance + self.margin
-        if self.measure == "indicator":
-            return ca.norm_2(nearest) <= limit
-        return ca.fmax(limit - ca.norm_2(nearest), 0)
+        """Return the excess of each row at the check's end."""
+        return row_excess(self.rows(end))
 
-    def inequalities(self, value: ca.SX) -> ca.SX:
-        """Return (d^2 - |r|^2) / 2d: metres near the limit, smooth everywhere."""
-        limit = self.distance + self.smooth_margin
-        return (limit**2 - ca.sumsqr(value)) / (2 * limit)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Connection:
-    """Keep a relative position at most `distance` away from the origin.
-
-    Attributes:
-        relative: Relative position in the problem's symbols, (2, 1) or (3, 1) [m].
-        distance: Largest allowed distance [m].
-        margin: Taken off the distance, in the search and in the NLP [m].
-
-    Source: the chapter's (5.34).
-    """
-
-    relative: ca.SX
-    distance: float
-    margin: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse distances that are none."""
-        object.__setattr__(self, "relative", as_column("relative", self.relative))
-        require_distance("distance", self.distance, self.margin)
-        require_distance("distance less margin", self.distance - self.margin)
-
-    @property
-    def expression(self) -> ca.SX:
-        """The relative position."""
-        return self.relative
-
-    def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return how much too far [m] at the check's end."""
-        return ca.fmax(ca.norm_2(end) - (self.distance - self.margin), 0)
-
-    def inequalities(self, value: ca.SX) -> ca.SX:
-        """Return (|r|^2 - d^2) / 2d: metres near the limit, smooth everywhere."""
-        limit = self.distance - self.margin
-        return (ca.sumsqr(value) - limit**2) / (2 * limit)
-
-
-def disc(  # noqa: PLR0913 - the options of Separation
-    position: ca.SX,
-    *,
-    centre: Limit,
-    radius: float,
-    margin: float = 0.0,
-    smooth_margin: float = 0.0,
-    along: Along = "points",
-    measure: Measure = "excess",
-) -> Separation:
-    """Return the constraint to stay outside a disc (or ball) that does not move.
-
-    Args:
-        position: Position in the problem's symbols, shape (2, 1) or (3, 1) [m].
-        centre: Its centre, same shape [m].
-        radius: Its radius [m].
-        margin: See Separation.
-        smooth_margin: See Separation.
-        along: See Separation.
-        measure: See Separation.
-    """
-    require_distance("radius", radius, margin, smooth_margin)
-    position = as_column("position", position)
-    fixed = np.asarray(centre, dtype=np.float64)
-    if fixed.shape not in ((), (position.numel(),)):
-        raise InvalidProblemError(
-            f"centre must have shape ({position.numel()},), got {fixed.shape}"
-        )
-    return Separation(
-        relative=position - ca.SX(fixed),
-        distance=radius,
-        margin=margin,
-        smooth_margin=smooth_margin,
-        along=along,
-        measure=measure,
-    )
+    def indicated(self, excess: ca.SX) -> ca.SX:
+        """Return 1 for each row beyond its limits."""
+        return excess > 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -245,94 +150,106 @@ class TerminalConstraint:
         expression: Column in states, parameters and signals, shape (m, 1).
         lower: Lower limits, a number or shape (m,).
         upper: Upper limits, a number or shape (m,).
-        scale: The excess is divided by it.
+        scale: The excess is divided by it, a number or shape (m,); None: found
+            automatically.
+        name: Name in messages; empty: the expression.
     """
 
     expression: ca.SX
     lower: Limit = 0.0
     upper: Limit = 0.0
-    scale: float = 1.0
+    scale: Limit | None = None
+    name: str = ""
+    measure: Measure = field(default="excess", init=False)
 
     def __post_init__(self) -> None:
         """Bring the limits into the shape of the expression."""
-        expression = as_column("terminal", self.expression)
-        object.__setattr__(self, "expression", expression)
-        limits = limits_of(
-            "terminal constraint", (self.lower, self.upper), expression.numel()
-        )
-        object.__setattr__(self, "lower", limits[0])
-        object.__setattr__(self, "upper", limits[1])
-        require_distance("scale", self.scale)
+        _set_limits(self, "terminal constraint")
 
-    def excess(self, value: ca.SX) -> ca.SX:
-        """Return the summed scaled distance from the allowed interval."""
-        lower, upper = ca.SX(np.asarray(self.lower)), ca.SX(np.asarray(self.upper))
-        return ca.sum1(ca.fmax(ca.fmax(lower - value, value - upper), 0)) / self.scale
+    def rows(self, value: ca.SX) -> Rows:
+        """Return the value and its limits."""
+        return Rows(value, np.asarray(self.lower), np.asarray(self.upper))
+
+    def smooth(self, value: ca.SX) -> Rows:
+        """Return the value and its limits."""
+        return self.rows(value)
+
+    def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
+        """Return the excess of each row at the end."""
+        return row_excess(self.rows(end))
+
+    def indicated(self, excess: ca.SX) -> ca.SX:
+        """Return 1 for each row beyond its limits."""
+        return excess > 0
 
 
-def nearest_on_segment(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Return the point of the segment from a to b that is nearest to the origin.
+def row_excess(rows: Rows) -> ca.SX:
+    """Return by how much each value is outside its limits, (m, 1).
+
+    Negative inside; 0 without limits.
+    """
+    over = []
+    for i, (lower, upper) in enumerate(zip(rows.lower, rows.upper, strict=True)):
+        value = rows.values[i]
+        sides = [value - upper] if np.isfinite(upper) else []
+        sides += [lower - value] if np.isfinite(lower) else []
+        over.append(functools.reduce(ca.fmax, sides) if sides else ca.SX(0))
+    return ca.vertcat(ca.SX(0, 1), *over)
+
+
+_RELATIONS = (ca.OP_LE, ca.OP_LT, ca.OP_EQ)
+
+
+def limited(role: str, constraint: object) -> tuple[ca.SX, Array, Array] | None:
+    """Return (expression, lower, upper) of a relation or a bare expression.
+
+    `x <= 1`, `x >= 1` and `x == 1` mean what they say; a bare expression means
+    expression = 0. A strict relation counts as the one with equality.
 
     Args:
-        a: One end, shape (n, 1).
-        b: The other end, shape (n, 1).
-    """
-    along = b - a
-    length = ca.fmax(ca.sumsqr(along), _SHORTEST_SEGMENT)
-    t = ca.fmin(ca.fmax(-ca.dot(a, along) / length, 0), 1)
-    return a + t * along
+        role: What the constraint is, for the message.
+        constraint: What the user gave.
 
-
-def limits_of(role: str, limits: Sequence[Limit], size: int) -> tuple[Array, Array]:
-    """Return (lower, upper) as read-only arrays of one size.
-
-    Args:
-        role: What the limits belong to, for the message.
-        limits: The pair (lower, upper), each a number or shape (size,).
-        size: Number of values limited.
+    Returns:
+        The expression with its limits; None if the constraint is no expression.
 
     Raises:
-        InvalidProblemError: If they do not broadcast, are not numbers, or cross.
+        InvalidProblemError: If relations and expressions are mixed in one column.
     """
-    try:
-        lower, upper = (
-            np.broadcast_to(np.asarray(v, dtype=np.float64), (size,)).copy()
-            for v in limits
-        )
-    except (TypeError, ValueError) as error:
+    if not isinstance(constraint, ca.SX):
+        return None
+    column = as_column(role, constraint)
+    rows = [column[i] for i in range(column.numel())]
+    relations = [row.is_op(op) for row in rows for op in _RELATIONS if row.is_op(op)]
+    if not relations:
+        return column, np.zeros(len(rows)), np.zeros(len(rows))
+    if len(relations) != len(rows):
         raise InvalidProblemError(
-            f"limits of the {role} must be a pair (lower, upper) of numbers or of "
-            f"{size} numbers, got {limits!r}"
-        ) from error
-    if not np.all((lower <= upper) & (lower < np.inf) & (upper > -np.inf)):
-        raise InvalidProblemError(
-            f"limits of the {role} must have lower <= upper, lower below inf and "
-            f"upper above -inf, got {lower} and {upper}"
+            f"{role} must be relations or expressions, found both in {column}"
         )
-    lower.flags.writeable = upper.flags.writeable = False
-    return lower, upper
+    expressions, lower, upper = zip(*map(_sides, rows), strict=True)
+    return ca.vertcat(*expressions), np.array(lower), np.array(upper)
 
 
-def require_distance(role: str, distance: float, *margins: float) -> None:
-    """Refuse a distance that is not positive, or a margin below zero, or infinity.
+def _sides(relation: ca.SX) -> tuple[ca.SX, float, float]:
+    """Return (expression, lower, upper) of a scalar relation a <= b or a = b."""
+    left, right = relation.dep(0), relation.dep(1)
+    equal = relation.is_op(ca.OP_EQ)
+    if right.is_constant():
+        limit = float(right)
+        return left, limit if equal else -np.inf, limit
+    if left.is_constant():
+        limit = float(left)
+        return right, limit, limit if equal else np.inf
+    return left - right, 0.0 if equal else -np.inf, 0.0
 
-    Raises:
-        InvalidProblemError: With the value given.
-    """
-    if not 0 < distance < np.inf:
-        raise InvalidProblemError(f"{role} must be positive, got {distance}")
-    for margin in margins:
-        if not 0 <= margin < np.inf:
-            raise InvalidProblemError(f"margins must be at least 0, got {margin}")
 
-
-def require_choice(role: str, choice: str, allowed: Sequence[str]) -> None:
-    """Refuse what is none of the allowed words.
-
-    Raises:
-        InvalidProblemError: With the value given and what is allowed.
-    """
-    if choice not in allowed:
-        raise InvalidProblemError(
-            f"{role} must be {' or '.join(allowed)}, got {choice!r}"
-        )
+def _set_limits(constraint: PathConstraint | TerminalConstraint, role: str) -> None:
+    """Bring expression, limits and scale of a constraint into one shape."""
+    expression = as_column("expression", constraint.expression)
+    size = expression.numel()
+    lower, upper = limits_of(role, (constraint.lower, constraint.upper), size)
+    object.__setattr__(constraint, "expression", expression)
+    object.__setattr__(constraint, "lower", lower)
+    object.__setattr__(constraint, "upper", upper)
+    object.__setattr__(constraint, "scale", scales_given(role, constraint.scale, size))

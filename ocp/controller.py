@@ -159,6 +159,7 @@ class RecedingHorizon:
             known=known,
             guess=guess,
             candidates=None if self.candidates is None else self.candidates(time),
+            near=last is not None,
             rng=rng,
         )
         if plan.feasible or last is None or guess is None:

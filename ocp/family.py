@@ -30,10 +30,15 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.heuristics import Box
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import Known, Objective, shared_arguments
+from swarmstart.ocp.fitness import Arguments, Known, Objective
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_space import Start
-from swarmstart.ocp.shooting import terminal
+from swarmstart.ocp.shooting import (
+    infinite_unless_finite,
+    path_violation,
+    row_weights,
+    terminal,
+)
 
 Array = NDArray[np.float64]
 
@@ -77,12 +82,12 @@ class FamilySpace:
         _require_fit(problem, family)
         self.box = family.box
         self._problem, self._trajectory = problem, family.trajectory
+        self._arguments = Arguments(problem)
         self._evaluate = CasadiMap(member_value(problem, family))
 
     def objective(self, x0: ArrayLike, known: Known) -> Objective:
         """Return population -> cost and violation; see SearchSpace."""
-        shared = shared_arguments(self._problem, x0, known)
-        return Objective(self._evaluate.bind(shared), self.box.dim)
+        return Objective(self._evaluate.bind(self._arguments(x0, known)), self.box.dim)
 
     def decoded(self, x: Array, x0: ArrayLike, known: Known) -> Start:
         """Return controls and states of a member; see SearchSpace."""
@@ -116,20 +121,22 @@ def member_value(
     """
     model, nodes = problem.model, problem.nodes
     c = ca.SX.sym("c", family.box.dim)
-    x0, p = ca.SX.sym("x0", model.nx), ca.SX.sym("p", model.np)
+    x0, p = ca.SX.sym("x0", model.nx), ca.SX.sym("p", model.np + problem.automatic)
     flat = ca.SX.sym("signals", problem.ns * nodes)
     signals = ca.reshape(flat, problem.ns, nodes)
-    x, u = family.trajectory(c, x0, p)
+    parameters = ca.vertsplit(p, [0, model.np, p.numel()])[0]
+    x, u = family.trajectory(c, x0, parameters)
     at_node, at_check = _node_terms(problem), _check_violation(problem)
     cost, violation = terminal(problem)(x[:, -1], p, signals[:, -1])
     weights = np.full(nodes, problem.dt / problem.checks)
     weights[[0, -1]] /= 2
     for k in range(nodes):
-        spent, broken = at_node(x[:, k], u[:, k], p, signals[:, k])
+        spent, broken = at_node(x[:, k], u[:, k], parameters, signals[:, k])
         cost, violation = cost + weights[k] * spent, violation + broken
     for k in range(nodes - 1):
         start, end = ((x[:, j], u[:, j], p, signals[:, j]) for j in (k, k + 1))
         violation += at_check(*start, *end)
+    violation += infinite_unless_finite(cost + ca.sum1(ca.vec(x)))
     return ca.Function("member", [c, x0, p, flat], ca.cse([cost, violation]))
 
 
@@ -150,12 +157,21 @@ def _check_violation(problem: OptimalControlProblem) -> ca.Function:
         [ca.SX.sym(n, s.numel()) for n, s in problem.symbols().items()]
         for _ in range(2)
     )
-    broken = ca.SX(0)
-    for constraint in problem.path_constraints:
+    automatic = ca.SX.sym("w", problem.automatic)
+    weights = row_weights(problem, automatic)
+    broken = seen = ca.SX(0)
+    for constraint, weight in zip(problem.path_constraints, weights, strict=False):
         watched = ca.Function(
             "watched", [*problem.symbols().values()], [constraint.expression]
         )
-        broken += constraint.excess(watched(*before), watched(*after))
+        excess = constraint.excess(watched(*before), watched(*after))
+        broken += path_violation(constraint, excess, weight)
+        seen += ca.sum1(excess)
+    before[2], after[2] = (
+        ca.vertcat(side[2], w)
+        for side, w in ((before, automatic), (after, ca.SX.sym("w", automatic.numel())))
+    )
+    broken += infinite_unless_finite(seen)
     return ca.Function("check", [*before, *after], [broken])
 
 

@@ -3,6 +3,7 @@
 A decision vector is ca.vec of the controls (nu, N): interval after interval.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,9 @@ from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.interface import BatchEvaluator, BoundEvaluator
 from swarmstart.ocp.compiled.simd import compile_rollout
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.model import shortened
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.scaling import Sizes, Sizing
 from swarmstart.ocp.shooting import (
     rollout,
     stage,
@@ -73,12 +76,16 @@ class Known(NamedTuple):
 
 NOTHING = Known()
 
+LEAST_COST, MOST_COST = 1e-4, 1e3
+"""Of the natural size of the cost: between them a trajectory's own cost is its size."""
+
 
 class Fitness:
     """The evaluator of one problem, compiled once, for any initial state.
 
     Attributes:
         problem: The problem.
+        arguments: Makes the arguments that all individuals share.
         backend: What evaluates populations.
     """
 
@@ -114,6 +121,7 @@ class Fitness:
             backend,
         )
         self._trajectory = trajectory(problem)
+        self.arguments = Arguments(problem)
 
     @property
     def backend(self) -> str:
@@ -131,9 +139,7 @@ class Fitness:
             InvalidProblemError: If a shape is not the problem's, or x0 not finite.
         """
         dim = self.problem.model.nu * self.problem.intervals
-        return Objective(
-            self._evaluate.bind(shared_arguments(self.problem, x0, known)), dim
-        )
+        return Objective(self._evaluate.bind(self.arguments(x0, known)), dim)
 
     def value(
         self, controls: Array, x0: ArrayLike, known: Known = NOTHING
@@ -145,7 +151,7 @@ class Fitness:
 
     def states(self, controls: Array, x0: ArrayLike, known: Known = NOTHING) -> Array:
         """Return the states at the nodes, shape (nx, nodes), of controls (nu, N)."""
-        shared = shared_arguments(self.problem, x0, known)
+        shared = self.arguments(x0, known)
         return np.array(self._trajectory(self._decision(controls), *shared))
 
     def _decision(self, controls: Array) -> Array:
@@ -158,6 +164,58 @@ class Fitness:
         return flatten(controls)
 
 
+class Arguments:
+    """The arguments of a rollout that all individuals share; see shooting.py."""
+
+    def __init__(self, problem: OptimalControlProblem) -> None:
+        """Prepare to find the sizes of the problem."""
+        self._problem = problem
+        self._sizing = Sizing(problem)
+        self._last: tuple[bytes, Array] | None = None
+
+    def __call__(self, x0: ArrayLike, known: Known) -> tuple[Array, Array, Array]:
+        """Return x0, parameters with weights, and ca.vec of the signals; copied.
+
+        Raises:
+            InvalidProblemError: If a shape is not the problem's, or a value not finite.
+        """
+        state, parameters, signals = shared_arguments(self._problem, x0, known)
+        if not self._problem.automatic:
+            return state, parameters, signals
+        asked = b"".join(values.tobytes() for values in (state, parameters, signals))
+        if self._last is None or self._last[0] != asked:
+            self._last = asked, self.sizes(state, known).weights
+        return state, np.concatenate([parameters, self._last[1]]), signals
+
+    def sizes(self, x0: ArrayLike, known: Known, guess: Array | None = None) -> Sizes:
+        """Return the natural sizes for an initial state; see scaling.py."""
+        problem = self._problem
+        state, parameters, flat = shared_arguments(problem, x0, known)
+        signals = flat.reshape((problem.ns, problem.nodes), order="F")
+        return self._sizing(state, parameters, signals, guess)
+
+    def sizes_along(
+        self, controls: Array, states: Array, x0: ArrayLike, known: Known
+    ) -> Sizes:
+        """Return the natural sizes, the cost's as it is along a trajectory.
+
+        Args:
+            controls: Shape (nu, N).
+            states: At the nodes, shape (nx, nodes).
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+        """
+        problem = self._problem
+        _, parameters, flat = shared_arguments(problem, x0, known)
+        signals = flat.reshape((problem.ns, problem.nodes), order="F")
+        natural = self.sizes(x0, known, controls)
+        along = self._sizing.cost_along(states, controls, parameters, signals)
+        if not np.isfinite(along):
+            return natural
+        least, most = LEAST_COST * natural.cost, MOST_COST * natural.cost
+        return replace(natural, cost=min(max(along, least), most))
+
+
 def shared_arguments(
     problem: OptimalControlProblem, x0: ArrayLike, known: Known
 ) -> tuple[Array, Array, Array]:
@@ -166,7 +224,7 @@ def shared_arguments(
     Raises:
         InvalidProblemError: If a shape is not the problem's, or a value not finite.
     """
-    signals = np.asarray(known.signals, dtype=np.float64)
+    signals = _numbers("signals", known.signals)
     if problem.ns == 0 and signals.size == 0:
         signals = np.empty((0, problem.nodes))
     return (
@@ -193,7 +251,7 @@ def replay(
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
     """
-    x, p, flat = shared_arguments(problem, x0, known)
+    x, p, flat = Arguments(problem)(x0, known)
     signals = flat.reshape((problem.ns, problem.nodes), order="F")
     checks = problem.checks
     interval, states = stage(problem), [x[:, None]]
@@ -219,9 +277,28 @@ def unflatten(vector: Array, rows: int) -> Array:
 
 def _shaped(role: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     """Return a checked copy: an objective outlives what its caller does to x0."""
-    array = np.array(values, dtype=np.float64)
+    array = _numbers(role, values)
+    if len(shape) == 1 and array.shape == (*shape, 1):
+        array = array[:, 0]  # A column, as CasADi's DM is.
     if array.shape != shape:
         raise InvalidProblemError(f"{role} must have shape {shape}, got {array.shape}")
     if not np.isfinite(array).all():
         raise InvalidProblemError(f"{role} must be finite, got {array}")
     return array
+
+
+def _numbers(role: str, values: ArrayLike) -> Array:
+    """Return numbers as an array; a copy.
+
+    Raises:
+        InvalidProblemError: If they are no numbers.
+    """
+    try:
+        array = np.array(values)
+        if array.dtype.kind not in "biuf":
+            raise TypeError("no numbers")
+    except (TypeError, ValueError, NotImplementedError) as error:
+        raise InvalidProblemError(
+            f"{role} must be numbers, got {shortened(values)}"
+        ) from error
+    return array.astype(np.float64)

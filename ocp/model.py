@@ -75,6 +75,17 @@ class Model:
         """Number of parameters."""
         return int(self.parameters.numel())
 
+    def __repr__(self) -> str:
+        """Return the names of states, controls and parameters."""
+        names = (self.state_names, self.control_names, symbol_names(self.parameters))
+        parts = [
+            f"{role}: {', '.join(found) or 'none'}"
+            for role, found in zip(
+                ("states", "controls", "parameters"), names, strict=True
+            )
+        ]
+        return f"Model with {'; '.join(parts)}"
+
 
 def right_hand_side(model: Model) -> ca.Function:
     """Return f(x, u, p) -> x' of a model as a `casadi.Function`."""
@@ -121,6 +132,18 @@ def stack_models(models: Sequence[Model]) -> Model:
     )
 
 
+LONGEST_SHOWN = 60
+"""Characters of a value that a message shows."""
+
+
+def shortened(value: object) -> str:
+    """Return a value as a message shows it: its text in short, with its type."""
+    text = " ".join(str(value).split())
+    if len(text) > LONGEST_SHOWN:
+        text = f"{text[: LONGEST_SHOWN - 3]}..."
+    return text if isinstance(value, ca.SX) else f"{text} ({type(value).__name__})"
+
+
 def as_column(role: str, expression: ca.SX) -> ca.SX:
     """Return an expression, or what SX can be made from, as one column.
 
@@ -128,10 +151,12 @@ def as_column(role: str, expression: ca.SX) -> ca.SX:
         InvalidProblemError: If it is no vector and no number.
     """
     try:
+        if isinstance(expression, list | tuple):
+            expression = ca.vertcat(ca.SX(0, 1), *expression)
         column = ca.SX(expression)
     except (NotImplementedError, TypeError) as error:
         raise InvalidProblemError(
-            f"{role} must be a CasADi SX expression, got {type(expression).__name__}"
+            f"{role} must be a CasADi SX expression, got {shortened(expression)}"
         ) from error
     if min(column.shape) > 1:
         raise InvalidProblemError(f"{role} must be a vector, got shape {column.shape}")
@@ -147,7 +172,9 @@ def require_symbols(role: str, symbols: ca.SX) -> None:
     if not isinstance(symbols, ca.SX) or (
         symbols.numel() and not symbols.is_valid_input()
     ):
-        raise InvalidProblemError(f"{role} must be CasADi SX symbols, got {symbols!r}")
+        raise InvalidProblemError(
+            f"{role} must be CasADi SX symbols, got {shortened(symbols)}"
+        )
     if symbols.shape[1] != 1:
         raise InvalidProblemError(f"{role} must be a column, got shape {symbols.shape}")
 

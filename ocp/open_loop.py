@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 from swarmstart.ocp.controller import Decision
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.planner import Planner
+from swarmstart.ocp.fitness import NOTHING
+from swarmstart.ocp.planner import Plan, Planner
+from swarmstart.ocp.solution import verified
+from swarmstart.ocp.solving import repaired
 
 Array = NDArray[np.float64]
 
@@ -18,9 +21,12 @@ class OpenLoop:
 
     Attributes:
         planner: Plans from the first state.
+        repair: Whether a plan that breaks a constraint between its checks is made
+            again with a margin, as in `solve`.
     """
 
     planner: Planner
+    repair: bool = False
 
     @property
     def dt(self) -> float:
@@ -40,7 +46,7 @@ class OpenLoop:
         Raises:
             InvalidProblemError: If the time is after the plan's last interval.
         """
-        plans = previous.plans if previous else (self.planner.plan(state, rng=rng),)
+        plans = previous.plans if previous else (self._planned(state, rng),)
         number, intervals = round(time / self.dt), self.planner.problem.intervals
         if number >= intervals:
             raise InvalidProblemError(
@@ -48,3 +54,11 @@ class OpenLoop:
                 f"got interval {number}"
             )
         return Decision(control=plans[0].controls[:, number], plans=plans)
+
+    def _planned(self, state: Array, rng: np.random.Generator) -> Plan:
+        """Return the plan from the first state."""
+        plan = self.planner.plan(state, rng=rng)
+        if not self.repair:
+            return plan
+        solution = verified(self.planner.problem, plan, state)
+        return repaired(self.planner, solution, state, NOTHING, rng=rng)[0].plan

@@ -17,15 +17,18 @@ from swarmstart.heuristics import (
     Initial,
     Order,
     Sampling,
+    SearchInterrupted,
+    default_order,
     minimize,
-    static_penalty,
 )
 from swarmstart.ocp.basins import points, polish_basins
+from swarmstart.ocp.checking import Checker, Excess
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.family import FamilySpace, TrajectoryFamily
-from swarmstart.ocp.fitness import NOTHING, Fitness, Known
+from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls, zero_controls
-from swarmstart.ocp.polish import IpoptOptions, Polisher, PolishStatus
+from swarmstart.ocp.optimality import NlpPoint
+from swarmstart.ocp.polish import Polisher, PolishOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_space import ControlSpace, SearchSpace, Start
 
@@ -50,7 +53,8 @@ class SearchSettings:
     Attributes:
         algorithm: Settings of an algorithm of `swarmstart.heuristics`.
         budget: What one planning problem may cost.
-        order: How two individuals are ordered.
+        order: How two individuals are ordered; None: `heuristics.default_order`, with
+            the problem's tolerance.
         warm_start: How much of the first population is the guess: "all", "half", "one"
             individual or "none" of it; the rest is drawn at random.
         sampling: How it is drawn, as in `heuristics.Initial`.
@@ -61,7 +65,7 @@ class SearchSettings:
 
     algorithm: Algorithm
     budget: Budget
-    order: Order = field(default_factory=lambda: static_penalty(1e4))
+    order: Order | None = None
     warm_start: WarmStart = "one"
     sampling: Sampling | None = None
     basins: int = 0
@@ -98,6 +102,9 @@ class Plan:
         polish_status: How the polish ended; None without one.
         search_history: Cost of the search's best point after each generation, shape
             (generations,); empty without a search.
+        start_excess: By how much the start breaks bounds of states and path
+            constraints that no control enters, in parts of their scales; 0: inside.
+        point: The stationary point of the NLP that it is; None: not shown to be one.
     """
 
     controls: Array
@@ -111,6 +118,32 @@ class Plan:
     evaluations: int = 0
     polish_status: PolishStatus | None = None
     search_history: Array = field(default_factory=lambda: np.empty(0))
+    start_excess: float = 0.0
+    point: NlpPoint | None = None
+
+    def __repr__(self) -> str:
+        """Return cost, violation and source in one line."""
+        kind = "feasible" if self.feasible else "infeasible"
+        return (
+            f"Plan: {kind}, cost {self.cost:.9g}, violation {self.violation:.3g}, "
+            f"{self.controls.shape[1]} intervals, from {self.source.value}, "
+            f"{self.evaluations} evaluations"
+        )
+
+
+class PlanningInterrupted(KeyboardInterrupt):
+    """Ctrl-C while planning.
+
+    Attributes:
+        partial: The best plan so far.
+    """
+
+    def __init__(self, partial: Plan) -> None:
+        """Keep the best plan so far."""
+        super().__init__(
+            "planning was interrupted; the best plan so far is in .partial"
+        )
+        self.partial = partial
 
 
 class Planner:
@@ -119,6 +152,9 @@ class Planner:
     Attributes:
         problem: The problem.
         fitness: Its evaluator.
+        search: The population search; None: none.
+        polish: Options of the polish; None: none.
+        polisher: Its NLP solver; None without a polish.
     """
 
     def __init__(
@@ -126,7 +162,7 @@ class Planner:
         problem: OptimalControlProblem,
         *,
         search: SearchSettings | None,
-        polish: IpoptOptions | None = None,
+        polish: PolishOptions | None = None,
         family: TrajectoryFamily | None = None,
         backend: str | None = None,
     ) -> None:
@@ -147,7 +183,8 @@ class Planner:
         """
         self.problem = problem
         self.fitness = Fitness(problem, backend=backend)
-        self._search = search
+        self._checker = Checker(problem)
+        self.search, self.polish = search, polish
         self._space: SearchSpace | None = None
         if search is not None:
             self._space = (
@@ -155,7 +192,7 @@ class Planner:
                 if family is None
                 else FamilySpace(problem, family)
             )
-        self._polisher = Polisher(self.fitness, polish) if polish else None
+        self.polisher = Polisher(self.fitness, polish) if polish else None
 
     def plan(
         self,
@@ -164,6 +201,7 @@ class Planner:
         known: Known = NOTHING,
         guess: Array | None = None,
         candidates: Array | None = None,
+        near: bool = False,
         rng: np.random.Generator,
     ) -> Plan:
         """Return the best plan found from an initial state.
@@ -176,10 +214,13 @@ class Planner:
                 zero controls.
             candidates: Controls that the search looks at besides, shape (nu, N, k),
                 clipped to the bounds; None means none. First in its first population.
+            near: Whether the guess is an earlier answer, which a polish without a
+                search stays near to.
             rng: Source of all randomness.
 
         Raises:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
+            PlanningInterrupted: On Ctrl-C, with the best plan so far, if there is one.
         """
         if guess is not None:
             guess = bounded_controls(self.problem, guess)
@@ -188,11 +229,19 @@ class Planner:
             columns = np.moveaxis(candidates, -1, 0)
             first = [bounded_controls(self.problem, one) for one in columns]
         plan, starts = self._searched(x0, guess, first, known, rng)
-        if self._polisher is None:
+        if self.polisher is None:
             return plan
-        polished, evaluations = polish_basins(
-            self._polisher, starts, x0, known, tolerance=self.problem.tolerance
-        )
+        try:
+            polished, evaluations = polish_basins(
+                self.polisher,
+                starts,
+                x0,
+                known,
+                tolerance=self.problem.tolerance,
+                near=near or self.search is not None,
+            )
+        except KeyboardInterrupt:
+            raise PlanningInterrupted(plan) from None
         best = self._plan(
             polished.controls,
             x0,
@@ -207,6 +256,7 @@ class Planner:
             search_history=plan.search_history,
             evaluations=plan.evaluations + evaluations,
             polish_status=polished.status,
+            point=polished.point,
         )
 
     def evaluated(
@@ -240,22 +290,29 @@ class Planner:
 
         Without a search that is the guess, or zero controls.
         """
-        search, space = self._search, self._space
+        search, space = self.search, self._space
         if search is None or space is None:
             controls = zero_controls(self.problem) if guess is None else guess
             plan = self.evaluated(controls, x0, known=known, source=Source.GUESS)
             return plan, [Start(controls)]
-        result = minimize(
-            space.objective(x0, known),
-            space.box,
-            algorithm=search.algorithm,
-            budget=search.budget,
-            order=search.order,
-            initial=_first_population(search, space, guess, first),
-            basins=search.basins if self._polisher else 0,
-            radius=search.radius,
-            rng=rng,
-        )
+        try:
+            result = minimize(
+                space.objective(x0, known),
+                space.box,
+                algorithm=search.algorithm,
+                budget=search.budget,
+                order=search.order or default_order(self.problem.tolerance),
+                initial=_first_population(search, space, guess, first),
+                basins=search.basins if self.polisher else 0,
+                radius=search.radius,
+                rng=rng,
+            )
+        except SearchInterrupted as stopped:
+            start = space.decoded(stopped.partial.x, x0, known)
+            plan = self.evaluated(start.controls, x0, known=known, source=Source.SEARCH)
+            raise PlanningInterrupted(
+                replace(plan, evaluations=stopped.partial.evaluations)
+            ) from None
         starts = [space.decoded(x, x0, known) for x in points(result)]
         plan = self.evaluated(starts[0].controls, x0, known=known, source=Source.SEARCH)
         searched = replace(
@@ -285,6 +342,30 @@ class Planner:
             violation=violation,
             feasible=bool(violation <= self.problem.tolerance and np.isfinite(cost)),
             source=source,
+            start_excess=self._start_excess(x0, known),
+        )
+
+    def _start_excess(self, x0: ArrayLike, known: Known) -> float:
+        """Return by how much the start is outside, in parts of the scales."""
+        outside = self.outside(x0, known)
+        return outside[0].relative if outside else 0.0
+
+    def outside(self, x0: ArrayLike, known: Known = NOTHING) -> list[Excess]:
+        """Return what an initial state breaks that no control can keep, worst first.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+        """
+        if not self._checker.looks_at_start:
+            return []
+        problem = self.problem
+        state, p, flat = shared_arguments(problem, x0, known)
+        return self._checker.at_start(
+            state,
+            p,
+            flat[: problem.ns],
+            lambda: self.fitness.arguments.sizes(x0, known),
         )
 
 

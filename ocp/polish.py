@@ -1,12 +1,20 @@
 """An NLP solver from a guess; the better of the two is kept.
 
 The NLP (transcription.py) need not measure constraints as the search does: it sees
-smooth inequalities at points. So its answer is evaluated like any individual, and
-returned only if it is better by (violation, cost) on that same evaluator.
+smooth rows at points. So its answer is evaluated like any individual, and returned only
+if it is better by (violation, cost) on that same evaluator. Whether it is a stationary
+point is judged by our own numbers (optimality.py), whatever the solver says of itself.
+
+From a good start, one that is feasible to 1e-3 and comes from a search or an earlier
+answer, IPOPT begins with a small barrier and small pushes: with its defaults it moves
+away from what it is given before it comes back, if it does. What does not converge so
+is tried once more with the defaults.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
@@ -14,14 +22,41 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
-from swarmstart.ocp.fitness import NOTHING, Fitness, Known, flatten, unflatten
+from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls
 from swarmstart.ocp.integrators import require_count
+from swarmstart.ocp.interrupts import noticed
+from swarmstart.ocp.optimality import (
+    STATIONARY_WITHIN,
+    NlpPoint,
+    stationarity,
+)
+from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.transcription import multiple_shooting
 
 Array = NDArray[np.float64]
 SAME_COST = 1e-6
 """Relative difference below which two costs are those of one local optimum."""
+GOOD_START = 1e-3
+"""Largest violation of a start that is near enough to be kept near."""
+_NEAR: Mapping[str, Any] = MappingProxyType(
+    {"mu_init": 1e-5, "bound_push": 1e-6, "bound_frac": 1e-6, "slack_bound_push": 1e-6,
+     "slack_bound_frac": 1e-6}
+)  # fmt: skip
+
+
+_QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "sqpmethod": {
+            "print_header": False,
+            "print_iteration": False,
+            "print_status": False,
+            "qpsol_options": {"printLevel": "none", "error_on_fail": False},
+        },
+        "fatrop": {"fatrop.print_level": 0},
+    }
+)
+"""What keeps the other solvers of CasADi from printing."""
 
 
 class PolishStatus(Enum):
@@ -50,16 +85,19 @@ class IpoptOptions:
 
     Attributes:
         max_iterations: Largest number of iterations.
-        tolerance: IPOPT's convergence tolerance `tol`.
+        tolerance: IPOPT's convergence tolerance `tol`; the NLP's numbers are near one.
         max_seconds: Wall time after which it stops [s]; None means no limit.
+        options: Any other option of IPOPT by its own name, such as
+            {"mu_strategy": "adaptive"}; it wins over what is set here.
     """
 
     max_iterations: int = 300
     tolerance: float = 1e-8
     max_seconds: float | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Refuse values IPOPT would refuse later."""
+        """Raise for values that IPOPT would refuse later."""
         require_count("max_iterations", self.max_iterations)
         if not self.tolerance > 0:
             raise InvalidProblemError(
@@ -70,6 +108,62 @@ class IpoptOptions:
                 f"max_seconds must be positive, got {self.max_seconds}"
             )
 
+    @property
+    def plugin(self) -> str:
+        """The name of the solver in CasADi."""
+        return "ipopt"
+
+    def settings(self, *, near: bool) -> dict[str, Any]:
+        """Return the options as CasADi takes them.
+
+        Args:
+            near: Whether the start is good and to be kept near.
+        """
+        told: dict[str, Any] = {
+            "print_level": 0,
+            "sb": "yes",
+            "max_iter": self.max_iterations,
+            "tol": self.tolerance,
+            # By default IPOPT leaves bounds by 1e-8; brought back into them, its
+            # controls would break path constraints that are active.
+            "bound_relax_factor": 0.0,
+            # The NLP's numbers are near one by its own scaling.
+            **(_NEAR if near else {}),
+        }
+        if self.max_seconds is not None:
+            told["max_wall_time"] = self.max_seconds
+        told.update(self.options)
+        return {f"ipopt.{name}": value for name, value in told.items()}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NlpOptions:
+    """Another NLP solver of CasADi, such as sqpmethod or fatrop.
+
+    Attributes:
+        plugin: Its name in CasADi.
+        options: Options of the plug-in, as CasADi's `nlpsol` takes them.
+    """
+
+    plugin: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise if there is no such plug-in."""
+        if not isinstance(self.plugin, str) or not ca.has_nlpsol(self.plugin):
+            raise InvalidProblemError(
+                "plugin must be an NLP solver of CasADi that is installed, such as "
+                f"ipopt or sqpmethod, got {self.plugin!r}"
+            )
+
+    def settings(self, *, near: bool) -> dict[str, Any]:
+        """Return the options as CasADi takes them."""
+        del near
+        return {**_QUIET.get(self.plugin, {}), **self.options}
+
+
+PolishOptions = IpoptOptions | NlpOptions
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Polished:
@@ -79,10 +173,11 @@ class Polished:
         controls: Shape (nu, N), within the bounds.
         cost: Its cost on the problem's evaluator.
         violation: Its violation there.
-        improved: False where the guess was kept.
+        improved: False if the guess was kept.
         status: How the solver ended.
         iterations: The solver's iterations.
         evaluations: Evaluations of the objective by the solver.
+        point: The solver's answer in the NLP's numbers; None if it is not stationary.
     """
 
     controls: Array
@@ -92,38 +187,47 @@ class Polished:
     status: PolishStatus
     iterations: int
     evaluations: int
+    point: NlpPoint | None = None
 
 
 class Polisher:
-    """IPOPT on the multiple-shooting NLP of one problem, built once."""
+    """An NLP solver on the multiple-shooting NLP of one problem, built once."""
 
-    def __init__(self, fitness: Fitness, options: IpoptOptions | None = None) -> None:
+    def __init__(self, fitness: Fitness, options: PolishOptions | None = None) -> None:
         """Build the solver.
 
         Args:
             fitness: The problem's evaluator, which also judges the answer.
-            options: What IPOPT is told; None means the defaults.
+            options: What the solver is told; None means IPOPT's defaults.
+
+        Raises:
+            InvalidProblemError: If the solver refuses an option.
         """
-        options = options or IpoptOptions()
+        self._options = options or IpoptOptions()
         self._fitness = fitness
         self._program = multiple_shooting(fitness.problem)
-        self._solver = ca.nlpsol(
-            "polish",
-            "ipopt",
-            self._program.nlp,
-            {
-                "print_time": False,
-                "show_eval_warnings": False,
-                "ipopt.print_level": 0,
-                "ipopt.sb": "yes",
-                "ipopt.max_iter": options.max_iterations,
-                "ipopt.tol": options.tolerance,
-                # By default IPOPT leaves bounds by 1e-8; brought back into them, its
-                # controls would break path constraints that are active.
-                "ipopt.bound_relax_factor": 0.0,
-                **_time_limit(options.max_seconds),
-            },
-        )
+        self._far = self._near = self._built(near=False)
+        if self._options.plugin == "ipopt":
+            self._near = self._built(near=True)
+
+    def _built(self, *, near: bool) -> ca.Function:
+        options = self._options
+        given = self._program.derivatives if options.plugin == "ipopt" else {}
+        settings = {
+            "print_time": False,
+            "show_eval_warnings": False,
+            "error_on_fail": False,
+            "calc_lam_p": False,
+            **given,
+            **options.settings(near=near),
+        }
+        try:
+            return ca.nlpsol("polish", options.plugin, self._program.nlp, settings)
+        except RuntimeError as error:
+            raise InvalidProblemError(
+                f"{options.plugin} refuses its options: expected its own names and "
+                f"types, found {dict(options.options)}: {_last_line(error)}"
+            ) from error
 
     def __call__(
         self,
@@ -132,6 +236,7 @@ class Polisher:
         known: Known = NOTHING,
         *,
         states: Array | None = None,
+        near: bool = False,
     ) -> Polished:
         """Return the better of a guess and the local optimum found from it.
 
@@ -141,10 +246,13 @@ class Polisher:
             known: Parameters and signals.
             states: At the nodes, shape (nx, nodes): where the solver starts; they need
                 not be those that the controls lead to. None means they are.
+            near: Whether the guess is an answer of a search or a solver, worth staying
+                near if it is feasible to 1e-3.
 
         Raises:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
-            SolveError: If IPOPT cannot be run at all.
+            SolveError: If the solver cannot be run at all.
+            KeyboardInterrupt: On Ctrl-C, which CasADi would swallow.
         """
         problem, fitness = self._fitness.problem, self._fitness
         controls = bounded_controls(problem, controls)
@@ -155,7 +263,26 @@ class Polisher:
             raise InvalidProblemError(
                 f"states must have shape {shape}, got {np.shape(states)}"
             )
-        found, stats = self._solve(controls, states, x0, known)
+        near = near and before[1] <= GOOD_START
+        found = self._tried(controls, states, x0, known, before, near=near)
+        if near and found.status is not PolishStatus.CONVERGED:
+            again = self._tried(controls, states, x0, known, before, near=False)
+            found = _better_of(found, again, tolerance=problem.tolerance)
+        return found
+
+    def _tried(
+        self,
+        controls: Array,
+        states: Array,
+        x0: ArrayLike,
+        known: Known,
+        before: tuple[float, float],
+        *,
+        near: bool,
+    ) -> Polished:
+        """Return the better of a guess of known value and the solver's answer."""
+        problem, fitness = self._fitness.problem, self._fitness
+        point, stats, found = self._solve(controls, states, x0, known, near=near)
         lower, upper = (limit[:, None] for limit in problem.control_limits)
         better = np.clip(found, lower, upper)
         after = (
@@ -163,11 +290,11 @@ class Polisher:
             if np.isfinite(better).all()
             else (np.inf, np.inf)
         )
-        improved = is_better(after, before, tolerance=problem.tolerance)
-        cost, violation = after if improved else before
-        status = _IPOPT_STATUS.get(
-            str(stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
+        status, stationary = self._judged(stats, point)
+        improved = is_better(after, before, tolerance=problem.tolerance) or (
+            stationary and _pays_for_violation(point, before, after, problem.tolerance)
         )
+        cost, violation = after if improved else before
         if status is PolishStatus.CONVERGED and not improved:
             if not _agree(before, after, tolerance=problem.tolerance):
                 status = PolishStatus.WORSE
@@ -177,36 +304,97 @@ class Polisher:
             violation=violation,
             improved=improved,
             status=status,
-            iterations=int(stats["iter_count"]),
-            evaluations=int(stats["n_call_nlp_f"]),
+            iterations=int(stats.get("iter_count", 0)),
+            evaluations=int(stats.get("n_call_nlp_f", 0)),
+            point=point if stationary and status is PolishStatus.CONVERGED else None,
         )
 
+    def _judged(
+        self, stats: Mapping[str, Any], point: NlpPoint
+    ) -> tuple[PolishStatus, bool]:
+        """Return how the solver ended, and whether its answer is stationary.
+
+        Of a solver other than IPOPT the flag is not looked at.
+        """
+        stationary = stationarity(point) <= STATIONARY_WITHIN
+        if self._options.plugin == "ipopt":
+            status = _IPOPT_STATUS.get(
+                str(stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
+            )
+            return status, stationary
+        ended = PolishStatus.CONVERGED if stationary else PolishStatus.NUMERICAL_FAILURE
+        return ended, stationary
+
     def _solve(
-        self, controls: Array, states: Array, x0: ArrayLike, known: Known
-    ) -> tuple[Array, dict[str, Any]]:
-        """Return the solver's controls and its statistics."""
+        self,
+        controls: Array,
+        states: Array,
+        x0: ArrayLike,
+        known: Known,
+        *,
+        near: bool,
+    ) -> tuple[NlpPoint, dict[str, Any], Array]:
+        """Return the solver's answer, its statistics and its controls."""
         program, problem = self._program, self._fitness.problem
         ends = states[:, problem.checks :: problem.checks]
-        fixed = [np.asarray(x0), np.asarray(known.parameters)]
-        fixed.append(flatten(np.asarray(known.signals)))
-        try:
-            answer = self._solver(
-                x0=np.concatenate([flatten(controls), flatten(ends)]),
-                p=np.concatenate(fixed),
-                lbx=program.lower,
-                ubx=program.upper,
-                lbg=program.lower_g,
-                ubg=program.upper_g,
-            )
-        except RuntimeError as error:
-            raise SolveError(f"IPOPT could not be run: {error}") from error
-        size = problem.model.nu * problem.intervals
-        w = np.array(answer["x"]).ravel()
-        return unflatten(w[:size], problem.model.nu), self._solver.stats()
+        sizes = self._sizes(controls, states, x0, known)
+        q = program.arguments(*shared_arguments(problem, x0, known), sizes)
+        limits = program.limits(sizes)
+        solver = self._near if near else self._far
+        with noticed() as asked_to_stop:
+            try:
+                answer = solver(
+                    x0=program.variables(controls, ends, sizes), p=q, **limits._asdict()
+                )
+            except RuntimeError as error:
+                if asked_to_stop():
+                    raise KeyboardInterrupt from None
+                raise SolveError(
+                    f"{self._options.plugin} could not be run: {_last_line(error)}"
+                ) from error
+            if asked_to_stop():
+                raise KeyboardInterrupt
+        w, lam_g, lam_x = (
+            np.array(answer[name]).ravel() for name in ("x", "lam_g", "lam_x")
+        )
+        point = NlpPoint(
+            program=program,
+            cost_size=sizes.cost,
+            w=w,
+            q=q,
+            lam_g=lam_g,
+            lam_x=lam_x,
+            limits=limits,
+        )
+        return point, solver.stats(), program.split(w, sizes)[0]
+
+    def _sizes(
+        self, controls: Array, states: Array, x0: ArrayLike, known: Known
+    ) -> Sizes:
+        """Return the sizes, those of states and cost with what the start says."""
+        return self._fitness.arguments.sizes_along(controls, states, x0, known)
 
 
-def _time_limit(seconds: float | None) -> dict[str, float]:
-    return {} if seconds is None else {"ipopt.max_wall_time": seconds}
+def _better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
+    """Return the better of two, with the effort of both; of equals one converged."""
+    costs = [(p.cost, p.violation) for p in (one, other)]
+    takes_other = is_better(costs[1], costs[0], tolerance=tolerance) or (
+        other.status is PolishStatus.CONVERGED
+        and not is_better(costs[0], costs[1], tolerance=tolerance)
+    )
+    best = other if takes_other else one
+    return replace(
+        best,
+        improved=one.improved or other.improved,
+        iterations=one.iterations + other.iterations,
+        evaluations=one.evaluations + other.evaluations,
+    )
+
+
+def _last_line(error: Exception) -> str:
+    """Return the last line of CasADi's message, which says what is wrong."""
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return lines[-1].strip() if lines else type(error).__name__
 
 
 def is_better(
@@ -222,6 +410,25 @@ def is_better(
         return True
     broken, broken_other = (v if v > tolerance else 0.0 for v in (one[1], other[1]))
     return (broken, one[0]) < (broken_other, other[0])
+
+
+def _pays_for_violation(
+    point: NlpPoint,
+    before: tuple[float, float],
+    after: tuple[float, float],
+    tolerance: float,
+) -> bool:
+    """Return whether a dearer answer differs by what the tolerance is worth only.
+
+    A guess may be cheaper than the optimum by breaking constraints within the
+    tolerance: a violation is worth its multiplier.
+    """
+    if not (
+        after[1] <= before[1] <= tolerance and np.isfinite([*before, *after]).all()
+    ):
+        return False
+    worth = np.abs(point.lam_g).max(initial=0) * point.cost_size * before[1]
+    return bool(after[0] - before[0] <= 2 * worth)
 
 
 def _agree(

@@ -2,8 +2,8 @@
 
     minimise    sum of stage costs over the horizon + terminal cost at its end
     subject to  x' = f(x, u, p),  x(0) = x0,  u constant on each of N intervals,
-                bounds on u; bounds on x and path constraints at every check;
-                terminal constraints at the end
+                bounds on u; bounds on x and path constraints at the start and at
+                every check; terminal constraints at the end
 
     |---- interval 0 ----|---- interval 1 ----| ...     N intervals, dt = horizon / N
     |-check-|-check-|....|                              `checks` to an interval
@@ -18,11 +18,15 @@ in between.
 The stage cost is integrated with the model (`quadrature="integral"`), or summed, as the
 chapter does, at the beginning of each interval, dt * L(x_k, u_k) (`quadrature="left"`,
 5.2), or at its end, dt * L(x_k+1, u_k) (`quadrature="right"`, 5.3).
+
+Nothing is judged by a number that a change of units would change. Each row of a
+constraint has a scale (row_scales): the one given, the width of a range, or one found
+for an initial state from the problem's own numbers (scaling.py).
 """
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Literal
+from typing import Literal, cast, get_args
 
 import casadi as ca
 import numpy as np
@@ -33,13 +37,31 @@ from swarmstart.ocp.constraints import (
     Constraint,
     PathConstraint,
     TerminalConstraint,
-    limits_of,
+    limited,
 )
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.integrators import require_count, require_integrator
-from swarmstart.ocp.model import Model, as_column, require_known, require_symbols
+from swarmstart.ocp.limits import (
+    Limit,
+    limits_of,
+    require_choice,
+    require_number,
+    scales_given,
+)
+from swarmstart.ocp.model import (
+    Model,
+    as_column,
+    require_known,
+    require_symbols,
+    shortened,
+)
+from swarmstart.ocp.separation import Connection, Separation
+from swarmstart.ocp.units import without_power_of_two
 
 Array = NDArray[np.float64]
+STATE_BOUNDS = "bounds of the states"
+"""Name of the path constraint that bounds of the states are."""
+Quadrature = Literal["integral", "left", "right"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,14 +75,19 @@ class OptimalControlProblem:
         stage_cost: Scalar in states, controls, parameters, signals [cost / s].
         terminal_cost: Scalar in states, parameters, signals.
         bounds: Bounds on controls and states.
-        constraints: Path constraints, as in constraints.py.
-        terminal: Terminal constraints; a bare expression means expression = 0.
+        constraints: Path constraints: those of constraints.py, relations such as
+            `x[0] <= 1`, or bare expressions, which mean expression = 0.
+        terminal: Terminal constraints, relations, bare expressions (= 0), or pairs
+            (expression, value).
         signals: Symbols of the known signals, shape (ns, 1).
         quadrature: "integral", "left" or "right".
         integrator: A key of INTEGRATORS.
         substeps: Steps of the integrator from one check to the next.
         checks: Number of checks in an interval.
-        tolerance: Largest summed violation that counts as feasible.
+        tolerance: Largest summed violation that counts as feasible, in parts of the
+            constraints' scales.
+        path_tolerance: Largest excess of a constraint on the finely integrated path, in
+            parts of its scale, for an answer to be confirmed.
 
     Raises:
         InvalidProblemError: With the name, the value given and what is allowed.
@@ -74,28 +101,28 @@ class OptimalControlProblem:
     terminal_cost: ca.SX = field(default_factory=lambda: ca.SX(0))
     bounds: Bounds = field(default_factory=Bounds)
     constraints: Sequence[Constraint] = ()
-    terminal: Sequence[ca.SX | TerminalConstraint] = ()
+    terminal: Sequence[ca.SX | TerminalConstraint | tuple[ca.SX, Limit]] = ()
     signals: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
-    quadrature: Literal["integral", "left", "right"] = "integral"
+    quadrature: Quadrature = "integral"
     integrator: str = "rk4"
     substeps: int = 4
     checks: int = 1
     tolerance: float = 1e-6
+    path_tolerance: float = 1e-4
 
     def __post_init__(self) -> None:
         """Check everything; bring sequences to tuples and bounds to arrays."""
+        if not isinstance(self.model, Model):
+            raise InvalidProblemError(
+                f"model must be a swarmstart.Model, got {shortened(self.model)}"
+            )
         self._check_grid()
-        for role in ("constraints", "terminal"):
-            if not isinstance(getattr(self, role), Sequence):
-                raise InvalidProblemError(
-                    f"{role} must be a list, got {type(getattr(self, role)).__name__}"
-                )
         require_symbols("signals", self.signals)
         for role in ("stage_cost", "terminal_cost"):
             self._set(role, self._scalar(role))
-        self._set("terminal", tuple(as_terminal(c) for c in self.terminal))
+        self._set("constraints", tuple(map(as_path, self._listed("constraints"))))
+        self._set("terminal", tuple(map(as_terminal, self._listed("terminal"))))
         self._set("bounds", self._array_bounds())
-        self._set("constraints", tuple(self.constraints))
         symbols = self.symbols()
         for constraint in self.constraints:
             require_known("a path constraint", constraint.expression, symbols)
@@ -106,20 +133,29 @@ class OptimalControlProblem:
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
 
+    def _listed(self, role: str) -> list[object]:
+        """Return the entries of a list; a bare expression or relation is one."""
+        given = getattr(self, role)
+        if isinstance(given, ca.SX):
+            return [given]
+        if isinstance(given, str | bytes) or not isinstance(given, Sequence):
+            raise InvalidProblemError(f"{role} must be a list, got {shortened(given)}")
+        return list(given)
+
     def _check_grid(self) -> None:
+        for role in ("horizon", "tolerance", "path_tolerance"):
+            self._set(role, require_number(role, getattr(self, role)))
         if not (np.isfinite(self.horizon) and self.horizon > 0):
             raise InvalidProblemError(f"horizon must be positive, got {self.horizon}")
         for role in ("intervals", "checks"):
             require_count(role, getattr(self, role))
         require_integrator(self.integrator, self.substeps)
-        if self.quadrature not in ("integral", "left", "right"):
-            raise InvalidProblemError(
-                f"quadrature must be integral, left or right, got {self.quadrature!r}"
-            )
-        if not self.tolerance >= 0:
-            raise InvalidProblemError(
-                f"tolerance must be at least 0, got {self.tolerance}"
-            )
+        require_choice("quadrature", self.quadrature, get_args(Quadrature))
+        for role in ("tolerance", "path_tolerance"):
+            if not getattr(self, role) >= 0:
+                raise InvalidProblemError(
+                    f"{role} must be at least 0, got {getattr(self, role)}"
+                )
 
     def _scalar(self, role: str) -> ca.SX:
         expression = as_column(role, getattr(self, role))
@@ -134,6 +170,11 @@ class OptimalControlProblem:
         return expression
 
     def _array_bounds(self) -> Bounds:
+        if not isinstance(self.bounds, Bounds):
+            raise InvalidProblemError(
+                "bounds must be swarmstart.Bounds, such as Bounds(controls=(-1, 1)), "
+                f"got {shortened(self.bounds)}"
+            )
         controls, states = (
             (-np.inf, np.inf) if limits is None else limits
             for limits in (self.bounds.controls, self.bounds.states)
@@ -141,6 +182,7 @@ class OptimalControlProblem:
         return Bounds(
             controls=limits_of("controls", controls, self.model.nu),
             states=limits_of("states", states, self.model.nx),
+            state_scale=scales_given("states", self.bounds.state_scale, self.model.nx),
         )
 
     def symbols(self) -> dict[str, ca.SX]:
@@ -161,6 +203,17 @@ class OptimalControlProblem:
     def ns(self) -> int:
         """Number of signals."""
         return int(self.signals.numel())
+
+    def costs(self) -> tuple[float, ca.SX, ca.SX]:
+        """Return (unit, stage cost / unit, terminal cost / unit), unit a power of two.
+
+        A cost times a power of two differs in the unit only; see units.py.
+        """
+        power, stage = without_power_of_two(self.stage_cost)
+        other, end = without_power_of_two(self.terminal_cost)
+        if self.stage_cost.is_zero():
+            power = other
+        return 2.0**power, stage, 2.0 ** (other - power) * end
 
     @property
     def nodes(self) -> int:
@@ -186,23 +239,124 @@ class OptimalControlProblem:
 
     @property
     def terminal_constraints(self) -> tuple[TerminalConstraint, ...]:
-        """The terminal constraints, bare expressions turned into equalities."""
+        """The terminal constraints, all as such."""
         return tuple(as_terminal(c) for c in self.terminal)
 
     @property
     def path_constraints(self) -> tuple[Constraint, ...]:
         """The path constraints, with the state bounds as the last one."""
         lower, upper = self.state_limits
-        if not np.isfinite([lower, upper]).any():
+        bounded = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
+        if not bounded.size:
             return tuple(self.constraints)
+        scale = self.bounds.state_scale
         on_states = PathConstraint(
-            expression=self.model.states, lower=lower, upper=upper
+            expression=self.model.states[bounded.tolist()],
+            lower=lower[bounded],
+            upper=upper[bounded],
+            scale=None if scale is None else np.asarray(scale)[bounded],
+            name=STATE_BOUNDS,
         )
         return (*self.constraints, on_states)
 
+    def row_scales(self) -> list[Array]:
+        """Return the scale of each row of the path, then the terminal constraints.
 
-def as_terminal(constraint: ca.SX | TerminalConstraint) -> TerminalConstraint:
-    """Return a terminal constraint; a bare expression means expression = 0."""
+        NaN stands for a scale that depends on the initial state, see scaling.py.
+        """
+        return [
+            known_scales(c)
+            for c in (*self.path_constraints, *self.terminal_constraints)
+        ]
+
+    @property
+    def automatic(self) -> int:
+        """Number of rows whose scale depends on the initial state."""
+        return sum(int(np.isnan(scales).sum()) for scales in self.row_scales())
+
+    def __repr__(self) -> str:
+        """Return the problem's sizes, names and grid in a few lines."""
+        model, kinds = self.model, self.path_constraints
+        lines = [
+            f"OptimalControlProblem over {self.horizon:g} s: {self.intervals} intervals"
+            f" of {self.dt:g} s, {self.checks} check(s) in each, "
+            f"{self.integrator} in {self.substeps} step(s) a check",
+            f"  states: {', '.join(model.state_names)}",
+            f"  controls: {', '.join(map(self._with_limits, range(model.nu)))}",
+            f"  path constraints: {', '.join(map(label, kinds)) or 'none'}",
+            "  terminal constraints: "
+            f"{', '.join(map(label, self.terminal_constraints)) or 'none'}",
+        ]
+        return "\n".join(lines)
+
+    def _with_limits(self, j: int) -> str:
+        lower, upper = (limits[j] for limits in self.control_limits)
+        return f"{self.model.control_names[j]} in [{lower:g}, {upper:g}]"
+
+
+def known_scales(constraint: Constraint) -> Array:
+    """Return the scale of each row, as given or the width of a range; else NaN."""
+    if constraint.scale is not None:
+        return np.asarray(constraint.scale, dtype=np.float64)
+    rows = constraint.rows(constraint.expression)
+    with np.errstate(invalid="ignore"):
+        width = rows.upper - rows.lower
+    return np.where(np.isfinite(width) & (width > 0), width, np.nan)
+
+
+def label(constraint: Constraint) -> str:
+    """Return the name of a constraint, or its expression in short."""
+    return constraint.name or shortened(constraint.expression)
+
+
+def as_path(constraint: object) -> Constraint:
+    """Return a path constraint; a relation or a bare expression becomes one.
+
+    Raises:
+        InvalidProblemError: If it is none of these.
+    """
+    if isinstance(constraint, TerminalConstraint):
+        raise InvalidProblemError(
+            "constraints must hold path constraints; a TerminalConstraint belongs into "
+            "the list `terminal`"
+        )
+    stated = limited("a path constraint", constraint)
+    if stated is not None:
+        expression, lower, upper = stated
+        name = shortened(constraint)
+        return PathConstraint(
+            expression=expression, lower=lower, upper=upper, name=name
+        )
+    if not all(hasattr(constraint, n) for n in ("expression", "excess", "smooth")):
+        raise InvalidProblemError(
+            "constraints must hold PathConstraint, Separation, Connection, relations "
+            f"such as x[0] <= 1 or expressions, got {shortened(constraint)}"
+        )
+    return cast(Constraint, constraint)
+
+
+def as_terminal(constraint: object) -> TerminalConstraint:
+    """Return a terminal constraint; relations, expressions and pairs become one.
+
+    Raises:
+        InvalidProblemError: If it is none of these.
+    """
     if isinstance(constraint, TerminalConstraint):
         return constraint
-    return TerminalConstraint(expression=constraint)
+    if isinstance(constraint, PathConstraint | Separation | Connection):
+        raise InvalidProblemError(
+            "terminal must hold terminal constraints, got a "
+            f"{type(constraint).__name__}: use TerminalConstraint(expression=..., "
+            "lower=..., upper=...)"
+        )
+    stated = limited("a terminal constraint", constraint)
+    if stated is not None:
+        expression, lower, upper = stated
+        return TerminalConstraint(expression=expression, lower=lower, upper=upper)
+    if isinstance(constraint, tuple) and len(constraint) == 2:  # noqa: PLR2004
+        expression, value = constraint
+        return TerminalConstraint(expression=expression, lower=value, upper=value)
+    raise InvalidProblemError(
+        "terminal must hold TerminalConstraint, relations, expressions or pairs "
+        f"(expression, value), got {shortened(constraint)}"
+    )

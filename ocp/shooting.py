@@ -5,12 +5,19 @@ the initial state. Arguments, in this order, of everything made here:
 
     controls    ca.vec of (nu, N): interval after interval, shape (nu * N,)
     x0          initial state, shape (nx,)
-    parameters  shape (np,)
+    parameters  (p, w): the model's parameters (np,), and 1 / scale of each row whose
+                scale depends on the initial state (problem.automatic of them)
     signals     ca.vec of (ns, nodes): node after node, shape (ns * nodes,)
+
+A rollout that leaves the finite numbers has violation infinity: a state, since one that
+is not finite never becomes finite again, is looked at in the end; cost and constraints
+in every interval.
 """
 
 import casadi as ca
+import numpy as np
 
+from swarmstart.ocp.constraints import Constraint
 from swarmstart.ocp.integrators import integrate
 from swarmstart.ocp.model import right_hand_side
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -25,38 +32,46 @@ def stage(problem: OptimalControlProblem) -> ca.Function:
         problem: The problem.
 
     Returns:
-        (x, u, p, S) -> (states, cost, violation), with the signals S at the nodes of
-        the interval, shape (ns, checks + 1), and the states after each check, shape
-        (nx, checks).
+        (x, u, p, S) -> (states, cost, violation), with p as in the module's head, the
+        signals S at the nodes of the interval, shape (ns, checks + 1), and the states
+        after each check, shape (nx, checks).
     """
     model = problem.model
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     p, signals = (
-        ca.SX.sym("p", model.np),
+        ca.SX.sym("p", model.np + problem.automatic),
         ca.SX.sym("s", problem.ns, problem.checks + 1),
     )
+    parameters, automatic = ca.vertsplit(p, [0, model.np, p.numel()])
+    weights = row_weights(problem, automatic)
     names = problem.symbols().values()
-    stage_cost = ca.Function("stage_cost", [*names], [problem.stage_cost])
+    unit, unit_cost, _ = problem.costs()
+    stage_cost = ca.Function("stage_cost", [*names], [unit_cost])
     watched = [
-        ca.Function("watched", [*names], [c.expression])
-        for c in problem.path_constraints
+        (c, ca.Function("watched", [*names], [c.expression]), weight)
+        for c, weight in zip(problem.path_constraints, weights, strict=False)
     ]
 
     cost = ca.SX(0)
     if problem.quadrature == "left":
-        cost = problem.dt * stage_cost(x, u, p, signals[:, 0])
-    violation, state, states = ca.SX(0), x, []
+        cost = problem.dt * stage_cost(x, u, parameters, signals[:, 0])
+    violation, seen, state, states = ca.SX(0), ca.SX(0), x, []
     for k in range(problem.checks):
         s0, s1 = signals[:, k], signals[:, k + 1]
-        after, spent = _check(problem, state, u, p, (s0, s1))
-        for constraint, value in zip(problem.path_constraints, watched, strict=True):
-            violation += constraint.excess(
-                value(state, u, p, s0), value(after, u, p, s1)
-            )
+        after, spent = check_step(problem, state, u, parameters, (s0, s1))
+        for constraint, value, weight in watched:
+            ends = value(state, u, parameters, s0), value(after, u, parameters, s1)
+            excess = constraint.excess(*ends)
+            broken = path_violation(constraint, excess, weight)
+            if k == 0:
+                broken += _broken_at_start(problem, constraint, ends[0], weight)
+            violation, seen = violation + broken, seen + ca.sum1(excess)
         cost, state = cost + spent, after
         states.append(after)
     if problem.quadrature == "right":
-        cost = problem.dt * stage_cost(state, u, p, signals[:, -1])
+        cost = problem.dt * stage_cost(state, u, parameters, signals[:, -1])
+    cost = unit * cost
+    violation += infinite_unless_finite(seen + cost)
     return ca.Function(
         "stage",
         [x, u, p, signals],
@@ -64,6 +79,59 @@ def stage(problem: OptimalControlProblem) -> ca.Function:
         ["x", "u", "p", "signals"],
         ["states", "cost", "violation"],
     )
+
+
+def row_weights(problem: OptimalControlProblem, automatic: ca.SX) -> list[ca.SX]:
+    """Return 1 / scale of each constraint's rows, the path's and then the terminal.
+
+    Args:
+        problem: The problem.
+        automatic: 1 / scale of the rows whose scale the problem does not fix.
+    """
+    weights, used = [], 0
+    for scales in problem.row_scales():
+        column = []
+        for scale in scales:
+            known = not np.isnan(scale)
+            column.append(ca.SX(1 / scale) if known else automatic[used])
+            used += not known
+        weights.append(ca.vertcat(ca.SX(0, 1), *column))
+    return weights
+
+
+def path_violation(constraint: Constraint, excess: ca.SX, weight: ca.SX) -> ca.SX:
+    """Return the violation of a constraint: the sum of its scaled positive excesses."""
+    if constraint.measure == "indicator":
+        return ca.sum1(constraint.indicated(excess))
+    return ca.sum1(ca.fmax(excess, 0) * weight)
+
+
+def _broken_at_start(
+    problem: OptimalControlProblem, constraint: Constraint, value: ca.SX, weight: ca.SX
+) -> ca.SX:
+    """Return the violation, as an interval begins, of the rows that controls enter."""
+    rows = rows_with_controls(problem, constraint)
+    if not rows:
+        return ca.SX(0)
+    excess = constraint.excess(value, value)
+    return path_violation(constraint, excess[rows], weight[rows])
+
+
+def rows_with_controls(
+    problem: OptimalControlProblem, constraint: Constraint
+) -> list[int]:
+    """Return the rows of a constraint that depend on the controls."""
+    values = constraint.rows(constraint.expression).values
+    controls = problem.model.controls
+    if not (controls.numel() and values.numel()):
+        return []
+    depend = ca.which_depends(values, controls, 1, True)
+    return [row for row, depends in enumerate(depend) if depends]
+
+
+def infinite_unless_finite(value: ca.SX) -> ca.SX:
+    """Return infinity if a number is NaN or infinite, else 0."""
+    return ca.if_else(ca.fabs(value) < ca.inf, 0, ca.inf)
 
 
 def stage_without_path(problem: OptimalControlProblem) -> ca.Function:
@@ -85,14 +153,14 @@ def stage_without_path(problem: OptimalControlProblem) -> ca.Function:
     )
 
 
-def _check(
+def check_step(
     problem: OptimalControlProblem,
     x: ca.SX,
     u: ca.SX,
     p: ca.SX,
     ends: tuple[ca.SX, ca.SX],
 ) -> tuple[ca.SX, ca.SX]:
-    """Return the state after one check, and the integral of the stage cost over it."""
+    """Return the state after one check, and the integral of the cost / unit over it."""
     f = right_hand_side(problem.model)
     duration = problem.dt / problem.checks
     if problem.quadrature != "integral":
@@ -106,7 +174,7 @@ def _check(
         )
         return held, ca.SX(0)
     names = problem.symbols().values()
-    stage_cost = ca.Function("stage_cost", [*names], [problem.stage_cost])
+    stage_cost = ca.Function("stage_cost", [*names], [problem.costs()[1]])
     start, end = ends
 
     def rate(t: float, y: ca.SX) -> ca.SX:
@@ -125,16 +193,26 @@ def _check(
 
 
 def terminal(problem: OptimalControlProblem) -> ca.Function:
-    """Return (x, p, s) -> (cost, violation) at the end of the horizon."""
-    symbols = problem.symbols()
-    at_end = [symbols["states"], symbols["parameters"], symbols["signals"]]
-    violation = ca.SX(0)
-    for constraint in problem.terminal_constraints:
-        violation += constraint.excess(constraint.expression)
+    """Return (x, p, s) -> (cost, violation) at the end of the horizon.
+
+    p is as in the module's head. The violation is infinite if a state is not finite.
+    """
+    symbols, count = problem.symbols(), problem.automatic
+    automatic = ca.SX.sym("w", count)
+    weights = row_weights(problem, automatic)[len(problem.path_constraints) :]
+    violation, seen = ca.SX(0), problem.terminal_cost + ca.sum1(symbols["states"])
+    for constraint, weight in zip(problem.terminal_constraints, weights, strict=True):
+        excess = constraint.excess(constraint.expression, constraint.expression)
+        violation += path_violation(constraint, excess, weight)
+        seen += ca.sum1(excess)
     return ca.Function(
         "terminal",
-        at_end,
-        [problem.terminal_cost, violation],
+        [
+            symbols["states"],
+            ca.vertcat(symbols["parameters"], automatic),
+            symbols["signals"],
+        ],
+        [problem.terminal_cost, violation + infinite_unless_finite(seen)],
         ["x", "p", "s"],
         ["cost", "violation"],
     )
@@ -142,7 +220,7 @@ def terminal(problem: OptimalControlProblem) -> ca.Function:
 
 def rollout(problem: OptimalControlProblem) -> ca.Function:
     """Return (controls, x0, parameters, signals) -> (cost, violation)."""
-    arguments, (_, cost, violation) = _rolled(problem)
+    arguments, (cost, violation) = _rolled(problem)
     return ca.Function(
         "rollout",
         arguments,
@@ -154,33 +232,62 @@ def rollout(problem: OptimalControlProblem) -> ca.Function:
 
 def trajectory(problem: OptimalControlProblem) -> ca.Function:
     """Return (controls, x0, parameters, signals) -> states at the nodes (nx, nodes)."""
-    arguments, (states, _, _) = _rolled(problem)
+    model, checks, N = problem.model, problem.checks, problem.intervals
+    interval = stage(problem)
+    x, u, p, s = (ca.SX.sym(n, *interval.size_in(i)) for i, n in enumerate("xups"))
+    after = interval(x, u, p, s)[0]
+    step = ca.Function("step", [x, u, p, s], [after[:, -1], after])
+    arguments = [
+        ca.MX.sym(name, rows)
+        for name, rows in zip(ARGUMENTS, _sizes(problem), strict=True)
+    ]
+    controls, x0, parameters, flat = arguments
+    signals = ca.reshape(flat, problem.ns, problem.nodes)
+    columns = [k * checks + c for k in range(N) for c in range(checks + 1)]
+    _, states = step.mapaccum("steps", N)(
+        x0,
+        ca.reshape(controls, model.nu, N),
+        ca.repmat(parameters, 1, N),
+        signals[:, columns],
+    )
     return ca.Function(
-        "trajectory", arguments, ca.cse([states]), list(ARGUMENTS), ["states"]
+        "trajectory",
+        arguments,
+        [ca.horzcat(x0, states)],
+        list(ARGUMENTS),
+        ["states"],
+    )
+
+
+def _sizes(problem: OptimalControlProblem) -> tuple[int, int, int, int]:
+    """Return the number of entries of each of ARGUMENTS."""
+    model = problem.model
+    return (
+        model.nu * problem.intervals,
+        model.nx,
+        model.np + problem.automatic,
+        problem.ns * problem.nodes,
     )
 
 
 def _rolled(
     problem: OptimalControlProblem,
-) -> tuple[list[ca.SX], tuple[ca.SX, ca.SX, ca.SX]]:
-    """Return the arguments, and states, cost and violation as expressions of them."""
+) -> tuple[list[ca.SX], tuple[ca.SX, ca.SX]]:
+    """Return the arguments, and cost and violation as expressions of them."""
     model, checks = problem.model, problem.checks
-    controls = ca.SX.sym("controls", model.nu * problem.intervals)
-    x0, p = ca.SX.sym("x0", model.nx), ca.SX.sym("p", model.np)
-    flat_signals = ca.SX.sym("signals", problem.ns * problem.nodes)
+    arguments = [
+        ca.SX.sym(name, rows)
+        for name, rows in zip(ARGUMENTS, _sizes(problem), strict=True)
+    ]
+    controls, x0, p, flat_signals = arguments
     u = ca.reshape(controls, model.nu, problem.intervals)
     signals = ca.reshape(flat_signals, problem.ns, problem.nodes)
 
-    interval = stage(problem)
-    x, cost, violation, states = x0, ca.SX(0), ca.SX(0), [x0]
+    interval = stage_without_path(problem)
+    x, cost, violation = x0, ca.SX(0), ca.SX(0)
     for k in range(problem.intervals):
         known = signals[:, k * checks : (k + 1) * checks + 1]
-        after, spent, broken = interval(x, u[:, k], p, known)
-        x, cost, violation = after[:, -1], cost + spent, violation + broken
-        states.append(after)
+        x, spent, broken = interval(x, u[:, k], p, known)
+        cost, violation = cost + spent, violation + broken
     end_cost, end_violation = terminal(problem)(x, p, signals[:, -1])
-    return [controls, x0, p, flat_signals], (
-        ca.horzcat(*states),
-        cost + end_cost,
-        violation + end_violation,
-    )
+    return arguments, (cost + end_cost, violation + end_violation)

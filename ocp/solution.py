@@ -1,37 +1,39 @@
-"""The answer to one optimal-control problem: recomputed on a finer grid, never trusted.
+"""The answer to one optimal-control problem: traced along its path, never trusted.
 
-A coarse integrator lets solvers find optima that do not exist. So every answer is
-integrated again with a step ten times finer, and a cost, violation or final state that
-does not agree is a status, not a footnote.
+A coarse integrator lets solvers find optima that do not exist, and constraints that
+hold at the checks can be broken between them. So every answer is integrated again with
+a step ten times finer, and
+
+    cost        may differ by `tolerance` of the integral of |stage cost| plus
+                |terminal cost|
+    end state   each by `tolerance` of its scale: the largest of its range along the
+                path, the width of its bounds, its start and its target
+    constraints may be broken by `path_tolerance` of their scale, anywhere on the path
+
+or the answer is not confirmed. A confirmed answer is called a local optimum if an NLP
+solver ended at a stationary point, the second derivatives say that it is a minimum, and
+the path touches no kink or jump of the problem's expressions.
 """
 
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.fitness import NOTHING, Known, replay
+from swarmstart.ocp.advice import Found, advice_for, stiffness
+from swarmstart.ocp.fitness import NOTHING, Arguments, Known, shared_arguments
+from swarmstart.ocp.optimality import Curvature, curvature
+from swarmstart.ocp.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.planner import Plan
 from swarmstart.ocp.polish import PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.scaling import Sizes
+from swarmstart.ocp.status import SolutionStatus
 
 Array = NDArray[np.float64]
-FINER = 10
-
-
-class SolutionStatus(Enum):
-    """What can be said of an answer."""
-
-    CONVERGED = "a local optimum, confirmed on the finer grid"
-    FEASIBLE = "feasible, not polished to a local optimum, confirmed on the finer grid"
-    MISMATCH = "not confirmed: the finer grid gives another answer"
-    INFEASIBLE = "no feasible solution was found"
-
-    @property
-    def is_confirmed(self) -> bool:
-        """Whether the answer is feasible, and confirmed on the finer grid."""
-        return self in (SolutionStatus.CONVERGED, SolutionStatus.FEASIBLE)
+TOLERANCE = 1e-3
+_NOTHING_MOVES = 1e-9
+"""Of the natural size: below this part of it, a difference is no difference."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -40,17 +42,25 @@ class Solution:
 
     Attributes:
         status: What can be said of the answer.
+        reason: What was found and what differs, with numbers: sentences.
+        advice: What to change; empty if there is nothing.
+        problem: The problem.
         times: At the nodes, shape (nodes,) [s].
         states: At the nodes, finely integrated, shape (nx, nodes).
         controls: Shape (nu, N).
         cost: Cost on the problem's own grid.
-        violation: Summed violation on the problem's own grid.
-        verified_cost: Cost on the finer grid.
-        verified_violation: Violation on the finer grid, at the same checks.
+        violation: Summed violation on the problem's own grid, in parts of the scales.
+        verified_cost: Cost on the finer path.
+        verified_violation: Sum of the worst excess of each constraint row on the finer
+            path, in parts of the scales.
+        path: The finer path, with what it breaks.
         plan: The plan, with its source and what it took.
     """
 
     status: SolutionStatus
+    reason: str
+    advice: str
+    problem: OptimalControlProblem
     times: Array
     states: Array
     controls: Array
@@ -58,7 +68,41 @@ class Solution:
     violation: float
     verified_cost: float
     verified_violation: float
+    path: Path
     plan: Plan
+
+    def __repr__(self) -> str:
+        """Return a summary in about ten lines."""
+        model, plan = self.problem.model, self.plan
+        lines = [
+            f"Solution: {self.status.value}",
+            f"  reason      {self.reason}",
+            f"  advice      {self.advice or 'none'}",
+            f"  cost        {self.cost:.9g}  (finer path: {self.verified_cost:.9g})",
+            f"  violation   {self.violation:.3g}  "
+            f"(finer path: {self.verified_violation:.3g})",
+            f"  source      {plan.source.value}; {plan.evaluations} evaluations"
+            + (f"; polish {plan.polish_status.value}" if plan.polish_status else ""),
+            f"  horizon     {self.problem.horizon:g} s, {self.problem.intervals} "
+            f"intervals of {self.problem.dt:g} s",
+            f"  states      {_ranges(model.state_names, self.states)}",
+            f"  controls    {_ranges(model.control_names, self.controls)}",
+        ]
+        return "\n".join(lines)
+
+
+SHOWN = 6
+"""Rows of states or controls that a summary shows."""
+
+
+def _ranges(names: tuple[str, ...], rows: Array) -> str:
+    """Return names with the first and last value and the range, of the first rows."""
+    parts = [
+        f"{name} {row[0]:.4g} to {row[-1]:.4g} in [{row.min():.4g}, {row.max():.4g}]"
+        for name, row in zip(names[:SHOWN], rows, strict=False)
+    ]
+    more = len(names) - SHOWN
+    return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 
 
 def verified(
@@ -67,7 +111,8 @@ def verified(
     x0: ArrayLike,
     known: Known = NOTHING,
     *,
-    tolerance: float = 1e-3,
+    tolerance: float = TOLERANCE,
+    settled: bool = False,
 ) -> Solution:
     """Return a plan as a solution, integrated ten times finer.
 
@@ -76,34 +121,170 @@ def verified(
         plan: The plan.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
-        tolerance: What counts as agreement: the largest difference of the costs and of
-            the final states, relative to the cost and to each state's largest value
-            (at least 1), and the largest absolute difference of the violations.
+        tolerance: What counts as agreement; see the module's head.
+        settled: Whether perturbed starts have led to nothing better: then a stationary
+            point that is flat to second order is a local optimum, too.
     """
-    fine = replace(problem, substeps=problem.substeps * FINER)
-    states, cost, violation = replay(fine, plan.controls, x0, known)
-    scale = max(abs(cost), abs(plan.cost))
-    agrees = abs(cost - plan.cost) <= tolerance * scale and (
-        abs(violation - plan.violation) <= max(tolerance, problem.tolerance)
-    )
-    size = np.maximum(np.abs(states).max(axis=1), 1.0)
-    agrees &= bool((np.abs(states - plan.states)[:, -1] <= tolerance * size).all())
-    if not plan.feasible:
-        status = SolutionStatus.INFEASIBLE
-    elif not agrees:
-        status = SolutionStatus.MISMATCH
-    elif plan.polish_status is PolishStatus.CONVERGED:
-        status = SolutionStatus.CONVERGED
-    else:
-        status = SolutionStatus.FEASIBLE
+    state, parameters, flat = shared_arguments(problem, x0, known)
+    signals = flat.reshape((problem.ns, problem.nodes), order="F")
+    sizes = Arguments(problem).sizes(x0, known, plan.controls)
+    path = Tracer(problem)(plan.controls, state, parameters, signals, sizes)
+    found = _judged(problem, plan, path, sizes, tolerance=tolerance)
+    if found.status is SolutionStatus.FEASIBLE:
+        found = _ranked(plan, path, settled)
+    status, reason = found.status, found.reason
+    if path.outside:
+        reason = f"the start is outside: {path.outside[0]}; {reason}"
+    stiff = None
+    if not status.is_confirmed:
+        stiff = stiffness(problem, path, parameters)
+    every = len(path.times) // (problem.nodes - 1)
     return Solution(
         status=status,
+        reason=reason,
+        advice=advice_for(problem, found, stiff),
+        problem=problem,
         times=problem.times,
-        states=states,
+        states=path.states[:, ::every],
         controls=plan.controls,
         cost=plan.cost,
         violation=plan.violation,
-        verified_cost=cost,
-        verified_violation=violation,
+        verified_cost=path.cost,
+        verified_violation=sum(e.relative for e in path.broken),
+        path=path,
         plan=plan,
+    )
+
+
+def _judged(
+    problem: OptimalControlProblem,
+    plan: Plan,
+    path: Path,
+    sizes: Sizes,
+    *,
+    tolerance: float,
+) -> Found:
+    """Return the status of a plan by its path: FEASIBLE if all agrees."""
+    lost = path.not_finite or first_not_finite(problem, problem.times, plan.states)
+    if lost is not None and not plan.feasible:
+        time, name = lost
+        return Found(
+            SolutionStatus.NOT_FINITE,
+            f"state {name} is not a finite number from {time:.4g} s on",
+        )
+    if not plan.feasible:
+        return _infeasible(plan, path)
+    if path.not_finite is not None:
+        time, name = path.not_finite
+        return Found(
+            SolutionStatus.MISMATCH,
+            f"on the finer path state {name} is not a finite number from {time:.4g} s "
+            "on",
+        )
+    differs = _differences(problem, plan, path, sizes, tolerance)
+    if differs:
+        return Found(SolutionStatus.MISMATCH, differs)
+    broken = [e for e in path.broken if e.relative > problem.path_tolerance]
+    if broken:
+        more = len(broken) - 1
+        also = f", and {more} more row(s) are broken" if more else ""
+        return Found(
+            SolutionStatus.BROKEN,
+            f"between the checks {broken[0]}{also}; the path tolerance is "
+            f"{problem.path_tolerance:g} of the scale",
+            broken[0],
+        )
+    return Found(SolutionStatus.FEASIBLE, "")
+
+
+def _infeasible(plan: Plan, path: Path) -> Found:
+    """Return why a plan is infeasible."""
+    if not np.isfinite(plan.cost) or not np.isfinite(plan.violation):
+        bad = next((e for e in path.broken if not np.isfinite(e.amount)), None)
+        what = (
+            f"{bad.name} is not a finite number at {bad.time:.4g} s"
+            if bad
+            else "the cost is not a finite number"
+        )
+        return Found(SolutionStatus.NOT_FINITE, what)
+    worst = f"the best point found breaks constraints by {plan.violation:.3g} in all"
+    if path.broken:
+        worst += f"; {path.broken[0]}"
+    return Found(
+        SolutionStatus.INFEASIBLE, worst, path.broken[0] if path.broken else None
+    )
+
+
+def _differences(
+    problem: OptimalControlProblem,
+    plan: Plan,
+    path: Path,
+    sizes: Sizes,
+    tolerance: float,
+) -> str:
+    """Return what the finer path gives otherwise; empty if it agrees."""
+    if not np.isfinite(path.cost):
+        return "the cost of the finer path is not a finite number"
+    told = []
+    allowed = tolerance * path.magnitude + _NOTHING_MOVES * sizes.cost
+    if abs(path.cost - plan.cost) > allowed:
+        share = abs(path.cost - plan.cost) / max(path.magnitude, 1e-300)
+        told.append(
+            f"the cost is {path.cost:.6g} on the finer path, {plan.cost:.6g} on the "
+            f"problem's grid ({share:.2g} of its size; {tolerance:g} is allowed)"
+        )
+    lower, upper = problem.state_limits
+    width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    reach = np.ptp(path.states, axis=1)
+    ends = np.abs(path.states[:, [0, -1]]).max(axis=1)
+    scale = np.maximum(np.maximum(reach, width), ends)
+    off = np.abs(path.states[:, -1] - plan.states[:, -1])
+    beyond = off - (tolerance * scale + _NOTHING_MOVES * sizes.states)
+    if (beyond > 0).any():
+        i = int(np.argmax(beyond / np.maximum(scale, 1e-300)))
+        told.append(
+            f"state {problem.model.state_names[i]} ends at {path.states[i, -1]:.6g} on "
+            f"the finer path, at {plan.states[i, -1]:.6g} on the problem's grid "
+            f"({off[i] / max(scale[i], 1e-300):.2g} of its size {scale[i]:.3g})"
+        )
+    at_end = [
+        e
+        for e in path.broken
+        if e.constraint >= len(problem.path_constraints)
+        and e.relative > problem.path_tolerance
+    ]
+    if at_end:
+        told.append(f"on the finer path {at_end[0]}")
+    return "; ".join(told)
+
+
+def _ranked(plan: Plan, path: Path, settled: bool) -> Found:
+    """Return whether a confirmed answer is a local optimum, and why not."""
+    if plan.point is None or plan.polish_status is not PolishStatus.CONVERGED:
+        if plan.polish_status is None:
+            return Found(SolutionStatus.FEASIBLE, "it was searched, not polished")
+        return Found(
+            SolutionStatus.FEASIBLE, f"the polish {plan.polish_status.value}"
+            if plan.polish_status is not PolishStatus.CONVERGED
+            else "the polish ended at a point that is not stationary",
+        )  # fmt: skip
+    touched = path.kinks
+    if touched:
+        return Found(
+            SolutionStatus.FEASIBLE,
+            f"the path touches a kink or jump of {touched[0]}, where the conditions of "
+            "a smooth optimum say nothing",
+        )
+    bent = curvature(plan.point)
+    if bent is Curvature.POSITIVE:
+        return Found(
+            SolutionStatus.CONVERGED, "stationary, with positive second derivatives"
+        )
+    if settled:
+        return Found(
+            SolutionStatus.CONVERGED,
+            "stationary, and no perturbed start led to anything better",
+        )
+    return Found(
+        SolutionStatus.FEASIBLE, f"the polish ended at a point that is {bent.value}"
     )

@@ -1,5 +1,7 @@
-"""The one-call way through: search, polish, verify."""
+"""The one-call way through: search, polish, verify, and repair if that is asked for."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -9,65 +11,314 @@ from swarmstart.heuristics import (
     Algorithm,
     Budget,
     Order,
-    default_algorithm,
-    static_penalty,
+    algorithm_of,
+    generator_of,
 )
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
-from swarmstart.ocp.planner import Planner, SearchSettings
-from swarmstart.ocp.polish import IpoptOptions
+from swarmstart.ocp.limits import require_choice
+from swarmstart.ocp.model import shortened
+from swarmstart.ocp.perturbation import settled
+from swarmstart.ocp.planner import (
+    Plan,
+    Planner,
+    PlanningInterrupted,
+    SearchSettings,
+)
+from swarmstart.ocp.polish import (
+    IpoptOptions,
+    NlpOptions,
+    PolishOptions,
+    is_better,
+)
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.repair import ATTEMPTS, at_points, has_segments, needed, tightened
 from swarmstart.ocp.solution import Solution, verified
+from swarmstart.ocp.status import SolutionStatus
 
 Array = NDArray[np.float64]
+EVALUATIONS = 20_000
+"""Budget of a search that is given none."""
+StartRule = Literal["must hold", "may violate"]
+SearchGiven = Algorithm | type[Algorithm] | str | None
+PolishGiven = PolishOptions | str | bool | None
+
+
+class SolveInterrupted(KeyboardInterrupt):
+    """Ctrl-C during `solve`.
+
+    Attributes:
+        partial: The best answer so far, verified.
+    """
+
+    def __init__(self, partial: Solution) -> None:
+        """Keep the best answer so far."""
+        super().__init__("solve was interrupted; the best answer so far is in .partial")
+        self.partial = partial
 
 
 def solve(  # noqa: PLR0913 - the whole way in one call
     problem: OptimalControlProblem,
     x0: ArrayLike,
     *,
-    search: Algorithm | Literal["default"] | None = "default",
-    budget: Budget | None = None,
+    search: SearchGiven = "default",
+    budget: Budget | int | None = None,
     order: Order | None = None,
-    polish: IpoptOptions | None = None,
-    guess: Array | None = None,
+    polish: PolishGiven = "ipopt",
+    guess: ArrayLike | None = None,
     parameters: ArrayLike = (),
     signals: ArrayLike = (),
-    rng: np.random.Generator,
+    start: StartRule = "must hold",
+    repair: bool = False,
+    backend: str | None = None,
+    rng: np.random.Generator | None = None,
+    seed: int | Sequence[int] | None = None,
 ) -> Solution:
     """Solve an optimal-control problem from an initial state.
 
     Args:
         problem: The problem.
         x0: Initial state, shape (nx,).
-        search: Settings of a population search; "default" means what
-            `heuristics.default_algorithm` takes for the budget, None means none.
-        budget: What the search may cost; None means 20,000 evaluations.
-        order: How individuals are ordered; None means a static penalty of 1e4 per
-            unit of violation.
-        polish: Options of IPOPT; None means no polish.
+        search: A population search: settings, a class of settings or a name such as
+            "lshade"; "default" means what `heuristics.default_algorithm` takes for the
+            budget; None or "none" means no search.
+        budget: What the search may cost; an integer is a number of evaluations; None
+            means 20,000 of them.
+        order: How individuals are ordered; None means `heuristics.default_order`.
+        polish: "ipopt" or True, the name of another NLP solver of CasADi, options of
+            one; None, False or "none" means no polish.
         guess: Controls to start from, shape (nu, N); None means none is known.
         parameters: Shape (np,).
         signals: Shape (ns, nodes).
-        rng: Source of all randomness.
+        start: Whether x0 must be inside the bounds of the states and the path
+            constraints ("must hold"), or "may violate" them, which the status says.
+        repair: Whether an answer that breaks a constraint between the checks is solved
+            again with a margin, at most three times.
+        backend: What evaluates populations, as in compiled/backend.py.
+        rng: Source of all randomness; either this or a seed.
+        seed: Seed of a new generator.
+
+    Returns:
+        The best answer found, verified along its path.
 
     Raises:
-        InvalidProblemError: If there is neither a search nor a polish, or a shape is
-            not the problem's.
+        InvalidProblemError: If there is neither a search nor a polish, a shape is not
+            the problem's, or the start is outside and must not be.
+        SolveInterrupted: On Ctrl-C, with the best answer so far; a plain
+            KeyboardInterrupt if there is none yet.
     """
-    if search is None and polish is None:
-        raise InvalidProblemError("solve needs a search, a polish or both, got neither")
-    settings = None
-    if search is not None:
-        budget = budget or Budget(evaluations=20_000)
-        settings = SearchSettings(
-            algorithm=default_algorithm(budget.evaluations)
-            if search == "default"
-            else search,
-            budget=budget,
-            order=order or static_penalty(1e4),
+    if not isinstance(problem, OptimalControlProblem):
+        raise InvalidProblemError(
+            f"solve takes an OptimalControlProblem, got {shortened(problem)}"
         )
-    planner = Planner(problem, search=settings, polish=polish)
+    require_choice("start", start, ("must hold", "may violate"))
+    rng = generator_of(rng, seed)
+    settings = search_settings(search, budget, order)
+    polishing = polish_options(polish)
+    if settings is None and polishing is None:
+        raise InvalidProblemError("solve needs a search, a polish or both, got neither")
+    planner = Planner(problem, search=settings, polish=polishing, backend=backend)
     known = Known(parameters=parameters, signals=signals)
-    plan = planner.plan(x0, known=known, guess=guess, rng=rng)
-    return verified(problem, plan, x0, known)
+    outside = planner.outside(x0, known)
+    if outside and start == "must hold":
+        raise InvalidProblemError(
+            "the start must keep the bounds of the states and the path constraints: "
+            + "; ".join(map(str, outside))
+            + " (start='may violate' allows it)"
+        )
+    controls = None if guess is None else _controls(guess)
+    try:
+        plan = planner.plan(x0, known=known, guess=controls, rng=rng)
+    except PlanningInterrupted as stopped:
+        raise SolveInterrupted(verified(problem, stopped.partial, x0, known)) from None
+    solution, used = verified(problem, plan, x0, known), planner
+    try:
+        if repair:
+            solution, used = repaired(planner, solution, x0, known, rng=rng)
+        solution = _settled(planner, used, solution, x0, known, rng)
+    except KeyboardInterrupt:
+        raise SolveInterrupted(solution) from None
+    return solution
+
+
+def search_settings(
+    search: SearchGiven, budget: Budget | int | None, order: Order | None
+) -> SearchSettings | None:
+    """Return a search as a planner takes it; None means none.
+
+    Raises:
+        InvalidProblemError: If the budget is no budget.
+    """
+    if search is None or (isinstance(search, str) and search == "none"):
+        return None
+    if budget is None:
+        budget = EVALUATIONS
+    if isinstance(budget, int | np.integer) and not isinstance(budget, bool):
+        budget = Budget(evaluations=int(budget))
+    if not isinstance(budget, Budget):
+        raise InvalidProblemError(
+            "budget must be a Budget or a number of evaluations, "
+            f"got {shortened(budget)}"
+        )
+    if order is not None and not isinstance(order, Order):
+        raise InvalidProblemError(
+            "order must be an order such as feasibility_first(), "
+            f"got {shortened(order)}"
+        )
+    algorithm = algorithm_of(search, budget.evaluations)
+    return SearchSettings(algorithm=algorithm, budget=budget, order=order)
+
+
+def polish_options(polish: PolishGiven) -> PolishOptions | None:
+    """Return a polish as a planner takes it; None means none.
+
+    Raises:
+        InvalidProblemError: If there is no such solver.
+    """
+    if polish is None or polish is False or polish == "none":
+        return None
+    if polish is True or polish == "ipopt":
+        return IpoptOptions()
+    if isinstance(polish, str):
+        return NlpOptions(plugin=polish)
+    if not isinstance(polish, IpoptOptions | NlpOptions):
+        raise InvalidProblemError(
+            "polish must be 'ipopt', the name of an NLP solver of CasADi, "
+            f"IpoptOptions, NlpOptions or None, got {shortened(polish)}"
+        )
+    return polish
+
+
+def _controls(guess: ArrayLike) -> Array:
+    """Return a guess as an array; a vector is one row.
+
+    Raises:
+        InvalidProblemError: If it holds no numbers.
+    """
+    try:
+        controls = np.array(guess, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidProblemError(
+            f"a guess must be numbers of shape (nu, N), got {shortened(guess)}"
+        ) from error
+    return np.atleast_2d(controls)
+
+
+def _settled(
+    planner: Planner,
+    used: Planner,
+    solution: Solution,
+    x0: ArrayLike,
+    known: Known,
+    rng: np.random.Generator,
+) -> Solution:
+    """Return a stationary answer looked at from perturbed starts; others unchanged.
+
+    Args:
+        planner: The problem's planner.
+        used: The planner that the answer is of; its problem may have margins.
+        solution: The answer.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        rng: Source of all randomness.
+    """
+    undecided = solution.status is SolutionStatus.FEASIBLE and not solution.path.kinks
+    if used.polisher is None or not undecided or solution.plan.point is None:
+        return solution
+    plan, is_settled = settled(used, solution.plan, x0, known, rng=rng)
+    plan = _judged_by(planner, plan, plan.evaluations, solution, x0, known)
+    found = verified(planner.problem, plan, x0, known, settled=is_settled)
+    # A descent that the finer path does not confirm is none.
+    return found if found.status.is_confirmed else solution
+
+
+def repaired(
+    planner: Planner,
+    solution: Solution,
+    x0: ArrayLike,
+    known: Known,
+    *,
+    rng: np.random.Generator,
+) -> tuple[Solution, Planner]:
+    """Return an answer that keeps its constraints along the path, if one is found.
+
+    Args:
+        planner: The problem's planner.
+        solution: Its answer.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        rng: Source of all randomness.
+
+    Returns:
+        The answer, and the planner that it is of: its problem may have margins.
+    """
+    problem = planner.problem
+    best, at, tight = (solution, planner), solution, problem
+    by_points = planner.polish is not None and has_segments(problem)
+
+    def again(stated: OptimalControlProblem, at: Solution) -> tuple[Solution, Planner]:
+        other = Planner(
+            stated,
+            search=planner.search if planner.polish is None else None,
+            polish=planner.polish,
+            backend=planner.fitness.backend,
+        )
+        plan = other.plan(x0, known=known, guess=at.controls, rng=rng)
+        effort = at.plan.evaluations + plan.evaluations
+        judged = _judged_by(planner, plan, effort, at, x0, known)
+        return verified(problem, judged, x0, known), other
+
+    if by_points:
+        at, other = again(at_points(problem), at)
+        best = _better(best, (at, other))
+    for _ in range(ATTEMPTS):
+        excesses = needed(problem, at, x0, known)
+        if not excesses or not _worth_repairing(at, by_points):
+            break
+        tight = tightened(tight, excesses)
+        at, other = again(at_points(tight) if by_points else tight, at)
+        best = _better(best, (at, other))
+    return best
+
+
+def _worth_repairing(solution: Solution, by_points: bool) -> bool:
+    """Return whether an answer only breaks what a margin could mend."""
+    broken = solution.status is SolutionStatus.BROKEN
+    return broken or (by_points and solution.status is SolutionStatus.INFEASIBLE)
+
+
+def _judged_by(
+    planner: Planner,
+    plan: Plan,
+    evaluations: int,
+    before: Solution,
+    x0: ArrayLike,
+    known: Known,
+) -> Plan:
+    """Return a plan made for a problem with margins as one of the planner's problem."""
+    judged = planner.evaluated(plan.controls, x0, known=known, source=plan.source)
+    return replace(
+        judged,
+        search_cost=before.plan.search_cost,
+        search_violation=before.plan.search_violation,
+        search_history=before.plan.search_history,
+        evaluations=evaluations,
+        polish_status=plan.polish_status,
+        point=plan.point,
+    )
+
+
+Answered = tuple[Solution, Planner]
+"""An answer and the planner that it is of."""
+
+
+def _better(one: Answered, other: Answered) -> Answered:
+    """Return the better of two answers: confirmed before not, then by cost."""
+    first, second = one[0], other[0]
+    if first.status.is_confirmed != second.status.is_confirmed:
+        return one if first.status.is_confirmed else other
+    if first.status.is_confirmed:
+        return other if second.cost < first.cost else one
+    values = [(s.cost, s.verified_violation) for s in (first, second)]
+    better = is_better(values[1], values[0], tolerance=first.problem.path_tolerance)
+    return other if better else one

@@ -1,153 +1,323 @@
-"""Direct multiple shooting: an optimal-control problem as a sparse NLP.
+"""Direct multiple shooting: an optimal-control problem as a sparse NLP, without units.
 
     minimise  f(w, q)   subject to  lbg <= g(w, q) <= ubg,  lbw <= w <= ubw
-    w = (ca.vec of controls (nu, N), ca.vec of the states (nx, N) after each interval)
-    q = (x0, parameters, ca.vec of signals)
+    w = (u_0, x_1, u_1, x_2, ... u_N-1, x_N), each divided by its size
+    g = (defects and constraint rows of interval 0, of interval 1, ..., terminal rows)
+    q = (x0, shared, weights of an interval's and of the end's rows, ca.vec of signals)
 
-The states after each interval are variables, tied by continuity (defects = 0); path
-constraints in their smooth form hold at every check, terminal constraints at the end.
+The states after each interval are variables, tied by continuity (defects = 0). Path
+constraints hold, in smooth form, at every check; rows that a control enters hold as an
+interval begins, too. Terminal constraints hold at the end. A range or an equality is
+one row with two limits.
+
+The sizes (scaling.py) are arguments: a solver built once sees numbers near one,
+whatever the units and the initial state. Derivatives are those of one interval
+(nlp_parts.py), mapped and put in their places: the time to build them does not grow
+with N.
 
 Source: Bock and Plitt (1984), A multiple shooting algorithm for direct solution of
 optimal control problems.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.nlp_parts import Part, end_part, interval_part
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.shooting import stage, terminal
+from swarmstart.ocp.scaling import Sizes
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class Limits(NamedTuple):
+    """Bounds of an NLP's variables and constraints."""
+
+    lbx: Array
+    ubx: Array
+    lbg: Array
+    ubg: Array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NonlinearProgram:
-    """An NLP in the form CasADi's `nlpsol` takes, with its bounds.
+    """An NLP in the form CasADi's `nlpsol` takes; its numbers follow from sizes.
 
     Attributes:
+        problem: The problem.
         nlp: The expressions "x", "p", "f", "g".
-        lower: Bounds of the variables, shape (nw,).
-        upper: Bounds of the variables, shape (nw,).
-        lower_g: Bounds of the constraints, shape (ng,).
-        upper_g: Bounds of the constraints, shape (ng,).
+        derivatives: "grad_f", "jac_g" and "hess_lag", as nlpsol's IPOPT takes them.
+        interval: One interval.
+        end: The end of the horizon.
     """
 
-    nlp: dict[str, ca.SX]
-    lower: Array
-    upper: Array
-    lower_g: Array
-    upper_g: Array
+    problem: OptimalControlProblem
+    nlp: dict[str, ca.MX]
+    derivatives: dict[str, ca.Function]
+    interval: Part
+    end: Part
+
+    def arguments(
+        self, x0: Array, parameters: Array, signals: Array, sizes: Sizes
+    ) -> Array:
+        """Return q.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            parameters: Shape (np,).
+            signals: ca.vec of the signals.
+            sizes: The sizes.
+        """
+        cost = sizes.cost / self.problem.costs()[0]
+        shared = [parameters, sizes.states, sizes.controls, [cost]]
+        weights = [row_weights(part, sizes) for part in (self.interval, self.end)]
+        return np.concatenate([x0 / sizes.states, *shared, *weights, signals])
+
+    def limits(self, sizes: Sizes) -> Limits:
+        """Return the bounds of variables and constraints, divided by the sizes."""
+        problem, N = self.problem, self.problem.intervals
+        inside, at_end = (
+            row_weights(part, sizes) for part in (self.interval, self.end)
+        )
+        bounds = [
+            np.tile(np.concatenate([u / sizes.controls, x / sizes.states]), N)
+            for u, x in zip(problem.control_limits, problem.state_limits, strict=True)
+        ]
+        g = [
+            np.concatenate(
+                [
+                    np.tile(
+                        np.concatenate([np.zeros(problem.model.nx), stage * inside]), N
+                    ),
+                    end * at_end,
+                ]
+            )
+            for stage, end in zip(
+                self.interval.rows[1:3], self.end.rows[1:3], strict=True
+            )
+        ]
+        return Limits(bounds[0], bounds[1], g[0], g[1])
+
+    def variables(self, controls: Array, states: Array, sizes: Sizes) -> Array:
+        """Return w of controls (nu, N) and the states after each interval (nx, N)."""
+        scaled = [controls / sizes.controls[:, None], states / sizes.states[:, None]]
+        return np.vstack(scaled).ravel(order="F")
+
+    def split(self, w: Array, sizes: Sizes) -> tuple[Array, Array]:
+        """Return controls (nu, N) and the states after each interval (nx, N) of w."""
+        nu, N = self.problem.model.nu, self.problem.intervals
+        both = w.reshape((-1, N), order="F")
+        return both[:nu] * sizes.controls[:, None], both[nu:] * sizes.states[:, None]
+
+
+def row_weights(part: Part, sizes: Sizes) -> Array:
+    """Return 1 / size of each constraint row of a part."""
+    rows = [1 / sizes.rows[constraint][row] for constraint, row in part.rows.places]
+    return np.array(rows, dtype=np.float64)
 
 
 def multiple_shooting(problem: OptimalControlProblem) -> NonlinearProgram:
-    """Return the multiple-shooting NLP of a problem.
+    """Return the multiple-shooting NLP of a problem, with its derivatives.
 
     Args:
         problem: The problem.
     """
-    model, N = problem.model, problem.intervals
-    u, x = ca.SX.sym("u", model.nu, N), ca.SX.sym("x", model.nx, N)
-    x0, p = ca.SX.sym("x0", model.nx), ca.SX.sym("p", model.np)
-    signals = ca.SX.sym("s", problem.ns, problem.nodes)
-
-    cost, defects, checked = _intervals(problem, ca.horzcat(x0, x), u, p, signals)
-    last = x[:, -1]
-    end_cost, _ = terminal(problem)(last, p, signals[:, -1])
-    rows = [
-        (defects, np.zeros(defects.numel()), np.zeros(defects.numel())),
-        checked,
-        _terminal_rows(problem, last, p, signals[:, -1]),
-    ]
-    lower_u, upper_u = problem.control_limits
-    lower_x, upper_x = problem.state_limits
+    interval, end = interval_part(problem), end_part(problem)
+    mapped = _Mapped(problem, interval, end)
+    cost, g, end_cost, end_g = mapped.applied(interval.value, end.value)
+    nlp = {
+        "x": mapped.w,
+        "p": mapped.q,
+        "f": ca.sum2(cost) + end_cost,
+        "g": ca.vertcat(ca.vec(g - mapped.next_states()), end_g),
+    }
     return NonlinearProgram(
-        nlp={
-            "x": ca.vertcat(ca.vec(u), ca.vec(x)),
-            "p": ca.vertcat(x0, p, ca.vec(signals)),
-            "f": cost + end_cost,
-            "g": ca.vertcat(*[values for values, _, _ in rows]),
-        },
-        lower=np.concatenate([np.tile(lower_u, N), np.tile(lower_x, N)]),
-        upper=np.concatenate([np.tile(upper_u, N), np.tile(upper_x, N)]),
-        lower_g=np.concatenate([lower for _, lower, _ in rows]),
-        upper_g=np.concatenate([upper for _, _, upper in rows]),
+        problem=problem,
+        nlp=nlp,
+        derivatives=_derivatives(mapped, interval, end),
+        interval=interval,
+        end=end,
     )
 
 
-Rows = tuple[ca.SX, Array, Array]
-"""Constraints: their values, lower and upper limits."""
+class _Mapped:
+    """Symbols of the NLP, and the functions of its parts applied to them."""
+
+    def __init__(
+        self, problem: OptimalControlProblem, interval: Part, end: Part
+    ) -> None:
+        model, N, checks = problem.model, problem.intervals, problem.checks
+        self.nx, self.nu, self.N = model.nx, model.nu, N
+        self.rows = interval.value.numel_out(1)
+        self.w = ca.MX.sym("w", (model.nu + model.nx) * N)
+        weights = [len(part.rows.places) for part in (interval, end)]
+        shared = interval.value.numel_in(1) - weights[0]
+        sizes = [model.nx, shared, *weights, problem.ns * problem.nodes]
+        self.q = ca.MX.sym("q", sum(sizes))
+        x0, known, inside, at_end, flat = ca.vertsplit(
+            self.q, [0, *np.cumsum(sizes).tolist()]
+        )
+        both = ca.reshape(self.w, model.nu + model.nx, N)
+        self.x = both[model.nu :, :]
+        z = ca.vertcat(ca.horzcat(x0, self.x[:, :-1]), both[: model.nu, :])
+        signals = ca.reshape(flat, problem.ns, problem.nodes)
+        columns = [k * checks + c for k in range(N) for c in range(checks + 1)]
+        self._stage = [z, ca.vertcat(known, inside), signals[:, columns]]
+        self._end = [self.x[:, -1], ca.vertcat(known, at_end), signals[:, -1]]
+
+    def applied(
+        self,
+        stage: ca.Function,
+        end: ca.Function,
+        stage_more: tuple[ca.MX, ...] = (),
+        end_more: tuple[ca.MX, ...] = (),
+        *,
+        same: tuple[int, ...] = (1,),
+    ) -> list[ca.MX]:
+        """Return the outputs of all intervals, side by side, and of the end.
+
+        Args:
+            stage: A function of an interval.
+            end: The same of the end.
+            stage_more: Arguments besides, side by side.
+            end_more: Arguments besides.
+            same: Numbers of the arguments that are the same for all intervals.
+        """
+        mapped = stage.map(stage.name(), "serial", self.N, list(same), [])
+        found = [mapped(*self._stage, *stage_more), end(*self._end, *end_more)]
+        return [out for part in found for out in _several(part)]
+
+    def next_states(self) -> ca.MX:
+        """Return what the g of each interval is compared with, (rows, N)."""
+        return ca.vertcat(self.x, ca.MX.zeros(self.rows - self.nx, self.N))
+
+    def place(self, k: int) -> list[int]:
+        """Return the numbers in w of an interval's z; -1 for the initial state."""
+        step = self.nu + self.nx
+        before = range((k - 1) * step + self.nu, k * step)
+        x = [-1] * self.nx if k == 0 else list(before)
+        return x + list(range(k * step, k * step + self.nu))
 
 
-def _intervals(
-    problem: OptimalControlProblem, x: ca.SX, u: ca.SX, p: ca.SX, signals: ca.SX
-) -> tuple[ca.SX, ca.SX, Rows]:
-    """Return cost and defects of all intervals, and what holds at their checks.
+def _several(found: ca.MX | tuple[ca.MX, ...] | list[ca.MX]) -> list[ca.MX]:
+    return [found] if isinstance(found, ca.MX) else list(found)
 
-    Args:
-        problem: The problem.
-        x: States at the ends of the intervals, the initial state first, (nx, N + 1).
-        u: Controls, shape (nu, N).
-        p: Parameters.
-        signals: Signals at the nodes, shape (ns, nodes).
+
+def _derivatives(mapped: _Mapped, interval: Part, end: Part) -> dict[str, ca.Function]:
+    """Return gradient, Jacobian and Hessian of the NLP, as nlpsol takes them."""
+    N, nx, w, q = mapped.N, mapped.nx, mapped.w, mapped.q
+    cost, slope, g, jac, end_cost, end_slope, end_g, end_jac = mapped.applied(
+        interval.slopes, end.slopes
+    )
+    places = [np.array(mapped.place(k)) for k in range(N)]
+    last = np.array(mapped.place(N)[:nx])  # The state after the last interval.
+    f = ca.sum2(cost) + end_cost
+    g_all = ca.vertcat(ca.vec(g - mapped.next_states()), end_g)
+
+    def gradient_entries(k: int) -> tuple[Index, Index]:
+        return places[k], np.zeros_like(places[k])
+
+    slope, end_slope = ca.densify(slope), ca.densify(end_slope)
+    grad = _assembled(
+        (w.numel(), 1),
+        [gradient_entries(k) for k in range(N)] + [(last, np.zeros_like(last))],
+        ca.vertcat(ca.vec(slope), end_slope),
+    )
+    rows, columns = (np.array(v, dtype=np.int64) for v in _triplet(interval.slopes, 3))
+    end_rows, end_columns = (
+        np.array(v, dtype=np.int64) for v in _triplet(end.slopes, 3)
+    )
+    states = [np.array(mapped.place(k + 1)[:nx]) for k in range(N)]
+    jacobian = _assembled(
+        (g_all.numel(), w.numel()),
+        [(rows + k * mapped.rows, places[k][columns]) for k in range(N)]
+        + [(end_rows + N * mapped.rows, last[end_columns])]
+        + [(np.arange(nx) + k * mapped.rows, states[k]) for k in range(N)],
+        ca.vertcat(
+            _nonzeros(interval.slopes.sparsity_out(3), jac, N),
+            _nonzeros(end.slopes.sparsity_out(3), end_jac, 1),
+            -ca.MX.ones(nx * N),
+        ),
+    )
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g_all.numel())
+    by_stage = ca.reshape(lam_g[: N * mapped.rows], mapped.rows, N)
+    curved, end_curved = mapped.applied(
+        interval.curvature,
+        end.curvature,
+        (lam_f, by_stage),
+        (lam_f, lam_g[N * mapped.rows :]),
+        same=(1, 3),
+    )
+    rows, columns = (
+        np.array(v, dtype=np.int64) for v in _triplet(interval.curvature, 0)
+    )
+    end_rows, end_columns = (
+        np.array(v, dtype=np.int64) for v in _triplet(end.curvature, 0)
+    )
+    hessian = _assembled(
+        (w.numel(), w.numel()),
+        [_upper(places[k][rows], places[k][columns]) for k in range(N)]
+        + [_upper(last[end_rows], last[end_columns])],
+        ca.vertcat(
+            _nonzeros(interval.curvature.sparsity_out(0), curved, N),
+            _nonzeros(end.curvature.sparsity_out(0), end_curved, 1),
+        ),
+    )
+    return {
+        "grad_f": ca.Function(
+            "nlp_grad_f", [w, q], [f, grad], ["x", "p"], ["f", "grad_f_x"]
+        ),
+        "jac_g": ca.Function(
+            "nlp_jac_g", [w, q], [g_all, jacobian], ["x", "p"], ["g", "jac_g_x"]
+        ),
+        "hess_lag": ca.Function(
+            "nlp_hess_l",
+            [w, q, lam_f, lam_g],
+            [hessian],
+            ["x", "p", "lam_f", "lam_g"],
+            ["triu_hess_gamma_x_x"],
+        ),
+    }
+
+
+def _upper(rows: Index, columns: Index) -> tuple[Index, Index]:
+    """Return places in the upper triangle; -1 stays where it is."""
+    outside = (rows < 0) | (columns < 0)
+    first, second = np.minimum(rows, columns), np.maximum(rows, columns)
+    return np.where(outside, -1, first), np.where(outside, -1, second)
+
+
+def _triplet(function: ca.Function, output: int) -> tuple[list[int], list[int]]:
+    """Return rows and columns of an output's nonzeros, in CasADi's order."""
+    rows, columns = function.sparsity_out(output).get_triplet()
+    return list(rows), list(columns)
+
+
+def _nonzeros(sparsity: ca.Sparsity, blocks: ca.MX, count: int) -> ca.MX:
+    """Return the nonzeros of blocks side by side as one column, block after block."""
+    expected = ca.repmat(sparsity, 1, count)
+    if blocks.sparsity() != expected:
+        blocks = ca.project(blocks, expected)
+    return ca.vec(blocks.nz[:]) if blocks.nnz() else ca.MX(0, 1)
+
+
+def _assembled(
+    shape: tuple[int, int], entries: list[tuple[Index, Index]], values: ca.MX
+) -> ca.MX:
+    """Return a sparse matrix of values at (row, column); those at -1 are left out.
+
+    No place may be named twice.
     """
-    interval, smooth, checks = stage(problem), _smooth(problem), problem.checks
-    cost, defects, inside, between = ca.SX(0), [], [], []
-    for k in range(problem.intervals):
-        known = signals[:, k * checks : (k + 1) * checks + 1]
-        after, spent, _ = interval(x[:, k], u[:, k], p, known)
-        cost += spent
-        defects.append(after[:, -1] - x[:, k + 1])
-        # The state after the last check is a variable, with bounds of its own.
-        states = ca.horzcat(after[:, :-1], x[:, k + 1])
-        between.append(after[:, :-1])
-        inside += [
-            smooth(states[:, c], u[:, k], p, known[:, c + 1]) for c in range(checks)
-        ]
-    held = ca.vertcat(ca.SX(0, 1), *inside)
-    values, lower, upper = _state_rows(problem, ca.horzcat(*between))
-    rows = (
-        ca.vertcat(held, values),
-        np.concatenate([np.full(held.numel(), -np.inf), lower]),
-        np.concatenate([np.zeros(held.numel()), upper]),
+    rows, columns = (np.concatenate(v) for v in zip(*entries, strict=True))
+    kept = np.flatnonzero((rows >= 0) & (columns >= 0))
+    order = kept[np.lexsort((rows[kept], columns[kept]))]
+    sparsity = ca.Sparsity.triplet(
+        *shape, rows[order].tolist(), columns[order].tolist()
     )
-    return cost, ca.vertcat(*defects), rows
-
-
-def _smooth(problem: OptimalControlProblem) -> ca.Function:
-    """Return (x, u, p, s) -> g of all path constraints, g <= 0."""
-    rows = [c.inequalities(c.expression) for c in problem.constraints]
-    symbols = [*problem.symbols().values()]
-    return ca.Function("smooth", symbols, [ca.vertcat(ca.SX(0, 1), *rows)])
-
-
-def _state_rows(problem: OptimalControlProblem, states: ca.SX) -> Rows:
-    """Return bounded states, shape (nx, m), and their limits, state after state."""
-    lower, upper = problem.state_limits
-    bounded = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
-    count = states.shape[1]
-    rows = [states[int(i), k] for k in range(count) for i in bounded]
-    return (
-        ca.vertcat(ca.SX(0, 1), *rows),
-        np.tile(lower[bounded], count),
-        np.tile(upper[bounded], count),
-    )
-
-
-def _terminal_rows(
-    problem: OptimalControlProblem, x: ca.SX, p: ca.SX, s: ca.SX
-) -> Rows:
-    """Return the terminal constraints' values and limits."""
-    symbols = problem.symbols()
-    at_end = [symbols["states"], symbols["parameters"], symbols["signals"]]
-    constraints = problem.terminal_constraints
-    rows = ca.vertcat(ca.SX(0, 1), *[c.expression for c in constraints])
-    values = ca.Function("ends", at_end, [rows])(x, p, s)
-    empty = np.empty(0)
-    return (
-        values,
-        np.concatenate([empty, *[np.asarray(c.lower) for c in constraints]]),
-        np.concatenate([empty, *[np.asarray(c.upper) for c in constraints]]),
-    )
+    if not order.size:
+        return ca.MX(sparsity)
+    return ca.MX(sparsity, ca.vec(values[order.tolist()]))

@@ -32,6 +32,8 @@ MEASURES = {
     "gap_absolute_p90": "its 90th percentile",
     "gap_min": "smallest (J - J*) / max(1, J*)",
     "evaluations": "trajectories evaluated by searches and polishes",
+    "steps_starting_outside": "steps at which a plan starts outside the bounds of "
+    "the states or the path constraints",
     "step_seconds_median": "median wall time of a decision [s]",
     "step_seconds_max": "largest wall time of a decision [s]",
 }

@@ -24,6 +24,8 @@ MEASURES = {
     "terminal_level": "alpha of the terminal set",
     "infeasible_steps": "steps at which some UAV found no feasible plan",
     "evaluations": "trajectories evaluated by searches and polishes",
+    "steps_starting_outside": "steps at which a plan starts outside the bounds of "
+    "the states or the path constraints",
     "step_seconds_median": "median wall time of a decision of all UAVs [s]",
     "step_seconds_max": "largest wall time of a decision of all UAVs [s]",
 }

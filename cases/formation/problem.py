@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.formation.scenario import FormationScenario
-from swarmstart.cases.planar import POSITION, speed_bounds
+from swarmstart.cases.planar import METRE, POSITION, speed_bounds
 from swarmstart.cases.settings import bounds_of
 from swarmstart.ocp import (
     Bounds,
@@ -44,6 +44,7 @@ def planning_problem(
             smooth_margin=avoid.polish_distance_margin_m,
             along=avoid.along,
             measure=avoid.measure,
+            scale=METRE,
         )
         for j in range(others)
     ]
@@ -56,6 +57,7 @@ def planning_problem(
             smooth_margin=avoid.polish_obstacle_margin_m,
             along=avoid.along,
             measure=avoid.measure,
+            scale=METRE,
         )
         for obstacle in scenario.obstacles
     ]
@@ -71,6 +73,7 @@ def planning_problem(
         bounds=Bounds(
             controls=_control_limits(scenario),
             states=speed_bounds(scenario.vehicle.speed_m_s),
+            state_scale=METRE,
         ),
         constraints=[*obstacles, *separations],
         signals=signals,

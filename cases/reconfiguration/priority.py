@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.planar import POSITION, speed_bounds
+from swarmstart.cases.planar import METRE, POSITION, speed_bounds
 from swarmstart.cases.reconfiguration.problem import (
     NX,
     connection,
@@ -148,6 +148,7 @@ def uav_problem(
         bounds=Bounds(
             controls=control_limits(scenario.vehicle),
             states=speed_bounds(scenario.vehicle.speed_m_s),
+            state_scale=METRE,
         ),
         constraints=[
             *[

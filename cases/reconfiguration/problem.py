@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.models.bank_to_turn import Thrust, bank_to_turn
-from swarmstart.cases.planar import POSITION, speed_bounds
+from swarmstart.cases.planar import METRE, POSITION, speed_bounds
 from swarmstart.cases.reconfiguration.scenario import (
     Distances,
     ReconfigurationScenario,
@@ -98,6 +98,7 @@ def joint_problem(
         bounds=Bounds(
             controls=(np.tile(lower, steered), np.tile(upper, steered)),
             states=speed_bounds(scenario.vehicle.speed_m_s, uavs=len(uavs)),
+            state_scale=METRE,
         ),
         constraints=_pair_constraints(scenario.distances, uavs),
         quadrature="right",
@@ -146,6 +147,7 @@ def separation(distances: Distances, relative: ca.SX) -> Separation:
         margin=distances.margin_m,
         smooth_margin=distances.margin_m,
         along=distances.along,
+        scale=METRE,
     )
 
 
@@ -155,4 +157,5 @@ def connection(distances: Distances, relative: ca.SX) -> Connection:
         relative=relative,
         distance=distances.communication_m,
         margin=distances.margin_m,
+        scale=METRE,
     )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from swarmstart.cases.assignment import shortest_assignment
 from swarmstart.cases.kind import Flight, Posed
 from swarmstart.cases.models.bank_to_turn import bank_to_turn
-from swarmstart.cases.planar import POSITION, speed_bounds
+from swarmstart.cases.planar import METRE, POSITION, speed_bounds
 from swarmstart.cases.settings import Problem, bounds_of
 from swarmstart.cases.transfer.paths import flat_paths
 from swarmstart.cases.transfer.scenario import TransferScenario, goal_problems
@@ -75,7 +75,7 @@ def build(scenario: TransferScenario) -> TransferFlight:
     )
     return TransferFlight(
         plant=Plant(model, dt=problem.dt, substeps=scenario.plant.substeps),
-        controller=OpenLoop(planner=planner),
+        controller=OpenLoop(planner=planner, repair=scenario.repair),
         x0=_start(scenario),
         agents=1,
         planner=planner,
@@ -138,6 +138,7 @@ def transfer_problem(
         bounds=Bounds(
             controls=(np.tile(lower, uavs), np.tile(upper, uavs)),
             states=speed_bounds(vehicle.speed_m_s, uavs=uavs),
+            state_scale=METRE,
         ),
         constraints=[
             Separation(
@@ -146,16 +147,24 @@ def transfer_problem(
                 margin=scenario.margin_m,
                 smooth_margin=scenario.margin_m,
                 along=scenario.along,
+                scale=METRE,
             )
             for a, b in itertools.combinations(positions, 2)
         ],
         terminal=[
-            TerminalConstraint(expression=position - ca.DM(goal))
-            for position, goal in zip(positions, goals, strict=True)
+            TerminalConstraint(
+                expression=position - ca.DM(goal),
+                scale=METRE,
+                name=f"goal of UAV {number}",
+            )
+            for number, (position, goal) in enumerate(
+                zip(positions, goals, strict=True), start=1
+            )
         ],
         checks=prediction.checks,
         substeps=prediction.substeps,
         tolerance=TOLERANCE_M,
+        path_tolerance=scenario.path_tolerance_m,
     )
 
 

@@ -85,6 +85,8 @@ class TransferScenario(Scenario):
     prediction: Prediction
     weights: Annotated[list[NonNegative], Field(min_length=2, max_length=2)]
     paths: Paths = Paths()
+    path_tolerance_m: Positive = 5e-4
+    repair: bool = True
     plant: PlantPart = PlantPart()
 
     def problems(self) -> Iterator[Problem]:

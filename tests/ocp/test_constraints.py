@@ -18,12 +18,13 @@ from swarmstart.ocp import (
     TerminalConstraint,
     disc,
 )
-from swarmstart.ocp.constraints import nearest_on_segment
+from swarmstart.ocp.separation import nearest_on_segment
+from swarmstart.ocp.shooting import path_violation
 
 Array = NDArray[np.float64]
 X = ca.SX.sym("x", 2)
 A, B = ca.SX.sym("a", 2), ca.SX.sym("b", 2)
-NEAREST = ca.Function("nearest", [A, B], [nearest_on_segment(A, B)])
+NEAREST = ca.Function("nearest", [A, B], [nearest_on_segment(A, B, shortest=1e-12)])
 coordinates = st.floats(-50, 50, allow_subnormal=False)
 points = st.tuples(coordinates, coordinates).map(np.array)
 
@@ -33,8 +34,18 @@ def distance(a: Array, b: Array) -> float:
 
 
 def excess_of(constraint: Constraint) -> Callable[[Array, Array], float]:
-    function = ca.Function("excess", [A, B], [constraint.excess(A, B)])
+    """Return what a search adds up, with scales that are given."""
+    excess = constraint.excess(A, B)
+    scale = np.asarray(1.0 if constraint.scale is None else constraint.scale)
+    broken = path_violation(
+        constraint, excess, ca.SX(1 / np.broadcast_to(scale, (excess.numel(),)))
+    )
+    function = ca.Function("excess", [A, B], [broken])
     return lambda a, b: float(function(a, b))
+
+
+def smooth_value(constraint: Constraint) -> ca.Function:
+    return ca.Function("smooth", [X], [constraint.smooth(X).values])
 
 
 @given(a=points, b=points)
@@ -58,7 +69,13 @@ def test_segment_without_length_is_its_point(a: Array) -> None:
 def test_separation_excess_is_what_is_missing_to_the_limit(
     a: Array, b: Array, along: str
 ) -> None:
-    options = {"relative": X, "distance": 12.0, "margin": 0.5, "along": along}
+    options = {
+        "relative": X,
+        "distance": 12.0,
+        "margin": 0.5,
+        "along": along,
+        "scale": 1.0,
+    }
     near = distance(a, b) if along == "segments" else float(np.linalg.norm(b))
     graded = excess_of(Separation(**options))(a, b)  # type: ignore[arg-type]
     assert graded == pytest.approx(max(12.5 - near, 0.0), abs=1e-12)
@@ -72,12 +89,11 @@ def test_a_connection_is_broken_by_what_lies_beyond_its_limit(
     a: Array, b: Array
 ) -> None:
     limit = 11.5
-    constraint = Connection(relative=X, distance=12.0, margin=0.5)
+    constraint = Connection(relative=X, distance=12.0, margin=0.5, scale=1.0)
     far = float(np.linalg.norm(b))
     over = excess_of(constraint)(a, b)
     assert over == pytest.approx(max(far - limit, 0.0), abs=1e-12)
-    smooth = ca.Function("smooth", [X], [constraint.inequalities(X)])
-    value = float(smooth(b))
+    value = float(smooth_value(constraint)(b))
     assert value == pytest.approx((far - limit) * (far + limit) / 23, abs=1e-10)
 
 
@@ -93,17 +109,16 @@ def test_no_point_of_a_segment_is_farther_than_its_ends(
 @given(a=points)
 def test_smooth_inequality_has_the_sign_of_the_distance(a: Array) -> None:
     constraint = Separation(relative=X, distance=12.0, smooth_margin=0.25)
-    smooth = ca.Function("smooth", [X], [constraint.inequalities(X)])
-    value, near = float(smooth(a)), float(np.linalg.norm(a))
-    assert value == pytest.approx((12.25 - near) * (12.25 + near) / 24.5, abs=1e-10)
+    value, near = float(smooth_value(constraint)(a)), float(np.linalg.norm(a))
+    assert value == pytest.approx((near - 12.25) * (near + 12.25) / 24.5, abs=1e-10)
     if abs(near - 12.25) > 1e-12:
-        assert (value > 0) == (near < 12.25)
+        assert (value < 0) == (near < 12.25)
 
 
 def test_chord_that_jumps_a_disc_is_seen_on_the_segment_only() -> None:
     before, after = np.array([-15.0, 1.0]), np.array([15.0, 1.0])
-    on_points = disc(X, centre=[0, 0], radius=12)
-    on_segments = disc(X, centre=[0, 0], radius=12, along="segments")
+    on_points = disc(X, centre=[0, 0], radius=12, scale=1)
+    on_segments = disc(X, centre=[0, 0], radius=12, along="segments", scale=1)
     assert excess_of(on_points)(before, after) == 0
     assert excess_of(on_segments)(before, after) == pytest.approx(11.0)
 
@@ -132,21 +147,21 @@ def test_path_excess_sums_scaled_rows_at_the_end() -> None:
     assert excess_of(graded)(end, nowhere) == 0
     counted = PathConstraint(measure="indicator", **limits)  # type: ignore[arg-type]
     assert excess_of(counted)(nowhere, end) == 2
-    assert counted.inequalities(X).numel() == 3  # one limit is infinite
+    assert counted.rows(X).values.numel() == 2  # a range is one row
 
 
 def test_path_constraint_without_finite_limits_demands_nothing() -> None:
     constraint = PathConstraint(expression=X)
-    assert constraint.inequalities(X).shape == (0, 1)
     assert excess_of(constraint)(np.full(2, -1e9), np.full(2, 1e9)) == 0
 
 
 def test_terminal_excess_is_the_scaled_distance_from_the_interval() -> None:
     equality = TerminalConstraint(expression=X, scale=2.0)
     interval = TerminalConstraint(expression=X, lower=-1, upper=[1, 5])
-    both = ca.Function("both", [X], [equality.excess(X), interval.excess(X)])
-    assert [float(v) for v in both([3, -4])] == [3.5, 2 + 3]
-    assert [float(v) for v in both([0, 0])] == [0, 0]
+    for constraint, beyond in ((equality, 3.5), (interval, 3 / 1 - 0 + 2)):
+        value = excess_of(constraint)
+        assert value(np.zeros(2), np.array([3.0, -4.0])) == beyond
+        assert value(np.zeros(2), np.zeros(2)) == 0
 
 
 def test_limits_are_copied_and_read_only() -> None:
@@ -190,7 +205,10 @@ def test_limits_are_copied_and_read_only() -> None:
             lambda: disc(X, centre=[0, 0, 0], radius=1),
             r"centre must have shape \(2,\), got \(3,\)",
         ),
-        (lambda: PathConstraint(expression=X, scale=0), "scale must be positive"),
+        (
+            lambda: PathConstraint(expression=X, scale=0),
+            "scale .* must be positive, got 0",
+        ),
         (
             lambda: PathConstraint(expression=X, lower=[1, 2, 3]),
             "pair .* of 2 numbers, got",
@@ -198,10 +216,13 @@ def test_limits_are_copied_and_read_only() -> None:
         (lambda: PathConstraint(expression=X, lower=2, upper=1), "lower <= upper"),
         (lambda: PathConstraint(expression=X, lower=np.inf), "lower below inf"),
         (lambda: PathConstraint(expression=X, lower=np.nan), "lower <= upper"),
-        (lambda: TerminalConstraint(expression=X, scale=-1), "scale must be positive"),
+        (
+            lambda: TerminalConstraint(expression=X, scale=-1),
+            "scale .* must be positive",
+        ),
         (
             lambda: TerminalConstraint(expression=ca.MX.sym("m")),  # type: ignore[arg-type]
-            "terminal must be a CasADi SX expression",
+            "expression must be a CasADi SX expression",
         ),
     ],
 )

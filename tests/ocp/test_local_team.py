@@ -68,8 +68,10 @@ class Recorded(Planner):
         known: Known = NOTHING,
         guess: Array | None = None,
         candidates: Array | None = None,
+        near: bool = False,
         rng: np.random.Generator,
     ) -> Plan:
+        del near
         start, parameters, rows = (np.asarray(part).tolist() for part in (x0, *known))
         self.told.append(Told(start, parameters, rows, candidates))
         controls = np.zeros((1, 2)) if guess is None else guess

@@ -47,7 +47,8 @@ def test_state_bounds_are_the_last_path_constraint() -> None:
     first, last = bounded.path_constraints
     assert first is obstacle
     assert isinstance(last, PathConstraint)
-    assert np.asarray(last.lower).tolist() == [-np.inf, -1]
+    # The free state has no row.
+    assert np.asarray(last.lower).tolist() == [-1]
 
 
 def test_bare_terminal_expression_means_equality() -> None:
@@ -56,6 +57,48 @@ def test_bare_terminal_expression_means_equality() -> None:
     assert np.asarray(first.lower).tolist() == [0, 0]
     assert np.asarray(first.upper).tolist() == [0, 0]
     assert second is kept
+
+
+def test_relations_say_what_they_say() -> None:
+    problem = pose(
+        constraints=[X <= 1, X[0] >= -2, U == X[1], X[0] <= U, ca.vertcat(X[0] - 3)],
+        terminal=[X[0] >= 4, (X[1], 5.0)],
+    )
+    limits = [
+        (np.asarray(c.lower).tolist(), np.asarray(c.upper).tolist())  # type: ignore[attr-defined]
+        for c in (*problem.constraints, *problem.terminal_constraints)
+    ]
+    inf = np.inf
+    assert limits == [
+        ([-inf, -inf], [1, 1]),
+        ([-2], [inf]),
+        ([0], [0]),
+        ([-inf], [0]),
+        ([0], [0]),
+        ([4], [inf]),
+        ([5], [5]),
+    ]
+    values = ca.Function(
+        "values",
+        [X, U],
+        [c.expression for c in (*problem.constraints, *problem.terminal_constraints)],
+    )
+    rows = [np.array(v).ravel().tolist() for v in values([7.0, 9.0], 2.0)]
+    assert rows == [[7, 9], [7], [-7], [5], [4], [7], [9]]
+
+
+def test_model_of_another_kind_is_refused() -> None:
+    with pytest.raises(InvalidProblemError, match=r"model must be .* got m \(str\)"):
+        OptimalControlProblem("m", horizon=1.0, intervals=2)  # type: ignore[arg-type]
+
+
+def test_summary_names_states_controls_and_constraints() -> None:
+    problem = pose(bounds=Bounds(controls=(-8, 8)), constraints=[X[0] <= 1])
+    text = repr(problem)
+    assert "x_0, x_1" in text
+    assert "u in [-8, 8]" in text
+    assert "x_0<=1" in text
+    assert text.count("\n") <= 9
 
 
 def test_lists_of_the_caller_are_not_kept() -> None:
@@ -74,14 +117,24 @@ def test_lists_of_the_caller_are_not_kept() -> None:
         ({"intervals": 2.5}, "intervals must be an integer of at least 1, got 2.5"),
         ({"checks": 0}, "checks must be an integer of at least 1, got 0"),
         ({"substeps": 0}, "substeps must be an integer of at least 1, got 0"),
+        ({"quadrature": "simpson"}, "quadrature must be integral or left or right"),
+        ({"horizon": "3"}, r"horizon must be a number, got '3' \(str\)"),
+        ({"horizon": None}, "horizon must be a number, got None"),
+        ({"horizon": X}, "horizon must be a number, got"),
+        ({"tolerance": "a"}, "tolerance must be a number, got 'a'"),
+        ({"path_tolerance": -1.0}, "path_tolerance must be at least 0, got -1.0"),
+        ({"constraints": ["x<3"]}, "constraints must hold .* got x<3"),
+        ({"constraints": "x<3"}, "constraints must be a list, got x<3"),
+        ({"terminal": ["x"]}, "terminal must hold .* got x"),
+        ({"terminal": [disc(X, centre=0, radius=1)]}, "use TerminalConstraint"),
+        ({"constraints": [TerminalConstraint(expression=X)]}, "the list `terminal`"),
+        ({"bounds": (-8, 8)}, "bounds must be swarmstart.Bounds, such as"),
         ({"integrator": "cvodes"}, "integrator must be one of rk4, euler"),
-        ({"quadrature": "simpson"}, "quadrature must be integral, left or right"),
         ({"tolerance": -1.0}, "tolerance must be at least 0, got -1.0"),
         ({"stage_cost": X}, "stage_cost must be a scalar"),
         ({"stage_cost": ca.SX.sym("z")}, "stage_cost may depend on .* found z"),
         ({"terminal_cost": U}, "terminal_cost may depend on .* found u"),
         ({"terminal": [U]}, "a terminal constraint may depend on .* found u"),
-        ({"terminal": X}, "terminal must be a list, got SX"),
         ({"constraints": disc(X, centre=0, radius=1)}, "constraints must be a list"),
         (
             {"constraints": [PathConstraint(expression=ca.SX.sym("z"))]},

@@ -96,10 +96,11 @@ def by_hand(posed: Posed, controls: Array) -> tuple[float, float, Array]:
             others = signals[4:, node - 1], signals[4:, node]
             gap = to_segment(before[2:] - centre, state[2:] - centre)
             beside = to_segment(before[2:] - others[0], state[2:] - others[1])
-            violation += max(4.5 - gap, 0)
-            violation += max(3 - float(np.linalg.norm(state[2:] - others[1])), 0)
+            violation += max(4.5 - gap, 0) / 4  # In parts of the distances,
+            violation += max(3 - float(np.linalg.norm(state[2:] - others[1])), 0) / 3
             violation += beside <= 6
-            violation += max(-state[0], 0) + max(state[0] - 12, 0)
+            # of the width of the bounds.
+            violation += (max(-state[0], 0) + max(state[0] - 12, 0)) / 12
             states.append(state)
     error = state - signals[:4, node]
     return cost + 2 * (error @ error), violation, np.array(states).T
@@ -151,7 +152,7 @@ def test_state_bounds_count_at_every_check(double_integrator: Model) -> None:
             double_integrator,
             horizon=2.0,
             intervals=1,
-            bounds=Bounds(states=([-np.inf, -np.inf], [0.3, np.inf])),
+            bounds=Bounds(states=([-np.inf, -np.inf], [0.3, np.inf]), state_scale=1.0),
             checks=checks,
         )
         return Fitness(problem).value(np.array([[-1.0]]), [0, 1])[1]
@@ -168,7 +169,10 @@ def test_terminal_parts_see_the_end_only(double_integrator: Model) -> None:
         horizon=2.0,
         intervals=2,
         terminal_cost=x[0] * s,
-        terminal=[x[1] - s, TerminalConstraint(expression=x[0], upper=5.0, scale=10)],
+        terminal=[
+            TerminalConstraint(expression=x[1] - s, scale=1),
+            TerminalConstraint(expression=x[0], upper=5.0, scale=10),
+        ],
         signals=s,
     )
     # x(2) = 1 + 2 * 3 + 1 * (2 - 1/2) + (-2) / 2, v(2) = 3 + 1 - 2.
@@ -187,7 +191,8 @@ def test_path_constraint_on_controls_holds_them_to_its_limits() -> None:
         checks=3,
     )
     value = Fitness(problem).value(np.array([[1.0, 0.0], [0.5, 0.0]]), [0.0])
-    assert value == pytest.approx((0.0, 3 * 0.5))
+    # At three checks, and as the interval begins: its control jumps there.
+    assert value == pytest.approx((0.0, 4 * 0.5))
 
 
 def test_arguments_are_column_after_column(crossing: Posed) -> None:

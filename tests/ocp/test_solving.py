@@ -68,7 +68,7 @@ def test_optimum_of_a_coarse_integrator_is_called_a_mismatch(
     )
     assert solution.status is SolutionStatus.MISMATCH
     assert solution.violation <= 1e-6
-    assert solution.verified_violation > 1
+    assert solution.verified_violation > 0.1
 
 
 def test_impossible_problem_is_called_infeasible(double_integrator: Model) -> None:
@@ -90,7 +90,7 @@ def test_impossible_problem_is_called_infeasible(double_integrator: Model) -> No
         rng=np.random.default_rng(0),
     )
     assert solution.status is SolutionStatus.INFEASIBLE
-    assert solution.violation >= 9.75 - 1e-6
+    assert solution.violation >= 0.975 - 1e-6  # Of 10 m.
 
 
 def test_gradient_alone_passes_on_the_expensive_side(passing_side: Posed) -> None:
@@ -102,6 +102,7 @@ def test_gradient_alone_passes_on_the_expensive_side(passing_side: Posed) -> Non
         search=None,
         polish=IpoptOptions(),
         signals=known.signals,
+        repair=True,
         rng=np.random.default_rng(0),
     )
     assert solution.status is SolutionStatus.CONVERGED
@@ -112,10 +113,13 @@ def test_gradient_alone_passes_on_the_expensive_side(passing_side: Posed) -> Non
 def test_search_finds_the_cheap_side_and_the_polish_its_optimum(
     passing_side: Posed,
 ) -> None:
-    """Scenario passing_side: the best known is 446.7."""
+    """Scenario passing_side: the best known is 446.7, but between its checks, 1/4 s
+    apart, it cuts the disc; an answer that keeps clear on the path costs more."""
     problem, x0, known = passing_side
 
-    def solved(seed: int, polish: IpoptOptions | None) -> tuple[object, float, float]:
+    def solved(
+        seed: int, polish: IpoptOptions | None, repair: bool = False
+    ) -> tuple[object, float, float]:
         solution = solve(
             problem,
             x0,
@@ -123,16 +127,20 @@ def test_search_finds_the_cheap_side_and_the_polish_its_optimum(
             budget=Budget(evaluations=2000),
             polish=polish,
             signals=known.signals,
+            repair=repair,
             rng=np.random.default_rng(seed),
         )
         plan = solution.plan
         return solution.status, solution.cost, plan.search_cost
 
     status, cost, search_cost = solved(0, IpoptOptions())
-    assert status is SolutionStatus.CONVERGED
+    assert status is SolutionStatus.BROKEN
     assert cost == pytest.approx(446.7, rel=1e-3)
     assert solved(0, IpoptOptions()) == (status, cost, search_cost)
-    assert solved(0, None) == (SolutionStatus.FEASIBLE, search_cost, search_cost)
+    assert solved(0, None)[1:] == (search_cost, search_cost)
+    status, clear, _ = solved(0, IpoptOptions(), repair=True)
+    assert status is SolutionStatus.CONVERGED
+    assert cost < clear < 1.05 * cost
 
 
 def test_guess_is_where_the_polish_starts(passing_side: Posed) -> None:
@@ -154,4 +162,4 @@ def test_guess_is_where_the_polish_starts(passing_side: Posed) -> None:
 
 def test_refuses_to_solve_with_nothing(lq: OptimalControlProblem) -> None:
     with pytest.raises(InvalidProblemError, match="a search, a polish or both"):
-        solve(lq, [0, 0], search=None, rng=np.random.default_rng(0))
+        solve(lq, [0, 0], search=None, polish=None, rng=np.random.default_rng(0))

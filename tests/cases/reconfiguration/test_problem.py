@@ -158,7 +158,7 @@ def test_weight_of_the_order_makes_violations_the_penalty_5_35(
     apart = np.linalg.norm(states[:, :, None, 2:] - states[:, None, :, 2:], axis=3)
     assert apart[apart > 0].min() < SAFE and apart.max() > FAR
     _, violation = value(x0, controls)
-    assert scenario.order.name == "static_penalty"
+    assert scenario.order and scenario.order.name == "static_penalty"
     assert scenario.order.weight * violation == pytest.approx(
         printed_penalty(states), rel=1e-5
     )

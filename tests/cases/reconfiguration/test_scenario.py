@@ -256,5 +256,6 @@ def test_the_two_variants_differ_where_the_text_is_read(make: Make) -> None:
     assert literal.vehicle.thrust_equation == "printed"
     assert corrected.vehicle.thrust_equation == "newton"
     assert literal.vehicle.speed_m_s is None and corrected.vehicle.speed_m_s is not None
+    assert literal.order and corrected.order
     assert (literal.order.name, literal.order.weight) == ("static_penalty", 2e9)
     assert corrected.order.name == "feasibility_first"

@@ -5,8 +5,8 @@ import threading
 
 import pytest
 
-from swarmstart.cases.interrupts import noticed
 from swarmstart.heuristics.interrupts import SIGNALS
+from swarmstart.ocp.interrupts import noticed
 
 
 def handlers() -> list[object]:

@@ -1,0 +1,235 @@
+"""How far constraints are broken: at a start, along a path, at the end.
+
+Excesses are measured in the units of the user and in parts of the row's scale, and each
+knows its constraint and its time.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.constraints import Constraint
+from swarmstart.ocp.problem import STATE_BOUNDS, OptimalControlProblem, label
+from swarmstart.ocp.scaling import Sizes
+from swarmstart.ocp.shooting import rows_with_controls
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Excess:
+    """By how much one row of a constraint is broken, at its worst.
+
+    Attributes:
+        name: Of the constraint, with the row where it has several.
+        amount: How far beyond the limit, in the units of the row; infinity if the row
+            is not finite there.
+        scale: The row's scale.
+        time: When, after the start of the horizon [s].
+        constraint: Number of the constraint among path and terminal constraints.
+        row: The row in it.
+        above: Whether the upper limit is the broken one.
+    """
+
+    name: str
+    amount: float
+    scale: float
+    time: float
+    constraint: int
+    row: int
+    above: bool
+
+    @property
+    def relative(self) -> float:
+        """How far, in parts of the scale."""
+        return self.amount / self.scale
+
+    def __str__(self) -> str:
+        """Return name, amount, scale and time as part of a sentence."""
+        return (
+            f"{self.name} is broken by {self.amount:.3g} "
+            f"({self.relative:.2g} of its scale {self.scale:.3g}) at {self.time:.4g} s"
+        )
+
+
+class Checker:
+    """Measures the constraints of one problem; compiled once."""
+
+    def __init__(self, problem: OptimalControlProblem) -> None:
+        """Compile the rows of all constraints."""
+        self._problem = problem
+        symbols = [*problem.symbols().values()]
+        path, ends = problem.path_constraints, problem.terminal_constraints
+        self._path = _Rows(problem, path, 0, symbols)
+        self._end = _Rows(problem, ends, len(path), symbols)
+        controlled = [np.empty(0, dtype=bool)]
+        for constraint in path:
+            rows = constraint.rows(constraint.expression).lower.size
+            with_controls = rows_with_controls(problem, constraint)
+            controlled.append(np.isin(np.arange(rows), with_controls))
+        self._free = ~np.concatenate(controlled)
+
+    @property
+    def looks_at_start(self) -> bool:
+        """Whether there is any row that no control enters."""
+        return bool(self._free.any())
+
+    def at_start(
+        self, x0: Array, p: Array, s: Array, sizes: Callable[[], Sizes]
+    ) -> list[Excess]:
+        """Return what an initial state breaks by more than the tolerance.
+
+        Rows that a control enters are not looked at: they can still be kept.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            p: Parameters, shape (np,).
+            s: Signals at the start, shape (ns,).
+            sizes: Finds the sizes; called only if something is broken.
+        """
+        if not self.looks_at_start:
+            return []
+        u = np.zeros((self._problem.model.nu, 1))
+        excess, above = self._path.excess(x0[:, None], u, p, s[:, None])
+        excess[~self._free] = -np.inf
+        if not (excess > 0).any():
+            return []
+        found = self._path.worst(excess, above, np.zeros(1), sizes())
+        return [e for e in found if e.relative > self._problem.tolerance]
+
+    def along(
+        self, points: "Points", p: Array, sizes: Sizes, *, outside: list[Excess]
+    ) -> list[Excess]:
+        """Return the worst excess of each row of the path, those above zero.
+
+        Args:
+            points: Where to look.
+            p: Parameters, shape (np,).
+            sizes: The sizes.
+            outside: What the start breaks: such a row counts from where it is kept for
+                the first time, unless it gets worse than at the start.
+        """
+        excess, above = self._path.excess(
+            points.states, points.controls, p, points.signals
+        )
+        excess[np.ix_(self._free, points.times == 0.0)] = -np.inf
+        for start in outside:
+            row = self._path.number(start)
+            limit = start.amount * (1 + self._problem.path_tolerance)
+            bad = excess[row] > self._problem.path_tolerance * start.scale
+            first_kept = int(np.argmin(bad)) if not bad.all() else bad.size
+            if (excess[row, :first_kept] <= limit).all():
+                excess[row, :first_kept] = -np.inf
+        return self._path.worst(excess, above, points.times, sizes)
+
+    def at_end(self, x: Array, p: Array, s: Array, sizes: Sizes) -> list[Excess]:
+        """Return the excess of each terminal row, those above zero."""
+        u = np.zeros((self._problem.model.nu, 1))
+        excess, above = self._end.excess(x[:, None], u, p, s[:, None])
+        return self._end.worst(excess, above, np.array([self._problem.horizon]), sizes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Points:
+    """Points of a path.
+
+    Attributes:
+        times: Shape (n,) [s].
+        states: Shape (nx, n).
+        controls: Held there, shape (nu, n).
+        signals: Shape (ns, n).
+    """
+
+    times: Array
+    states: Array
+    controls: Array
+    signals: Array
+
+
+class _Rows:
+    """The rows of some constraints, evaluated at many points in one call."""
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        constraints: tuple[Constraint, ...],
+        first: int,
+        symbols: list[ca.SX],
+    ) -> None:
+        rows = [c.rows(c.expression) for c in constraints]
+        values = ca.vertcat(ca.SX(0, 1), *[r.values for r in rows])
+        self._values = ca.Function("rows", symbols, [values])
+        self._lower = np.concatenate([np.empty(0), *[r.lower for r in rows]])[:, None]
+        self._upper = np.concatenate([np.empty(0), *[r.upper for r in rows]])[:, None]
+        self._places = [
+            (first + number, row)
+            for number, r in enumerate(rows)
+            for row in range(r.lower.size)
+        ]
+        self._names = [name for c in constraints for name in _row_names(problem, c)]
+
+    def number(self, excess: Excess) -> int:
+        """Return the number of an excess's row among all rows."""
+        return self._places.index((excess.constraint, excess.row))
+
+    def excess(
+        self, x: Array, u: Array, p: Array, s: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Return how far each row is beyond its limits, and whether it is above.
+
+        Both of shape (rows, points). Negative inside; infinity if the row is not a
+        finite number.
+        """
+        count = x.shape[1]
+        if not self._places:
+            return np.empty((0, count)), np.empty((0, count), dtype=bool)
+        values = np.array(self._values(x, u, np.tile(p[:, None], (1, count)), s))
+        with np.errstate(invalid="ignore"):
+            below, above = self._lower - values, values - self._upper
+            excess = np.maximum(below, above)
+        limited = np.isfinite(self._lower) | np.isfinite(self._upper)
+        lost = np.where(limited, np.inf, -np.inf)
+        return np.where(np.isfinite(values), excess, lost), above > below
+
+    def worst(
+        self, excess: Array, above: NDArray[np.bool_], times: Array, sizes: Sizes
+    ) -> list[Excess]:
+        """Return the largest excess of each row if above zero, the worst first."""
+        if not excess.size:
+            return []
+        where = np.argmax(excess, axis=1)
+        found = [
+            Excess(
+                name=name,
+                amount=float(excess[i, where[i]]),
+                scale=float(sizes.rows[place[0]][place[1]]),
+                time=float(times[where[i]]),
+                constraint=place[0],
+                row=place[1],
+                above=bool(above[i, where[i]]),
+            )
+            for i, (name, place) in enumerate(
+                zip(self._names, self._places, strict=True)
+            )
+            if excess[i, where[i]] > 0
+        ]
+        return sorted(found, key=lambda e: -e.relative)
+
+
+def _row_names(problem: OptimalControlProblem, constraint: Constraint) -> list[str]:
+    """Return a name for each row of a constraint."""
+    name, values = label(constraint), constraint.rows(constraint.expression).values
+    rows = int(values.numel())
+    if name == STATE_BOUNDS:
+        lower, upper = problem.state_limits
+        bounded = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
+        return [f"the bound of state {problem.model.state_names[i]}" for i in bounded]
+    if rows == 1:
+        return [f"'{name}'"]
+    if constraint.expression.numel() == rows and constraint.name:
+        symbols = [str(constraint.expression[i]) for i in range(rows)]
+        return [f"'{name}' ({symbol})" for symbol in symbols]
+    return [f"row {row} of '{name}'" for row in range(rows)]

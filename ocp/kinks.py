@@ -1,0 +1,112 @@
+"""Kinks and jumps of a problem's expressions, and whether a path touches them.
+
+An NLP solver's conditions speak of smooth functions. Here the operations that are not
+smooth (fabs, fmin, fmax, floor, ceil, sign, comparisons, if_else) are found in the
+expressions, each with a number that tells its side: zero is where it switches.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.model import shortened
+from swarmstart.ocp.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+
+_ONE = {ca.OP_FABS: "fabs", ca.OP_SIGN: "sign"}
+_TWO = {
+    ca.OP_FMIN: "fmin",
+    ca.OP_FMAX: "fmax",
+    ca.OP_LT: "if",
+    ca.OP_LE: "if",
+    ca.OP_EQ: "if",
+    ca.OP_NE: "if",
+}
+_STEPS = {ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil"}
+_TOUCHES = 1e-6
+"""A side nearer to zero than this part of its largest value counts as at the switch."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Kinks:
+    """The switches of a problem's expressions.
+
+    Attributes:
+        names: Of each switch, for messages.
+        sides: (x, u, p, s) -> the side of each switch, shape (n, 1).
+        steps: Whether a switch is at every whole number, as of floor; shape (n,).
+    """
+
+    names: tuple[str, ...]
+    sides: ca.Function
+    steps: NDArray[np.bool_]
+
+    def touched(self, sides: Array, intervals: int) -> tuple[str, ...]:
+        """Return the names of the switches at which a path is, or which it crosses.
+
+        A control that jumps over a switch from one interval to the next does not touch
+        it: near such controls all is smooth.
+
+        Args:
+            sides: Along the path, in order of time, with the same number of points in
+                each interval; shape (n, points).
+            intervals: Number of intervals.
+        """
+        if not self.names:
+            return ()
+        by_interval = sides.reshape(len(self.names), intervals, -1)
+        low, high = by_interval.min(axis=2), by_interval.max(axis=2)
+        near = _TOUCHES * np.abs(sides).max(axis=1, initial=0)[:, None]
+        crossed = ((low <= near) & (high >= -near)).any(axis=1)
+        stepped = (np.floor(low) != np.floor(high)).any(axis=1)
+        active = np.where(self.steps, stepped, crossed)
+        return tuple(n for n, a in zip(self.names, active, strict=True) if a)
+
+
+def kinks_of(problem: OptimalControlProblem) -> Kinks:
+    """Return the switches in the model, the costs and the constraints of a problem."""
+    symbols = [*problem.symbols().values()]
+    expressions = [problem.model.ode, problem.stage_cost, problem.terminal_cost]
+    expressions += [
+        c.expression for c in (*problem.path_constraints, *problem.terminal_constraints)
+    ]
+    found: dict[str, tuple[str, ca.SX, bool]] = {}
+    seen: set[int] = set()
+    stack = [e.nz[i] for e in expressions for i in range(e.nnz())]
+    while stack:
+        node = stack.pop()
+        if node.is_leaf() or node.element_hash() in seen:
+            continue
+        seen.add(node.element_hash())
+        dependencies = [node.dep(i) for i in range(node.n_dep())]
+        switch = _switch(node, dependencies)
+        if switch is not None:
+            found[f"{switch[0]} {switch[1]}"] = switch
+        stack += dependencies
+    switches = [s for s in found.values() if not s[1].is_constant()]
+    return Kinks(
+        names=tuple(f"{name}({shortened(side)})" for name, side, _ in switches),
+        sides=ca.Function(
+            "sides", symbols, [ca.vertcat(ca.SX(0, 1), *[s for _, s, _ in switches])]
+        ),
+        steps=np.array([step for *_, step in switches], dtype=bool),
+    )
+
+
+def _switch(node: ca.SX, of: list[ca.SX]) -> tuple[str, ca.SX, bool] | None:
+    """Return (name, side, whether at every whole number) of a node; None: smooth."""
+    operation = node.op()
+    if operation in _ONE:
+        return _ONE[operation], of[0], False
+    if operation in _TWO:
+        return _TWO[operation], of[0] - of[1], False
+    if operation in _STEPS:
+        return _STEPS[operation], of[0], True
+    if operation == ca.OP_COPYSIGN:
+        return "copysign", of[1], False
+    if operation in (ca.OP_FMOD, ca.OP_REMAINDER):
+        return "fmod", of[0] / of[1], True
+    return None

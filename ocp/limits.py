@@ -1,0 +1,120 @@
+"""Checks of the numbers and words that a problem and its constraints are given."""
+
+from collections.abc import Sequence
+from numbers import Real
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.errors import InvalidProblemError
+
+Array = NDArray[np.float64]
+Limit = float | Sequence[float] | Array
+"""One number for all, or one for each row."""
+
+
+def limits_of(role: str, limits: Sequence[Limit], size: int) -> tuple[Array, Array]:
+    """Return (lower, upper) as read-only arrays of one size.
+
+    Args:
+        role: What the limits belong to, for the message.
+        limits: The pair (lower, upper), each a number or shape (size,).
+        size: Number of values limited.
+
+    Raises:
+        InvalidProblemError: If they do not broadcast, are not numbers, or cross.
+    """
+    try:
+        lower, upper = (np.broadcast_to(vector_of(v), (size,)).copy() for v in limits)
+    except (TypeError, ValueError) as error:
+        raise InvalidProblemError(
+            f"limits of the {role} must be a pair (lower, upper) of numbers or of "
+            f"{size} numbers, got {limits!r}"
+        ) from error
+    if not np.all((lower <= upper) & (lower < np.inf) & (upper > -np.inf)):
+        raise InvalidProblemError(
+            f"limits of the {role} must have lower <= upper, lower below inf and "
+            f"upper above -inf, got {lower} and {upper}"
+        )
+    lower.flags.writeable = upper.flags.writeable = False
+    return lower, upper
+
+
+def scales_given(role: str, scale: Limit | None, size: int) -> Array | None:
+    """Return scales as a read-only array of one size; None stays None.
+
+    Args:
+        role: What is scaled, for the message.
+        scale: One number for all, or shape (size,); None: to be found automatically.
+        size: Number of values scaled.
+
+    Raises:
+        InvalidProblemError: If a scale is not positive and finite, or the size differs.
+    """
+    if scale is None:
+        return None
+    try:
+        scales = np.broadcast_to(vector_of(scale), (size,)).copy()
+    except (TypeError, ValueError) as error:
+        raise InvalidProblemError(
+            f"scale of the {role} must be a positive number or {size} of them, "
+            f"got {scale!r}"
+        ) from error
+    if not np.all((scales > 0) & (scales < np.inf)):
+        raise InvalidProblemError(f"scale of the {role} must be positive, got {scale}")
+    scales.flags.writeable = False
+    return scales
+
+
+def vector_of(values: object) -> Array:
+    """Return numbers as an array; a column of CasADi's DM becomes a vector.
+
+    Raises:
+        TypeError: If they are no numbers; numbers in text are not.
+        ValueError: If they make no array.
+    """
+    if isinstance(values, ca.DM):
+        return np.array(values, dtype=np.float64).ravel()
+    array = np.asarray(values)
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"expected numbers, got {values!r}")
+    return array.astype(np.float64)
+
+
+def require_number(role: str, number: object) -> float:
+    """Return a number as a float.
+
+    Raises:
+        InvalidProblemError: If it is not a real number; numbers in text are not.
+    """
+    if isinstance(number, bool) or not isinstance(number, Real):
+        raise InvalidProblemError(
+            f"{role} must be a number, got {number!r} ({type(number).__name__})"
+        )
+    return float(number)
+
+
+def require_distance(role: str, distance: float, *margins: float) -> None:
+    """Raise unless a distance is positive, and each margin at least zero, and finite.
+
+    Raises:
+        InvalidProblemError: With the value given.
+    """
+    if not 0 < require_number(role, distance) < np.inf:
+        raise InvalidProblemError(f"{role} must be positive, got {distance}")
+    for margin in margins:
+        if not 0 <= require_number("margins", margin) < np.inf:
+            raise InvalidProblemError(f"margins must be at least 0, got {margin}")
+
+
+def require_choice(role: str, choice: str, allowed: Sequence[str]) -> None:
+    """Raise unless a word is one of the allowed ones.
+
+    Raises:
+        InvalidProblemError: With the value given and what is allowed.
+    """
+    if choice not in allowed:
+        raise InvalidProblemError(
+            f"{role} must be {' or '.join(allowed)}, got {choice!r}"
+        )

@@ -1,0 +1,203 @@
+"""One control interval, and the end, as functions of an NLP's own variables.
+
+Everything is divided by its size (scaling.py): states, controls, cost, rows. So these
+functions see and give numbers near one. The sizes are arguments; the cost's is in its
+unit (`OptimalControlProblem.costs`).
+"""
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.constraints import Constraint, Rows
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.shooting import check_step, rows_with_controls
+
+Array = NDArray[np.float64]
+
+
+class LimitedRows(NamedTuple):
+    """Rows with limits and where they come from.
+
+    Attributes:
+        values: Shape (m, 1).
+        lower: Shape (m,).
+        upper: Shape (m,).
+        places: Of each row: number of its constraint among path and terminal
+            constraints, and its row there.
+    """
+
+    values: ca.SX
+    lower: Array
+    upper: Array
+    places: list[tuple[int, int]]
+
+
+class Part(NamedTuple):
+    """A part of the NLP with its derivatives by its own variables z.
+
+    Attributes:
+        value: (z, shared, s) -> (cost, g).
+        slopes: (z, shared, s) -> (cost, its gradient, g, its Jacobian).
+        curvature: (z, shared, s, lam_f, lam_g) -> upper triangle of the Hessian of
+            lam_f cost + lam_g' g.
+        rows: The rows with limits among g, the last ones.
+    """
+
+    value: ca.Function
+    slopes: ca.Function
+    curvature: ca.Function
+    rows: LimitedRows
+
+
+class Shared(NamedTuple):
+    """Arguments that all parts share, one column: see `shared_symbols`."""
+
+    parameters: ca.SX
+    states: ca.SX
+    controls: ca.SX
+    cost: ca.SX
+
+    def column(self) -> ca.SX:
+        """Return all in one column."""
+        return ca.vertcat(*self)
+
+
+def shared_symbols(problem: OptimalControlProblem) -> Shared:
+    """Return symbols of the parameters and of the sizes."""
+    model = problem.model
+    return Shared(
+        ca.SX.sym("p", model.np),
+        ca.SX.sym("size_x", model.nx),
+        ca.SX.sym("size_u", model.nu),
+        ca.SX.sym("size_f"),
+    )
+
+
+def interval_part(problem: OptimalControlProblem) -> Part:
+    """Return an interval: z = (x, u), g = (x after, constraint rows).
+
+    Args:
+        problem: The problem.
+    """
+    model, shared = problem.model, shared_symbols(problem)
+    x_, u_ = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    s = ca.SX.sym("s", problem.ns, problem.checks + 1)
+    state, u, p = x_ * shared.states, u_ * shared.controls, shared.parameters
+    constraints = list(enumerate(problem.path_constraints))
+    on_states = len(problem.constraints)  # Bounds, the last one if there are any.
+    cost, parts = ca.SX(0), []
+    costs = ca.Function("cost", [*problem.symbols().values()], [problem.costs()[1]])
+    if problem.quadrature == "left":
+        cost = problem.dt * costs(state, u, p, s[:, 0])
+    for number, constraint in constraints:
+        chosen = rows_with_controls(problem, constraint)
+        parts.append(_rows(problem, number, constraint, (state, u, p, s[:, 0]), chosen))
+    for k in range(problem.checks):
+        state, spent = check_step(problem, state, u, p, (s[:, k], s[:, k + 1]))
+        cost += spent
+        for number, constraint in constraints:
+            if number == on_states and k == problem.checks - 1:
+                continue  # The states after an interval are variables, with bounds.
+            at = state, u, p, s[:, k + 1]
+            parts.append(_rows(problem, number, constraint, at, None))
+    if problem.quadrature == "right":
+        cost = problem.dt * costs(state, u, p, s[:, -1])
+    rows = _joined(parts)
+    return _part(
+        ca.vertcat(x_, u_), shared, s, cost, ca.vertcat(state / shared.states, rows[0]),
+        rows,
+    )  # fmt: skip
+
+
+def end_part(problem: OptimalControlProblem) -> Part:
+    """Return the end of the horizon: z = x, g = terminal rows.
+
+    Args:
+        problem: The problem.
+    """
+    symbols, shared = problem.symbols(), shared_symbols(problem)
+    first = len(problem.path_constraints)
+    x_ = ca.SX.sym("x", problem.model.nx)
+    rows = _joined(
+        [
+            _limited(constraint.smooth(constraint.expression), first + number, None)
+            for number, constraint in enumerate(problem.terminal_constraints)
+        ]
+    )
+    at_end = ca.Function(
+        "end",
+        [symbols["states"], symbols["parameters"], symbols["signals"]],
+        [problem.costs()[2], rows.values],
+    )
+    s = ca.SX.sym("s", problem.ns)
+    cost, values = at_end(x_ * shared.states, shared.parameters, s)
+    return _part(x_, shared, s, cost, values, rows)
+
+
+def _part(
+    z: ca.SX, shared: Shared, s: ca.SX, cost: ca.SX, g: ca.SX, rows: LimitedRows
+) -> Part:
+    """Return a part with its derivatives; the last rows of g get a weight each."""
+    weights = ca.SX.sym("weights", len(rows.places))
+    free = g.numel() - weights.numel()
+    first, limited = ca.vertsplit(g, [0, free, g.numel()])
+    g = ca.vertcat(first, limited * weights)
+    cost = cost / shared.cost
+    arguments = [z, ca.vertcat(shared.column(), weights), s]
+    lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", g.numel())
+    lagrangian = lam_f * cost + ca.dot(lam_g, g)
+    return Part(
+        ca.Function("value", arguments, ca.cse([cost, g])),
+        ca.Function(
+            "slopes",
+            arguments,
+            ca.cse([cost, ca.gradient(cost, z), g, ca.jacobian(g, z)]),
+        ),
+        ca.Function(
+            "curvature",
+            [*arguments, lam_f, lam_g],
+            ca.cse([ca.triu(ca.hessian(lagrangian, z)[0])]),
+        ),
+        rows,
+    )
+
+
+def _rows(
+    problem: OptimalControlProblem,
+    number: int,
+    constraint: Constraint,
+    at: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
+    chosen: list[int] | None,
+) -> LimitedRows:
+    """Return the smooth rows of a path constraint at a point; None chooses all."""
+    value = ca.Function(
+        "value", [*problem.symbols().values()], [constraint.expression]
+    )(*at)
+    return _limited(constraint.smooth(value), number, chosen)
+
+
+def _limited(rows: Rows, number: int, chosen: list[int] | None) -> LimitedRows:
+    """Return the chosen rows that have a limit."""
+    limited = np.isfinite(rows.lower) | np.isfinite(rows.upper)
+    kept = [
+        int(i) for i in np.flatnonzero(limited) if chosen is None or int(i) in chosen
+    ]
+    return LimitedRows(
+        rows.values[kept] if kept else ca.SX(0, 1),
+        rows.lower[kept],
+        rows.upper[kept],
+        [(number, row) for row in kept],
+    )
+
+
+def _joined(parts: list[LimitedRows]) -> LimitedRows:
+    empty = np.empty(0)
+    return LimitedRows(
+        ca.vertcat(ca.SX(0, 1), *[part.values for part in parts]),
+        np.concatenate([empty, *[part.lower for part in parts]]),
+        np.concatenate([empty, *[part.upper for part in parts]]),
+        [place for part in parts for place in part.places],
+    )

@@ -1,0 +1,214 @@
+"""Is a point of the NLP a local minimum? First and second order, by our own numbers.
+
+First order, with the multipliers that a solver gives (CasADi's signs: positive at an
+upper limit):
+
+    |grad f + J' lam_g + lam_x| small,  |lam| times the distance to its limit small
+
+Second order: the Hessian of the Lagrangian is positive on the directions that keep the
+dynamics and the active constraints. The dynamics are eliminated by the Riccati
+recursion of the linearised problem, interval by interval from the end, with z = (x, u),
+
+    M_k = H_k + [A B]' P_k+1 [A B] + rho C'C,    M_uu > 0 in every interval
+    P_k = M_xx - M_xu M_uu^-1 M_ux
+
+over the controls that are not held at a bound; C are the active constraint rows, each
+of length one, rho large. All M_uu positive is sufficient for a minimum: with rho finite
+the form can only be smaller than on the constraints' tangent space. A multiplier below
+the distance to its limit does not hold the constraint active.
+
+Source: Nocedal and Wright (2006), Numerical Optimization, theorem 12.6; Debreu (1952),
+Definite and semidefinite quadratic forms; Dunn and Bertsekas (1989), Efficient dynamic
+programming implementations of Newton's method for unconstrained optimal control
+problems.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.nlp_parts import Part
+from swarmstart.ocp.transcription import Limits, NonlinearProgram
+
+Array = NDArray[np.float64]
+
+STATIONARY_WITHIN = 1e-5
+"""Largest residual of the first-order conditions, in parts of the terms in it."""
+_FLAT = 1e-7
+"""Curvature below this part of the largest entry of the Hessian has no sure sign."""
+_HELD = 1e7
+"""Weight of the active rows, in parts of the largest entry of the Hessian."""
+
+
+class Curvature(Enum):
+    """What the second derivatives say at a stationary point."""
+
+    POSITIVE = "a strict local minimum"
+    FLAT = "flat in some direction, to second order"
+    NEGATIVE = "a saddle point: the cost falls in some direction"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NlpPoint:
+    """A point of the NLP with multipliers, as a solver returns it.
+
+    Attributes:
+        program: The NLP.
+        cost_size: What the cost is divided by in it.
+        w: Variables, shape (nw,).
+        q: Arguments, shape (nq,).
+        lam_g: Multipliers of the rows, shape (ng,).
+        lam_x: Multipliers of the bounds, shape (nw,).
+        limits: Bounds of variables and rows.
+    """
+
+    program: NonlinearProgram
+    cost_size: float
+    w: Array
+    q: Array
+    lam_g: Array
+    lam_x: Array
+    limits: Limits
+
+
+def stationarity(point: NlpPoint) -> float:
+    """Return the residual of the first-order conditions; infinity if not finite.
+
+    In parts of the largest sum of terms in it, but at least one: the NLP's own unit.
+    """
+    program = point.program
+    slope = program.derivatives["grad_f"](point.w, point.q)[1]
+    g, jacobian = program.derivatives["jac_g"](point.w, point.q)
+    slopes = jacobian.T
+    gradient = np.array(slope).ravel()
+    pull = np.array(slopes @ point.lam_g).ravel()
+    if not np.isfinite([*gradient, *pull, *point.lam_x]).all():
+        return np.inf
+    rest = gradient + pull + point.lam_x
+    terms = np.abs(gradient) + np.abs(pull) + np.abs(point.lam_x)
+    lost = max(
+        _slack(point.lam_g, np.array(g).ravel(), point.limits.lbg, point.limits.ubg),
+        _slack(point.lam_x, point.w, point.limits.lbx, point.limits.ubx),
+    )
+    residual = max(float(np.abs(rest).max(initial=0)), lost)
+    size = max(1.0, float(terms.max(initial=0)))
+    return residual / size
+
+
+def _slack(lam: Array, value: Array, lower: Array, upper: Array) -> float:
+    """Return the largest |multiplier| times the distance to its limit, at most one."""
+    with np.errstate(invalid="ignore"):
+        room = np.where(lam > 0, upper - value, value - lower)
+    # A multiplier of a limit that does not exist counts in full.
+    lost = np.abs(lam) * np.minimum(np.abs(room), 1.0)
+    return float(np.max(np.where(lam == 0, 0.0, lost), initial=0))
+
+
+def curvature(point: NlpPoint) -> Curvature:
+    """Return what the second derivatives say at a stationary point."""
+    problem = point.program.problem
+    nx, N = problem.model.nx, problem.intervals
+    stages = _Stages(point)
+    size = max(stages.largest, np.finfo(np.float64).tiny)
+    flat, held = _FLAT * size, _HELD * size
+    found = Curvature.POSITIVE
+    P = stages.end_hessian + held * _outer(stages.end_active)
+    for k in reversed(range(N)):
+        P = P + held * np.diag(stages.held_states[k])
+        H, AB, C = stages.hessian[k], stages.dynamics[k], stages.active[k]
+        M = H + AB.T @ P @ AB + held * _outer(C)
+        free = np.flatnonzero(~stages.held_controls[k]) + nx
+        if free.size:
+            values, vectors = np.linalg.eigh(M[np.ix_(free, free)])
+            if values[0] < -flat * 10:
+                return Curvature.NEGATIVE
+            if values[0] < flat:
+                found = Curvature.FLAT
+            root = vectors / np.sqrt(np.maximum(values, flat))
+            gain = M[:nx, free] @ root
+            P = M[:nx, :nx] - gain @ gain.T
+        else:
+            P = M[:nx, :nx]
+        if not np.isfinite(P).all():
+            return Curvature.FLAT
+    return found
+
+
+class _Stages:
+    """The parts of the linearised problem, interval by interval."""
+
+    def __init__(self, point: NlpPoint) -> None:
+        program = point.program
+        problem = program.problem
+        nx, nu, N = problem.model.nx, problem.model.nu, problem.intervals
+        rows = program.interval.value.numel_out(1)
+        both = point.w.reshape((nu + nx, N), order="F")
+        start = point.q[:nx]
+        x = np.hstack([start[:, None], both[nu:, :-1]])
+        z = np.vstack([x, both[:nu]])
+        shared, inside, at_end, signals = _split(program, point.q)
+        checks = problem.checks
+        s = signals.reshape((problem.ns, problem.nodes), order="F")
+        known = np.concatenate([shared, inside])
+        lam = point.lam_g[: rows * N].reshape((rows, N), order="F")
+        self.hessian, self.dynamics, self.active = [], [], []
+        distance = _distance(point)
+        active = np.abs(point.lam_g) > distance
+        for k in range(N):
+            at = z[:, k], known, s[:, k * checks : (k + 1) * checks + 1]
+            H, J = _derivatives(program.interval, at, lam[:, k])
+            self.hessian.append(H)
+            self.dynamics.append(J[:nx])
+            self.active.append(J[nx:][active[k * rows + nx : (k + 1) * rows]])
+        at = both[nu:, -1], np.concatenate([shared, at_end]), s[:, -1]
+        self.end_hessian, J = _derivatives(program.end, at, point.lam_g[rows * N :])
+        self.end_active = J[active[rows * N :]]
+        room = _room(point.lam_x, point.w, point.limits.lbx, point.limits.ubx)
+        fixed = point.limits.lbx == point.limits.ubx
+        at_bound = (fixed | (np.abs(point.lam_x) > room)).reshape(
+            (nu + nx, N), order="F"
+        )
+        self.held_controls = at_bound[:nu].T
+        self.held_states = at_bound[nu:].T.astype(np.float64)
+        sizes = [np.abs(H).max(initial=0) for H in (*self.hessian, self.end_hessian)]
+        self.largest = float(max(sizes))
+
+
+def _split(program: NonlinearProgram, q: Array) -> list[Array]:
+    """Return the shared arguments, both parts' weights and the signals of q."""
+    nx = program.problem.model.nx
+    weights = [len(part.rows.places) for part in (program.interval, program.end)]
+    shared = program.interval.value.numel_in(1) - weights[0]
+    return np.split(q[nx:], np.cumsum([shared, *weights]))
+
+
+def _derivatives(
+    part: Part, at: tuple[Array, Array, Array], lam: Array
+) -> tuple[Array, Array]:
+    """Return the Hessian of the Lagrangian and the Jacobian of g of a part."""
+    upper = np.array(part.curvature(*at, 1.0, lam))
+    hessian = upper + np.triu(upper, 1).T
+    return hessian, np.array(part.slopes(*at)[3])
+
+
+def _distance(point: NlpPoint) -> Array:
+    """Return how far each row is from the limit that its multiplier pulls to."""
+    g = np.array(point.program.derivatives["jac_g"](point.w, point.q)[0]).ravel()
+    lower, upper = point.limits.lbg, point.limits.ubg
+    return np.where(lower == upper, -1.0, _room(point.lam_g, g, lower, upper))
+
+
+def _room(lam: Array, value: Array, lower: Array, upper: Array) -> Array:
+    with np.errstate(invalid="ignore"):
+        return np.abs(np.where(lam > 0, upper - value, value - lower))
+
+
+def _outer(rows: Array) -> Array:
+    """Return the sum of r'r over the rows, each brought to length one."""
+    if not rows.size:
+        return np.zeros((rows.shape[1], rows.shape[1]))
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    unit = rows / np.where(length > 0, length, 1.0)
+    return np.asarray(unit.T @ unit)

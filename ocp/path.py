@@ -1,0 +1,193 @@
+"""The path of an answer: integrated ten times finer, and looked at everywhere.
+
+The nodes of a problem are where its constraints were asked to hold; the path is what
+the model does. It is integrated by the classical Runge-Kutta method, whatever the
+problem's own integrator, with ten steps to each of the problem's, and all constraints
+are evaluated at all of these, as each step begins with its control and at the end of
+every interval.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.checking import Checker, Excess, Points
+from swarmstart.ocp.integrators import rk4
+from swarmstart.ocp.kinks import kinks_of
+from swarmstart.ocp.model import right_hand_side
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.scaling import Sizes
+
+Array = NDArray[np.float64]
+FINER = 10
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Path:
+    """A finely integrated path and what it breaks.
+
+    Attributes:
+        times: Of the fine steps, shape (n,) [s].
+        states: Shape (nx, n).
+        controls: Held from each to the next, shape (nu, n - 1).
+        cost: Cost along it.
+        magnitude: Integral of |stage cost| plus |terminal cost|.
+        outside: What the start breaks.
+        broken: The worst excess of each constraint row, the worst first.
+        kinks: Names of the kinks and jumps that it touches.
+        not_finite: (time, name of the state), where the path leaves the finite numbers
+            first; None: nowhere.
+    """
+
+    times: Array
+    states: Array
+    controls: Array
+    cost: float
+    magnitude: float
+    outside: tuple[Excess, ...]
+    broken: tuple[Excess, ...]
+    kinks: tuple[str, ...]
+    not_finite: tuple[float, str] | None
+
+
+class Tracer:
+    """Traces the path of control sequences of one problem; compiled once.
+
+    Attributes:
+        checker: Measures its constraints.
+    """
+
+    def __init__(self, problem: OptimalControlProblem) -> None:
+        """Compile the fine integration and the constraints."""
+        self.checker = Checker(problem)
+        self._problem = problem
+        self._steps = problem.checks * problem.substeps * FINER
+        self._fine = _fine_step(problem, problem.dt / self._steps).mapaccum(
+            "path", self._steps * problem.intervals
+        )
+        names = [*problem.symbols().values()]
+        self._stage_cost = ca.Function("stage_cost", names, [problem.stage_cost])
+        at_end = [names[0], names[2], names[3]]
+        self._kinks = kinks_of(problem)
+        self._end_cost = ca.Function("end_cost", at_end, [problem.terminal_cost])
+
+    def __call__(
+        self, controls: Array, x0: Array, p: Array, signals: Array, sizes: Sizes
+    ) -> Path:
+        """Return the path of controls.
+
+        Args:
+            controls: Shape (nu, N).
+            x0: Initial state, shape (nx,).
+            p: Parameters, shape (np,).
+            signals: At the nodes, shape (ns, nodes).
+            sizes: The sizes.
+        """
+        problem, m = self._problem, self._steps
+        u = np.repeat(controls, m, axis=1)
+        times = np.linspace(0.0, problem.horizon, u.shape[1] + 1)
+        s = _between(problem, signals, times)
+        start = np.concatenate([x0, [0.0, 0.0]])
+        many = np.tile(p[:, None], (1, u.shape[1]))
+        both = np.array(self._fine(start, u, many, s[:, :-1], s[:, 1:]))
+        states = np.hstack([x0[:, None], both[:-2]])
+        spent, magnitude = both[-2:, -1]
+        if problem.quadrature != "integral":
+            spent, magnitude = self._summed(states[:, ::m], controls, p, s[:, ::m])
+        end = float(self._end_cost(states[:, -1], p, s[:, -1]))
+        outside = self.checker.at_start(x0, p, s[:, 0], lambda: sizes)
+        begins = Points(times[:-1], states[:, :-1], u, s[:, :-1])
+        ends = Points(times[m::m], states[:, m::m], controls, s[:, m::m])
+        points = Points(
+            np.concatenate([begins.times, ends.times]),
+            np.hstack([begins.states, ends.states]),
+            np.hstack([begins.controls, ends.controls]),
+            np.hstack([begins.signals, ends.signals]),
+        )
+        broken = self.checker.along(_in_time(points), p, sizes, outside=outside)
+        broken += self.checker.at_end(states[:, -1], p, s[:, -1], sizes)
+        return Path(
+            times=times,
+            states=states,
+            controls=u,
+            cost=float(spent) + end,
+            magnitude=float(magnitude) + abs(end),
+            outside=tuple(outside),
+            kinks=self._touched(states, controls, p, s),
+            broken=tuple(sorted(broken, key=lambda e: -e.relative)),
+            not_finite=first_not_finite(problem, times, states),
+        )
+
+    def _touched(
+        self, states: Array, controls: Array, p: Array, s: Array
+    ) -> tuple[str, ...]:
+        """Return the kinks that the path touches, both ends of each interval seen."""
+        if not self._kinks.names or not np.isfinite(states).all():
+            return ()
+        m, N = self._steps, self._problem.intervals
+        columns = (np.arange(N)[:, None] * m + np.arange(m + 1)).ravel()
+        u = np.repeat(controls, m + 1, axis=1)
+        many = np.tile(p[:, None], (1, columns.size))
+        sides = self._kinks.sides(states[:, columns], u, many, s[:, columns])
+        return self._kinks.touched(np.array(sides), N)
+
+    def _summed(
+        self, states: Array, controls: Array, p: Array, s: Array
+    ) -> tuple[float, float]:
+        """Return the sums of the stage cost and of its size at the intervals' ends."""
+        problem = self._problem
+        side = slice(0, -1) if problem.quadrature == "left" else slice(1, None)
+        many = np.tile(p[:, None], (1, controls.shape[1]))
+        rates = self._stage_cost(states[:, side], controls, many, s[:, side])
+        spent = problem.dt * np.array(rates)
+        return float(spent.sum()), float(np.abs(spent).sum())
+
+
+def first_not_finite(
+    problem: OptimalControlProblem, times: Array, states: Array
+) -> tuple[float, str] | None:
+    """Return (time, name of the state) of the first number that is not finite."""
+    bad = ~np.isfinite(states)
+    if not bad.any():
+        return None
+    column = int(np.argmax(bad.any(axis=0)))
+    row = int(np.argmax(bad[:, column]))
+    return float(times[column]), problem.model.state_names[row]
+
+
+def _fine_step(problem: OptimalControlProblem, h: float) -> ca.Function:
+    """Return ((x, cost, |cost|), u, p, s before, s after) -> the same after h."""
+    model = problem.model
+    f = right_hand_side(model)
+    cost = ca.Function("cost", [*problem.symbols().values()], [problem.stage_cost])
+    y, u = ca.SX.sym("y", model.nx + 2), ca.SX.sym("u", model.nu)
+    p = ca.SX.sym("p", model.np)
+    before, after = ca.SX.sym("s0", problem.ns), ca.SX.sym("s1", problem.ns)
+    counts = float(problem.quadrature == "integral")
+
+    def rate(t: float, z: ca.SX) -> ca.SX:
+        x = z[: model.nx]
+        spent = counts * cost(x, u, p, before + t / h * (after - before))
+        return ca.vertcat(f(x, u, p), spent, ca.fabs(spent))
+
+    stepped = rk4(rate, y, 0.0, h)
+    return ca.Function("fine", [y, u, p, before, after], ca.cse([stepped]))
+
+
+def _between(problem: OptimalControlProblem, signals: Array, times: Array) -> Array:
+    """Return the signals at times, linear between the nodes, shape (ns, n)."""
+    rows = [np.interp(times, problem.times, row) for row in signals]
+    return np.array(rows).reshape(problem.ns, times.size)
+
+
+def _in_time(points: Points) -> Points:
+    """Return points in the order of their times."""
+    ends = np.argsort(points.times, kind="stable")
+    return Points(
+        points.times[ends],
+        points.states[:, ends],
+        points.controls[:, ends],
+        points.signals[:, ends],
+    )

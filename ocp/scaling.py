@@ -1,0 +1,296 @@
+"""Natural sizes of states, controls, cost and constraints, from a problem's numbers.
+
+No absolute number decides anything, so that metres or kilometres give the same answer.
+With the horizon T, the initial state x0 and f the right-hand side, the size of
+
+    a state       the largest of the width of its bounds, |x0| and its target; if all
+                  of these are zero: T max |f_i| at x0 and at x0 +- the sizes known so
+                  far, under the controls' lower, middle and upper values; else what the
+                  rate of a known state needs of it, s_i / (T |df_i/dx_j|)
+    a control     the width of its bounds; without bounds the guess, else s_i / (T
+                  |df_i/du_j|) of the known states
+    a row         its limit, but at least a thousandth of the size of its expression; of
+                  a limit that is zero, the size of the expression: its value at x0, or
+                  if that is zero, at x0 +- the sizes of the states
+    the cost      T |stage cost| + |terminal cost|, the largest at those points
+
+All of these are homogeneous: numbers in units that are a power of two larger give sizes
+that are larger by exactly that power.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.model import right_hand_side
+from swarmstart.ocp.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+
+_NEGLIGIBLE = 1e-6
+"""A start or target below this part of what the dynamics say is no size."""
+_LIMIT_SHARE = 1e-3
+"""A limit that is not zero counts with at least this part of its expression's size."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Sizes:
+    """Natural sizes, all positive.
+
+    Attributes:
+        states: Shape (nx,).
+        controls: Shape (nu,).
+        cost: Of the whole cost.
+        rows: Of the rows of each constraint, the path's and then the terminal ones.
+        weights: 1 / size of the rows whose scale the problem leaves open.
+    """
+
+    states: Array
+    controls: Array
+    cost: float
+    rows: tuple[Array, ...]
+    weights: Array
+
+
+class Sizing:
+    """Finds the sizes of one problem for any initial state; compiled once."""
+
+    def __init__(self, problem: OptimalControlProblem) -> None:
+        """Compile what is evaluated at points around the initial state."""
+        self._problem = problem
+        symbols = [*problem.symbols().values()]
+        f = right_hand_side(problem.model)(*symbols[:3])
+        path = [c.rows(c.expression) for c in problem.path_constraints]
+        ends = [c.rows(c.expression) for c in problem.terminal_constraints]
+        self._limits = [
+            np.maximum(*(np.where(np.isfinite(b), np.abs(b), 0.0) for b in r[1:]))
+            for r in (*path, *ends)
+        ]
+        outputs = [
+            f,
+            problem.stage_cost,
+            problem.terminal_cost,
+            *[r.values for r in (*path, *ends)],
+        ]
+        self._at = ca.Function("at", symbols, [ca.vertcat(*outputs)])
+        self._splits = np.cumsum([o.numel() for o in outputs])[:-1]
+        self._slopes = ca.Function(
+            "slopes", symbols, [ca.jacobian(f, ca.vertcat(symbols[0], symbols[1]))]
+        )
+        self._target = _target_function(problem)
+        self._known = problem.row_scales()
+
+    def __call__(
+        self,
+        x0: Array,
+        parameters: Array,
+        signals: Array,
+        guess: ArrayLike | None = None,
+    ) -> Sizes:
+        """Return the sizes for an initial state.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            parameters: Shape (np,).
+            signals: At the nodes, shape (ns, nodes).
+            guess: Controls, shape (nu, N), which give sizes to unbounded controls.
+        """
+        first, last = signals[:, 0], signals[:, -1]
+        states = self._first_states(x0, parameters, last)
+        controls = self._first_controls(guess)
+        at = _Point(x0, parameters, first)
+        filled, moved = self._filled(at, states, controls, guess)
+        tiny = self._negligible(at, filled, moved, states, guess)
+        if tiny.any():  # As good as zero: a start of 1e-300 is no size.
+            states = np.where(tiny, 0.0, states)
+            filled, moved = self._filled(at, states, controls, guess)
+        states, controls = filled, moved
+        values = self._around(at, states, controls, guess)
+        stage, end = (
+            float(np.nan_to_num(np.abs(v), nan=0, posinf=0).max()) for v in values[1:3]
+        )
+        rows = self._rows(values[3:])
+        cost = self._problem.horizon * stage + end
+        return Sizes(
+            states=states,
+            controls=controls,
+            cost=cost if 0 < cost < np.inf else 1.0,
+            rows=rows,
+            weights=np.concatenate(
+                [
+                    np.empty(0),
+                    *[
+                        1 / size[np.isnan(known)]
+                        for size, known in zip(rows, self._known, strict=True)
+                    ],
+                ]
+            ),
+        )
+
+    def cost_along(
+        self, states: Array, controls: Array, parameters: Array, signals: Array
+    ) -> float:
+        """Return the sum of dt |stage cost| plus |terminal cost| at the nodes.
+
+        Args:
+            states: At the nodes, shape (nx, nodes).
+            controls: Shape (nu, N).
+            parameters: Shape (np,).
+            signals: At the nodes, shape (ns, nodes).
+        """
+        problem = self._problem
+        x, s = states[:, :: problem.checks], signals[:, :: problem.checks]
+        u = np.hstack([controls, controls[:, -1:]])
+        p = np.tile(parameters[:, None], (1, u.shape[1]))
+        stage, end = np.split(np.abs(np.array(self._at(x, u, p, s))), self._splits)[1:3]
+        return float(problem.dt * stage[0, :-1].sum() + end[0, -1])
+
+    def _first_states(self, x0: Array, parameters: Array, signals: Array) -> Array:
+        """Return sizes by bounds, start and target; 0 if these say nothing."""
+        lower, upper = self._problem.state_limits
+        width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+        target = np.array(self._target(parameters, signals)).ravel()
+        return np.maximum(np.maximum(width, np.abs(x0)), np.abs(np.nan_to_num(target)))
+
+    def _first_controls(self, guess: ArrayLike | None) -> Array:
+        """Return sizes by bounds or guess; 0 if these say nothing."""
+        lower, upper = self._problem.control_limits
+        size = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+        bound = np.maximum(
+            *(np.where(np.isfinite(b), abs(b), 0) for b in (lower, upper))
+        )
+        size = np.where(size > 0, size, bound)
+        if guess is not None:
+            guessed = np.abs(np.asarray(guess, dtype=np.float64)).max(axis=1, initial=0)
+            size = np.where(size > 0, size, guessed)
+        return np.asarray(size)
+
+    def _filled(
+        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+    ) -> tuple[Array, Array]:
+        """Return the sizes with those that are 0 found from the dynamics; 1 if not."""
+        T, nx = self._problem.horizon, states.size
+        for _ in range(2 * (nx + controls.size)):
+            if states.all() and controls.all():
+                break
+            rates = np.abs(self._around(at, states, controls, guess)[0])
+            rates = np.nan_to_num(rates, nan=0, posinf=0).max(axis=1, initial=0)
+            found = np.where(states > 0, states, T * rates)
+            if np.array_equal(found, states):
+                both = self._needed(at, np.concatenate([states, controls]))
+                found, controls = both[:nx], both[nx:]
+                if np.array_equal(found, states) and not controls.all():
+                    break
+            states = found
+        return np.where(states > 0, states, 1.0), np.where(controls > 0, controls, 1.0)
+
+    def _negligible(
+        self,
+        at: "_Point",
+        states: Array,
+        controls: Array,
+        direct: Array,
+        guess: ArrayLike | None,
+    ) -> NDArray[np.bool_]:
+        """Return which direct sizes are nothing beside what the dynamics say."""
+        T = self._problem.horizon
+        rates = np.abs(self._around(at, states, controls, guess)[0])
+        reach = T * np.nan_to_num(rates, nan=0, posinf=0).max(axis=1, initial=0)
+        both = np.concatenate([states, controls])
+        need = np.array(
+            [
+                self._needed(at, np.where(np.arange(both.size) == i, 0.0, both))[i]
+                for i in range(states.size)
+            ]
+        )
+        derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
+        return np.asarray((direct > 0) & (direct < _NEGLIGIBLE * derived))
+
+    def _needed(self, at: "_Point", sizes: Array) -> Array:
+        """Return sizes of states and controls, one step back from known rates."""
+        lower, upper = self._problem.control_limits
+        middle = _middle(lower, upper)
+        slopes = np.abs(
+            np.array(self._slopes(at.x0, middle, at.parameters, at.signals))
+        )
+        nx = slopes.shape[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            needed = sizes[:nx, None] / (self._problem.horizon * slopes)
+        needed[~((needed > 0) & (needed < np.inf))] = np.inf
+        least = needed.min(axis=0, initial=np.inf)
+        return np.where((sizes > 0) | ~np.isfinite(least), sizes, least)
+
+    def _around(
+        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+    ) -> list[Array]:
+        """Return all outputs at x0 and around it, each (rows, points)."""
+        lower, upper = self._problem.control_limits
+        middle = _middle(lower, upper)
+        if guess is not None:
+            free = ~(np.isfinite(lower) & np.isfinite(upper))
+            middle = np.where(free, np.asarray(guess, dtype=np.float64)[:, 0], middle)
+        u = [
+            np.where(np.isfinite(bound), bound, middle + sign * controls)
+            for bound, sign in ((lower, -1.0), (upper, 1.0))
+        ]
+        moves = [states, -states]
+        moves += [
+            sign * states * row for row in np.eye(states.size) for sign in (1, -1)
+        ]
+        points = [(at.x0, v) for v in (middle, *u)]
+        points += [(at.x0 + move, middle) for move in moves]
+        points += [(at.x0 + move, v) for move in moves[:2] for v in u]
+        x, v = (np.stack(column, axis=1) for column in zip(*points, strict=True))
+        n = x.shape[1]
+        p, s = (np.tile(c[:, None], (1, n)) for c in (at.parameters, at.signals))
+        found = np.array(self._at(x, v, p, s))
+        return np.split(found, self._splits)
+
+    def _rows(self, values: list[Array]) -> tuple[Array, ...]:
+        """Return the size of each row from its expression around the start."""
+        rows = []
+        for known, limit, value in zip(self._known, self._limits, values, strict=True):
+            size = np.abs(np.nan_to_num(value, nan=0, posinf=0, neginf=0))
+            at_start, around = size[:, :3].max(axis=1), size.max(axis=1, initial=0)
+            natural = np.where(at_start > 0, at_start, around)
+            found = np.where(
+                limit > 0, np.maximum(limit, _LIMIT_SHARE * natural), natural
+            )
+            found = np.where(found > 0, found, 1.0)
+            rows.append(np.where(np.isnan(known), found, known))
+        return tuple(rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Point:
+    """A place to look around: state, parameters and signals."""
+
+    x0: Array
+    parameters: Array
+    signals: Array
+
+
+def _middle(lower: Array, upper: Array) -> Array:
+    """Return the middle of bounds; if one is infinite, the value nearest to zero."""
+    with np.errstate(invalid="ignore"):
+        middle = lower + (upper - lower) / 2
+    nearest = np.clip(np.zeros_like(lower), lower, upper)
+    return np.where(np.isfinite(middle), middle, nearest)
+
+
+def _target_function(problem: OptimalControlProblem) -> ca.Function:
+    """Return (p, s) -> the state at the end where an equality fixes it, else 0."""
+    x, p, s = problem.model.states, problem.model.parameters, problem.signals
+    target = ca.SX.zeros(problem.model.nx)
+    for constraint in problem.terminal_constraints:
+        rows = constraint.rows(constraint.expression)
+        slopes = ca.jacobian(rows.values, x)
+        offset = ca.substitute(rows.values, x, ca.SX.zeros(x.numel()))
+        for i in np.flatnonzero(rows.lower == rows.upper):
+            slope = ca.sparsify(slopes[int(i), :])
+            if slope.nnz() == 1 and slope.nz[0].is_constant():
+                j = slope.sparsity().get_col()[0]
+                target[j] = (float(rows.lower[i]) - offset[int(i)]) / slope.nz[0]
+    return ca.Function("target", [p, s], [ca.densify(target)])

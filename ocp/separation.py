@@ -1,0 +1,210 @@
+"""Distances to keep: separation from what must not be hit, connection to what leads.
+
+Separation demands |r| >= d of a relative position r. On points, r is taken at the end
+of the check; on the segment, at the nearest point of the straight line between the two
+relative positions, which catches what passes between two samples:
+
+    t* = clip(-a'(b - a) / |b - a|^2, 0, 1),   distance = |a + t* (b - a)|
+
+Connection demands |r| <= d. Its largest value on a segment is at an end of it, so that
+points and segment are the same.
+
+Source: the chapter's (5.15), (5.16) for `measure="indicator"`, which counts 1 for each
+violated check instead of measuring how far, and (5.34); the segment is ours.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import casadi as ca
+import numpy as np
+
+from swarmstart.ocp.constraints import Measure, Rows
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.limits import (
+    Array,
+    Limit,
+    require_choice,
+    require_distance,
+    scales_given,
+)
+from swarmstart.ocp.model import as_column
+
+Along = Literal["points", "segments"]
+
+# A segment of this squared length, in parts of the squared distance, is a point;
+# avoids 0/0 only.
+_SHORTEST_SEGMENT = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Separation:
+    """Keep a relative position at least `distance` away from the origin.
+
+    Attributes:
+        relative: Relative position in the problem's symbols, (2, 1) or (3, 1) [m].
+        distance: Smallest allowed distance [m].
+        margin: Added to the distance in the search [m].
+        smooth_margin: Added to it in the NLP, which sees points only [m].
+        along: "points" or "segments" between the ends of a check.
+        measure: "excess" or "indicator" (1 for each check at or below the limit).
+        scale: The excess is divided by it [m]; None: the distance.
+        name: Name in messages; empty: the expression.
+    """
+
+    relative: ca.SX
+    distance: float
+    margin: float = 0.0
+    smooth_margin: float = 0.0
+    along: Along = "points"
+    measure: Measure = "excess"
+    scale: Limit | None = None
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the distances and the options."""
+        object.__setattr__(self, "relative", as_column("relative", self.relative))
+        require_distance("distance", self.distance, self.margin, self.smooth_margin)
+        require_choice("along", self.along, get_args(Along))
+        require_choice("measure", self.measure, get_args(Measure))
+        scale = self.distance if self.scale is None else self.scale
+        object.__setattr__(self, "scale", scales_given("separation", scale, 1))
+
+    @property
+    def expression(self) -> ca.SX:
+        """The relative position."""
+        return self.relative
+
+    def rows(self, value: ca.SX) -> Rows:
+        """Return |r| >= distance [m]."""
+        return Rows(ca.norm_2(value), np.array([self.distance]), np.array([np.inf]))
+
+    def smooth(self, value: ca.SX) -> Rows:
+        """Return (|r|^2 - d^2) / 2d >= 0: metres near the limit, smooth everywhere."""
+        limit = self.distance + self.smooth_margin
+        over = (ca.sumsqr(value) - limit**2) / (2 * limit)
+        return Rows(over, np.array([0.0]), np.array([np.inf]))
+
+    def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
+        """Return how much too near [m]."""
+        if self.along == "points":
+            nearest = end
+        else:
+            shortest = _SHORTEST_SEGMENT * self.distance**2
+            nearest = nearest_on_segment(start, end, shortest=shortest)
+        return self.distance + self.margin - ca.norm_2(nearest)
+
+    def indicated(self, excess: ca.SX) -> ca.SX:
+        """Return 1 at or below the limit (5.16)."""
+        return excess >= 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Connection:
+    """Keep a relative position at most `distance` away from the origin.
+
+    Attributes:
+        relative: Relative position in the problem's symbols, (2, 1) or (3, 1) [m].
+        distance: Largest allowed distance [m].
+        margin: Taken off the distance, in the search and in the NLP [m].
+        scale: The excess is divided by it [m]; None: the distance.
+        name: Name in messages; empty: the expression.
+
+    Source: the chapter's (5.34).
+    """
+
+    relative: ca.SX
+    distance: float
+    margin: float = 0.0
+    scale: Limit | None = None
+    name: str = ""
+    measure: Measure = field(default="excess", init=False)
+
+    def __post_init__(self) -> None:
+        """Check the distances."""
+        object.__setattr__(self, "relative", as_column("relative", self.relative))
+        require_distance("distance", self.distance, self.margin)
+        require_distance("distance less margin", self.distance - self.margin)
+        scale = self.distance if self.scale is None else self.scale
+        object.__setattr__(self, "scale", scales_given("connection", scale, 1))
+
+    @property
+    def expression(self) -> ca.SX:
+        """The relative position."""
+        return self.relative
+
+    def rows(self, value: ca.SX) -> Rows:
+        """Return |r| <= distance [m]."""
+        return Rows(ca.norm_2(value), np.array([-np.inf]), np.array([self.distance]))
+
+    def smooth(self, value: ca.SX) -> Rows:
+        """Return (|r|^2 - d^2) / 2d <= 0: metres near the limit, smooth everywhere."""
+        limit = self.distance - self.margin
+        over = (ca.sumsqr(value) - limit**2) / (2 * limit)
+        return Rows(over, np.array([-np.inf]), np.array([0.0]))
+
+    def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
+        """Return how much too far [m] at the check's end."""
+        return ca.norm_2(end) - (self.distance - self.margin)
+
+    def indicated(self, excess: ca.SX) -> ca.SX:
+        """Return 1 beyond the limit."""
+        return excess > 0
+
+
+def disc(  # noqa: PLR0913 - the options of Separation
+    position: ca.SX,
+    *,
+    centre: Limit,
+    radius: float,
+    margin: float = 0.0,
+    smooth_margin: float = 0.0,
+    along: Along = "points",
+    measure: Measure = "excess",
+    scale: Limit | None = None,
+    name: str = "",
+) -> Separation:
+    """Return the constraint to stay outside a disc (or ball) that does not move.
+
+    Args:
+        position: Position in the problem's symbols, shape (2, 1) or (3, 1) [m].
+        centre: Its centre, same shape [m].
+        radius: Its radius [m].
+        margin: See Separation.
+        smooth_margin: See Separation.
+        along: See Separation.
+        measure: See Separation.
+        scale: See Separation.
+        name: See Separation.
+    """
+    require_distance("radius", radius, margin, smooth_margin)
+    position = as_column("position", position)
+    fixed: Array = np.asarray(centre, dtype=np.float64)
+    if fixed.shape not in ((), (position.numel(),)):
+        raise InvalidProblemError(
+            f"centre must have shape ({position.numel()},), got {fixed.shape}"
+        )
+    return Separation(
+        relative=position - ca.SX(fixed),
+        distance=radius,
+        margin=margin,
+        smooth_margin=smooth_margin,
+        along=along,
+        measure=measure,
+        scale=scale,
+        name=name,
+    )
+
+
+def nearest_on_segment(a: ca.SX, b: ca.SX, *, shortest: float) -> ca.SX:
+    """Return the point of the segment from a to b that is nearest to the origin.
+
+    Args:
+        a: One end, shape (n, 1).
+        b: The other end, shape (n, 1).
+        shortest: Squared length below which the segment is a point.
+    """
+    along = b - a
+    length = ca.fmax(ca.sumsqr(along), shortest)
+    t = ca.fmin(ca.fmax(-ca.dot(a, along) / length, 0), 1)
+    return a + t * along
