@@ -45,6 +45,8 @@ _NEAR: Mapping[str, Any] = MappingProxyType(
 )  # fmt: skip
 
 
+_STEEP = 1e3
+"""What the cost is at its own size, in the NLP's numbers."""
 _QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "sqpmethod": {
@@ -371,8 +373,12 @@ class Polisher:
     def _sizes(
         self, controls: Array, states: Array, x0: ArrayLike, known: Known
     ) -> Sizes:
-        """Return the sizes, those of states and cost with what the start says."""
-        return self._fitness.arguments.sizes_along(controls, states, x0, known)
+        """Return the sizes, the cost's so small that IPOPT scales it by itself.
+
+        IPOPT scales an objective down until no slope is above 100, but never up.
+        """
+        sizes = self._fitness.arguments.sizes_along(controls, states, x0, known)
+        return replace(sizes, cost=sizes.cost / _STEEP)
 
 
 def _better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
