@@ -15,6 +15,8 @@ from swarmstart.ocp.constraints import (
     disc,
 )
 from swarmstart.ocp.controller import Controller, Decision, Mode, RecedingHorizon
+from swarmstart.ocp.dense_output import DenseOutput, interpolate
+from swarmstart.ocp.distances import largest_distance, smallest_distance
 from swarmstart.ocp.dual_mode import DualMode, UncertifiedSetError
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.family import TrajectoryFamily
@@ -42,6 +44,7 @@ __all__ = [
     "Constraint",
     "Controller",
     "Decision",
+    "DenseOutput",
     "DualMode",
     "Fitness",
     "InvalidProblemError",
@@ -82,9 +85,12 @@ __all__ = [
     "disc",
     "fly",
     "held_step",
+    "interpolate",
+    "largest_distance",
     "right_hand_side",
     "shifted_controls",
     "simulate",
+    "smallest_distance",
     "solve",
     "stack_models",
     "verified",
