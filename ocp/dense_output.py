@@ -124,7 +124,7 @@ def _substeps(plant: Plant, trajectory: Trajectory) -> int:
             f"trajectory must have {plant.model.nx} states and {plant.model.nu} "
             f"controls like the plant, got {rows[0]} and {rows[1]}"
         )
-    if not steps or pieces < steps or pieces % steps:
+    if not steps or not pieces or pieces % steps:
         raise InvalidProblemError(
             "dense_states must have the same number of steps in each of the "
             f"{steps} control intervals, got {pieces} steps"

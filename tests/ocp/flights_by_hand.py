@@ -16,7 +16,7 @@ def written(plant: Plant, dense_states: ArrayLike, controls: ArrayLike) -> Traje
     end = steps * plant.dt
     return Trajectory(
         times=np.linspace(0.0, end, steps + 1),
-        states=dense[:, :: max(pieces // steps, 1)],
+        states=dense[:, :: max(pieces // max(steps, 1), 1)],
         controls=held,
         dense_times=np.linspace(0.0, end, pieces + 1),
         dense_states=dense,

@@ -116,7 +116,7 @@ def test_a_flight_of_another_plant_is_refused(
         interpolate(plant, flight)
 
 
-@pytest.mark.parametrize(("steps", "pieces"), [(2, 3), (2, 1)])
+@pytest.mark.parametrize(("steps", "pieces"), [(2, 3), (2, 1), (2, 0), (0, 2)])
 def test_intervals_with_different_steps_are_refused(
     double_integrator: Model, steps: int, pieces: int
 ) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from swarmstart.cases.planar import by_uav
+from swarmstart.cases.planar import by_uav, pair_distances
 from swarmstart.cases.reconfiguration.build import ReconfigurationFlight, build
 from swarmstart.cases.reconfiguration.measures import measure
 from swarmstart.cases.reconfiguration.names import MEASURES
@@ -96,6 +96,30 @@ def test_distances_and_speeds_are_those_between_the_control_instants_too(
     assert found["min_distance_m"] == pytest.approx(4)
     assert found["max_distance_m"] == pytest.approx(55)
     assert (found["speed_min_m_s"], found["speed_max_m_s"]) == (0.5, 9.0)
+
+
+def test_distances_do_not_depend_on_how_many_steps_are_kept(
+    make: Make, by_hand: Fly
+) -> None:
+    scenario = make("plant.substeps=80")
+    flight = build(scenario)
+    rng = np.random.default_rng(0)
+    controls = np.tile(flight.trim, UAVS)[:, None] + np.tile([[300], [0.3]], (UAVS, 1))
+    controls = controls * rng.uniform(0.8, 1.2, (2 * UAVS, STEPS))
+    dense = in_slots()[:, :1]
+    for step, control in enumerate(controls.T):
+        dense = np.hstack([dense, flight.plant(dense[:, -1], control, float(step))])
+    found: list[Any] = []
+    for every in (1, 8):
+        kept = dense[:, ::every]
+        times = np.linspace(0.0, STEPS, kept.shape[1])
+        trajectory = by_hand(dense[:, ::80], controls=controls)
+        trajectory = replace(trajectory, dense_states=kept, dense_times=times)
+        found.append(measure(scenario, flight, trajectory))
+    for name in ("min_distance_m", "max_distance_m", "max_link_distance_m"):
+        assert found[0][name] == pytest.approx(found[1][name], abs=1e-6)
+    distances = pair_distances(dense[:, ::8], UAVS)
+    assert distances.min() > found[0]["min_distance_m"] + 1e-5
 
 
 def test_the_distance_of_a_link_is_that_of_links_only(
