@@ -34,7 +34,7 @@ class Flown(NamedTuple):
         range_m: How far each sees.
         neighbours: Mean number that a UAV avoids.
         seconds: Median of a step.
-        min_distance_m: Between the samples.
+        min_distance_m: Over the whole path.
         position_error_m: At the end.
     """
 
@@ -159,8 +159,8 @@ _HEAD = """# A hundred UAVs that plan one after the other
 Made by `python benchmarks/formation_100.py --write docs/formation_100.md`, seed 0, 60
 steps of 0.5 s. A neighbour of a UAV is another whose plan comes within range of its
 own. The time of a step is that of all UAVs, one after the other on one core: its
-median. The smallest distance is that at the plant's steps, ten to a control step; 5 m
-are asked.
+median. The smallest distance is that of the whole path, between the plant's steps too;
+5 m are asked.
 
 The time of a step grows with the number of UAVs, and with that of their neighbours more
 slowly than linearly: the milliseconds for each UAV and neighbour do not rise.

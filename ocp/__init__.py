@@ -13,6 +13,8 @@ from swarmstart.ocp.constraints import (
     TerminalConstraint,
 )
 from swarmstart.ocp.controller import Controller, Decision, Mode, RecedingHorizon
+from swarmstart.ocp.dense_output import DenseOutput, interpolate
+from swarmstart.ocp.distances import largest_distance, smallest_distance
 from swarmstart.ocp.dual_mode import DualMode, UncertifiedSetError
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.family import TrajectoryFamily
@@ -48,6 +50,7 @@ __all__ = [
     "Constraint",
     "Controller",
     "Decision",
+    "DenseOutput",
     "DualMode",
     "Fitness",
     "InvalidProblemError",
@@ -91,9 +94,12 @@ __all__ = [
     "disc",
     "fly",
     "held_step",
+    "interpolate",
+    "largest_distance",
     "right_hand_side",
     "shifted_controls",
     "simulate",
+    "smallest_distance",
     "solve",
     "stack_models",
     "verified",

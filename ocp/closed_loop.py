@@ -113,11 +113,18 @@ class Plant:
             time: Of its beginning [s].
         """
         held = np.repeat(control[:, None], self.substeps, axis=1)
-        known = np.empty((0, self.substeps))
-        if self._parameters is not None:
-            steps = np.arange(self.substeps) / self.substeps
-            known = self._parameters(time + self.dt * steps)
-        return np.array(self._interval(state, held, known))
+        begins = time + self.dt * (np.arange(self.substeps) / self.substeps)
+        return np.array(self._interval(state, held, self.parameters(begins)))
+
+    def parameters(self, times: Array) -> Array:
+        """Return the parameters held over steps of the integrator, shape (np, n).
+
+        Args:
+            times: Beginnings of the steps, shape (n,) [s].
+        """
+        if self._parameters is None:
+            return np.empty((0, times.size))
+        return self._parameters(times)
 
 
 def fly(  # noqa: PLR0913 - a closed loop and where to begin in it

@@ -17,7 +17,13 @@ from swarmstart.cases.kind import Measure
 from swarmstart.cases.models.close_formation import POSITION
 from swarmstart.cases.models.horseshoe_vortex import drag_saving
 from swarmstart.cases.plans import effort, plan_costs
-from swarmstart.ocp import IpoptOptions, Trajectory, shifted_controls
+from swarmstart.ocp import (
+    IpoptOptions,
+    Trajectory,
+    interpolate,
+    shifted_controls,
+    smallest_distance,
+)
 from swarmstart.ocp.polish import Polisher
 
 Array = NDArray[np.float64]
@@ -38,7 +44,7 @@ def measure(
     """Return all measures of MEASURES by name, null where one is not defined."""
     measures: dict[str, Measure] = {
         **_tracking(scenario, trajectory),
-        **_motion(scenario, trajectory),
+        **_motion(scenario, flight, trajectory),
         **_costs(scenario, flight, trajectory),
         **_saving(flight, trajectory),
         **_gaps(scenario, flight, trajectory),
@@ -123,21 +129,29 @@ def _settled(times: Array, off: Array, begin: float) -> float | None:
 
 
 def _motion(
-    scenario: CloseFormationScenario, trajectory: Trajectory
+    scenario: CloseFormationScenario,
+    flight: CloseFormationFlight,
+    trajectory: Trajectory,
 ) -> dict[str, Measure]:
     _, _, heading, speed, _, _ = trajectory.states
     late = trajectory.times[:-1] > trajectory.times[-1] - LATE_S + ROUNDING_S
     late[-1] = True  # One at least, where a step takes longer.
     turned = np.diff(heading) / np.diff(trajectory.times)
     first = scenario.leader.manoeuvre[0].heading_rad
-    positions = trajectory.dense_states[list(POSITION)]
     return {
         "speed_max_ft_s": float(speed.max()),
         "heading_max_deg": float(np.degrees(heading.max() - first)),
         "turn_rate_max_deg_s": float(np.degrees(np.abs(turned).max())),
         "steady_altitude_command_ft": float(trajectory.controls[2, late].mean()),
-        "min_range_ft": float(np.linalg.norm(positions, axis=0).min()),
+        "min_range_ft": _smallest_range(flight, trajectory),
     }
+
+
+def _smallest_range(flight: CloseFormationFlight, trajectory: Trajectory) -> float:
+    """Return the smallest distance of the two aircraft [ft], the leader at zero."""
+    relative = interpolate(flight.plant, trajectory).curves[list(POSITION)]
+    both = np.stack([relative, np.zeros_like(relative)])
+    return smallest_distance(both, np.array([0]), np.array([1]))
 
 
 def _costs(

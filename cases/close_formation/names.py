@@ -25,7 +25,7 @@ MEASURES = {
     "drag_saving_ideal_percent": "drag saved in the slot of (5.20), pi b / 4 aside",
     "drag_saving_best_percent": "largest drag saved at the leader's height",
     "drag_saving_low_s": "time with less than 30 percent of drag saved",
-    "min_range_ft": "smallest distance of the two aircraft at the plant's steps",
+    "min_range_ft": "smallest distance of the two aircraft over the whole path flown",
     "gap_relative_median": "median of (J - J*) / J* in the first 10 s of the "
     "manoeuvre; null without reference",
     "gap_absolute_median": "median of J - J* after that",

@@ -1,6 +1,7 @@
 """What is measured of a formation flight.
 
-Positions and distances come from the plant's dense states, not from plans.
+Positions come from what the plant flew, not from plans; distances and clearances from
+its path between the plant's steps too.
 """
 
 from collections.abc import Mapping
@@ -9,13 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.feasibility import found_plans, planned
+from swarmstart.cases.flown_distances import (
+    flown_positions,
+    smallest_pair_distance,
+    smallest_range,
+)
 from swarmstart.cases.formation.build import FormationFlight
 from swarmstart.cases.formation.names import MEASURES
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.kind import Measure
 from swarmstart.cases.planar import POSITION, by_uav, pair_distances, smallest
 from swarmstart.cases.plans import effort
-from swarmstart.ocp import Mode, Trajectory
+from swarmstart.ocp import Mode, Trajectory, interpolate
 from swarmstart.terminal_set import held_spectral_radius, input_excess, linearise
 
 Array = NDArray[np.float64]
@@ -101,21 +107,18 @@ def _settle_time(times: Array, offset: Array) -> float | None:
 def _distances(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> dict[str, Measure]:
-    measures: dict[str, Measure] = {}
-    for suffix, states in (
-        ("", trajectory.dense_states),
-        ("_sampled", trajectory.states),
-    ):
-        measures[f"min_distance{suffix}_m"] = smallest(
-            pair_distances(states, flight.agents)
-        )
-        measures[f"obstacle_clearance{suffix}_m"] = smallest(
-            clearances(scenario, flight, states)
-        )
-    speeds = by_uav(trajectory.dense_states, flight.agents)[:, 0]
-    measures["speed_min_m_s"] = float(speeds.min())
-    measures["speed_max_m_s"] = float(speeds.max())
-    return measures
+    uavs, sampled = flight.agents, trajectory.states
+    flown = flown_positions(interpolate(flight.plant, trajectory), uavs)
+    rooms = [smallest_range(flown, o) - o.radius_m for o in scenario.obstacles]
+    speeds = by_uav(trajectory.dense_states, uavs)[:, 0]
+    return {
+        "min_distance_m": smallest_pair_distance(flown),
+        "min_distance_sampled_m": smallest(pair_distances(sampled, uavs)),
+        "obstacle_clearance_m": min(rooms, default=None),
+        "obstacle_clearance_sampled_m": smallest(clearances(scenario, flight, sampled)),
+        "speed_min_m_s": float(speeds.min()),
+        "speed_max_m_s": float(speeds.max()),
+    }
 
 
 def _linear_law(flight: FormationFlight, trajectory: Trajectory) -> dict[str, Measure]:

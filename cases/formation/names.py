@@ -8,10 +8,10 @@ MEASURES = {
     "lone_failure": "number of the UAV that alone is off by more than 1 m in the last "
     "10 s; 0 if none or several are",
     "closed_loop_cost": "sum of e'e + u'u over steps and UAVs",
-    "min_distance_m": "smallest distance of two UAVs at the plant's steps",
+    "min_distance_m": "smallest distance of two UAVs over the whole path flown",
     "min_distance_sampled_m": "the same at the control instants",
-    "obstacle_clearance_m": "smallest distance to an obstacle's edge at the plant's "
-    "steps, negative inside",
+    "obstacle_clearance_m": "smallest distance to an obstacle's edge over the whole "
+    "path flown, negative inside",
     "obstacle_clearance_sampled_m": "the same at the control instants",
     "speed_min_m_s": "smallest speed of a UAV",
     "speed_max_m_s": "largest speed of a UAV",

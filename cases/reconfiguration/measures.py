@@ -7,15 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.feasibility import found_plans
+from swarmstart.cases.flown_distances import (
+    flown_positions,
+    largest_pair_distance,
+    smallest_pair_distance,
+)
 from swarmstart.cases.kind import Measure
-from swarmstart.cases.planar import by_uav, pair_distances
+from swarmstart.cases.planar import by_uav
 from swarmstart.cases.plans import effort, plan_costs
 from swarmstart.cases.reconfiguration.build import ReconfigurationFlight
 from swarmstart.cases.reconfiguration.names import MEASURES
 from swarmstart.cases.reconfiguration.reference import gaps
 from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.cases.reconfiguration.target import position_errors
-from swarmstart.ocp import Trajectory, shifted_controls
+from swarmstart.ocp import Trajectory, interpolate, shifted_controls
 
 Array = NDArray[np.float64]
 
@@ -67,16 +72,17 @@ def _shape(
 ) -> dict[str, Measure]:
     off = errors_of(scenario, flight, trajectory.states).max(axis=0)
     headings = by_uav(trajectory.states, len(flight.slots))[:, 1, -1]
-    distances = pair_distances(trajectory.dense_states, len(flight.slots))
+    path = interpolate(flight.plant, trajectory)
+    flown = flown_positions(path, len(flight.slots))
     return {
         "position_error_m": float(off[-1]),
         "position_error_per_horizon_m": off[1:].tolist(),
         "heading_error_rad": float(
             np.abs(headings - headings[scenario.leader_index]).max()
         ),
-        "min_distance_m": float(distances.min()),
-        "max_distance_m": float(distances.max()),
-        "max_link_distance_m": float(link_distances(flight, distances).max()),
+        "min_distance_m": smallest_pair_distance(flown),
+        "max_distance_m": largest_pair_distance(flown),
+        "max_link_distance_m": largest_pair_distance(flown, pairs=flight.links),
     }
 
 

@@ -12,10 +12,10 @@ MEASURES = {
     "gap_per_horizon": "J less the best J found from the same state, a list; null "
     "without reference",
     "gap_max": "largest of these",
-    "min_distance_m": "smallest distance of two UAVs at the plant's steps",
-    "max_distance_m": "largest distance of two UAVs at the plant's steps",
+    "min_distance_m": "smallest distance of two UAVs over the whole path flown",
+    "max_distance_m": "largest distance of two UAVs over the whole path flown",
     "max_link_distance_m": "largest distance of two UAVs that keep the communication "
-    "distance, at the plant's steps",
+    "distance, over the whole path flown",
     "penalty_max": "largest summed violation of a plan; 0: all limits kept",
     "heading_error_rad": "largest difference of a UAV's heading from the leader's, at "
     "the end; whole turns count",

@@ -5,12 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.flown_distances import flown_positions, smallest_pair_distance
 from swarmstart.cases.kind import Measure
 from swarmstart.cases.planar import POSITION, by_uav, pair_distances, smallest
 from swarmstart.cases.transfer.build import TransferFlight
 from swarmstart.cases.transfer.names import MEASURES
 from swarmstart.cases.transfer.scenario import TransferScenario
-from swarmstart.ocp import PolishStatus, Trajectory, verified
+from swarmstart.ocp import PolishStatus, Trajectory, interpolate, verified
 
 Array = NDArray[np.float64]
 
@@ -23,6 +24,7 @@ def measure(
     solution = verified(flight.planner.problem, plan, flight.x0)
     uavs = len(flight.goals)
     flown = by_uav(trajectory.dense_states, uavs)
+    path = interpolate(flight.plant, trajectory)
     off = flown[:, list(POSITION), -1] - flight.goals
     ended = len(trajectory.decisions) == scenario.prediction.intervals
     measures: dict[str, Measure] = {
@@ -34,7 +36,7 @@ def measure(
         "search_cost": _known(plan.search_cost),
         "search_violation": _known(plan.search_violation),
         "goal_error_m": float(np.hypot(*off.T).max()) if ended else None,
-        "min_distance_m": smallest(pair_distances(trajectory.dense_states, uavs)),
+        "min_distance_m": smallest_pair_distance(flown_positions(path, uavs)),
         "min_distance_checked_m": smallest(pair_distances(solution.states, uavs)),
         "speed_min_m_s": float(flown[:, 0].min()),
         "speed_max_m_s": float(flown[:, 0].max()),

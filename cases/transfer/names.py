@@ -9,7 +9,7 @@ MEASURES = {
     "search_cost": "cost of the search's own answer; null without a search",
     "search_violation": "violation of that answer; null without a search",
     "goal_error_m": "largest distance of a UAV from its goal at the end, as flown",
-    "min_distance_m": "smallest distance of two UAVs at the plant's steps",
+    "min_distance_m": "smallest distance of two UAVs over the whole path flown",
     "min_distance_checked_m": "the same at the plan's checks",
     "speed_min_m_s": "smallest speed of a UAV",
     "speed_max_m_s": "largest speed of a UAV",

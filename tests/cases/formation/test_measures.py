@@ -120,10 +120,11 @@ def test_clearance_is_to_the_edge_and_negative_inside(
     offsets = np.zeros((UAVS, 4, DENSE))
     slots = flight.slots(np.linspace(0.0, STEPS, DENSE))
     offsets[:, Y] += 1000.0  # everybody far away
+    offsets[3, 0] = -slots[3, 0]  # it stands at each step: so none passes nearer
     inside, outside = 3 * SUBSTEPS + 1, 6 * SUBSTEPS
-    for number, x in ((inside, disc.x_m + 2.0), (outside, disc.x_m + 17.0)):
-        offsets[3, X, number] = x - slots[3, X, number]
-        offsets[3, Y, number] = disc.y_m - slots[3, Y, number]
+    for number, y in ((inside, disc.y_m + 2.0), (outside, disc.y_m + 17.0)):
+        offsets[3, X, number] = disc.x_m - slots[3, X, number]
+        offsets[3, Y, number] = y - slots[3, Y, number]
     found = measured(offsets)
     assert found["obstacle_clearance_m"] == pytest.approx(2.0 - disc.radius_m)
     assert found["obstacle_clearance_sampled_m"] == pytest.approx(17.0 - disc.radius_m)

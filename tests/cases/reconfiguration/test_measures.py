@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from swarmstart.cases.planar import by_uav
+from swarmstart.cases.planar import by_uav, pair_distances
 from swarmstart.cases.reconfiguration.build import ReconfigurationFlight, build
 from swarmstart.cases.reconfiguration.measures import measure
 from swarmstart.cases.reconfiguration.names import MEASURES
@@ -24,13 +24,14 @@ STEPS, UAVS, LEADER = 4, 5, 2
 SLOTS = np.array([[-20.0, 20], [-10, 10], [0, 0], [-10, -10], [-20, -20]])
 
 
-def in_slots() -> Array:
-    """Return five UAVs in the V that fly east at 2 m/s, (20, steps + 1)."""
-    states = np.zeros((UAVS, 4, STEPS + 1))
+def in_slots(substeps: int = 1) -> Array:
+    """Return five UAVs in the V that fly east at 2 m/s, (20, steps * substeps + 1)."""
+    times = np.linspace(0.0, STEPS, STEPS * substeps + 1)
+    states = np.zeros((UAVS, 4, times.size))
     states[:, V] = 2.0
-    states[:, X] = SLOTS[:, :1] + 2.0 * np.arange(STEPS + 1)
+    states[:, X] = SLOTS[:, :1] + 2.0 * times
     states[:, Y] = SLOTS[:, 1:]
-    return states.reshape(-1, STEPS + 1)
+    return states.reshape(-1, times.size)
 
 
 @pytest.fixture
@@ -84,16 +85,41 @@ def test_a_heading_a_full_turn_away_is_not_the_leaders(measured: Any) -> None:
 def test_distances_and_speeds_are_those_between_the_control_instants_too(
     scenario: ReconfigurationScenario, flight: ReconfigurationFlight, by_hand: Fly
 ) -> None:
-    dense = np.repeat(in_slots(), 2, axis=1)
+    dense = in_slots(substeps=2)
     uavs = by_uav(dense, UAVS)
     uavs[0, [X, Y], 5] = uavs[1, [X, Y], 5] + [0, 4]
     uavs[4, [X, Y], 7] = uavs[0, [X, Y], 7] - [0, 55]
-    uavs[2, V, 5], uavs[3, V, 5] = 0.5, 9.0
-    trajectory = replace(by_hand(in_slots()), dense_states=dense)
+    uavs[2, V, 1], uavs[3, V, 1] = 0.5, 9.0
+    times = np.linspace(0.0, STEPS, 2 * STEPS + 1)
+    trajectory = replace(by_hand(in_slots()), dense_states=dense, dense_times=times)
     found = measure(scenario, flight, trajectory)
     assert found["min_distance_m"] == pytest.approx(4)
     assert found["max_distance_m"] == pytest.approx(55)
     assert (found["speed_min_m_s"], found["speed_max_m_s"]) == (0.5, 9.0)
+
+
+def test_distances_do_not_depend_on_how_many_steps_are_kept(
+    make: Make, by_hand: Fly
+) -> None:
+    scenario = make("plant.substeps=80")
+    flight = build(scenario)
+    rng = np.random.default_rng(0)
+    controls = np.tile(flight.trim, UAVS)[:, None] + np.tile([[300], [0.3]], (UAVS, 1))
+    controls = controls * rng.uniform(0.8, 1.2, (2 * UAVS, STEPS))
+    dense = in_slots()[:, :1]
+    for step, control in enumerate(controls.T):
+        dense = np.hstack([dense, flight.plant(dense[:, -1], control, float(step))])
+    found: list[Any] = []
+    for every in (1, 8):
+        kept = dense[:, ::every]
+        times = np.linspace(0.0, STEPS, kept.shape[1])
+        trajectory = by_hand(dense[:, ::80], controls=controls)
+        trajectory = replace(trajectory, dense_states=kept, dense_times=times)
+        found.append(measure(scenario, flight, trajectory))
+    for name in ("min_distance_m", "max_distance_m", "max_link_distance_m"):
+        assert found[0][name] == pytest.approx(found[1][name], abs=1e-6)
+    distances = pair_distances(dense[:, ::8], UAVS)
+    assert distances.min() > found[0]["min_distance_m"] + 1e-5
 
 
 def test_the_distance_of_a_link_is_that_of_links_only(

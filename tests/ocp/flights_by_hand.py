@@ -1,0 +1,25 @@
+"""Flights that are written down, not simulated."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp import Plant, Trajectory
+
+Array = NDArray[np.float64]
+
+
+def written(plant: Plant, dense_states: ArrayLike, controls: ArrayLike) -> Trajectory:
+    """Return a flight with states (nx, T * m + 1) and controls (nu, T)."""
+    dense = np.asarray(dense_states, dtype=np.float64)
+    held = np.asarray(controls, dtype=np.float64)
+    steps, pieces = held.shape[1], dense.shape[1] - 1
+    end = steps * plant.dt
+    return Trajectory(
+        times=np.linspace(0.0, end, steps + 1),
+        states=dense[:, :: max(pieces // max(steps, 1), 1)],
+        controls=held,
+        dense_times=np.linspace(0.0, end, pieces + 1),
+        dense_states=dense,
+        decisions=(),
+        step_seconds=np.zeros(steps),
+    )
