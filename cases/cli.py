@@ -190,6 +190,11 @@ def _add_compare(compare: argparse.ArgumentParser) -> None:
         "--timeout", type=_count, default=300, metavar="S",
         help="seconds after which a run is given up; default: 300",
     )  # fmt: skip
+    compare.add_argument(
+        "--repair", action=argparse.BooleanOptionalAction, default=True,
+        help="solve answers that break a constraint between the checks again with a "
+        "margin, for all solvers alike; default: yes",
+    )  # fmt: skip
     compare.add_argument("--out", metavar="DIR", help="default: results/compare")
     _add_campaign(compare)
     compare.set_defaults(command=_compare)

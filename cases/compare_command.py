@@ -84,6 +84,7 @@ def _entry(
         seeds=options.seeds,
         budget=budget,
         timeout_s=options.timeout,
+        repair=options.repair,
     )
 
 

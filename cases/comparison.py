@@ -72,13 +72,14 @@ class Row:
     against_first: str
 
 
-def entry_of(
+def entry_of(  # noqa: PLR0913 - a cell's whole job
     resolved: Resolved,
     solver: Solver,
     *,
     seeds: int,
     budget: Mapping[str, Any],
     timeout_s: float,
+    repair: bool,
 ) -> Entry:
     """Return the cells of a solver on a scenario.
 
@@ -88,6 +89,8 @@ def entry_of(
         seeds: Their number, from 0 on.
         budget: Of one planning problem.
         timeout_s: After which a cell is given up [s].
+        repair: Whether answers that break constraints between the checks are solved
+            again with a margin.
     """
     settings = resolved.anonymous_settings()
     cells = [
@@ -99,6 +102,7 @@ def entry_of(
                 "solver": solver.name,
                 "budget": dict(budget),
                 "seed": seed,
+                "repair": repair,
             },
             label=f"{resolved.scenario.name}, {solver.name}, seed {seed}",
             timeout_s=timeout_s,

@@ -38,6 +38,7 @@ from swarmstart.ocp import (
 from swarmstart.ocp.family import FamilySpace
 from swarmstart.ocp.polish import is_better
 from swarmstart.ocp.search_space import ControlSpace, SearchSpace
+from swarmstart.ocp.solving import repaired
 
 IPOPT, MULTISTART = "ipopt", "multistart-ipopt"
 SEARCHED = tuple(name for name in SEARCHES if name != "none")
@@ -131,11 +132,16 @@ def _number(text: str) -> float:
         return 0.0
 
 
+Answered = tuple[Planner, Plan, float]
+"""A plan, the planner that made it, and when that began [s]."""
+
+
 def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Solve a planning problem; called in a worker.
 
     The answer is simulated again ten times finer: "claimed" is what the solver says of
-    it, "verified" what the one reference says.
+    it, "verified" what the one reference says. With "repair", an answer that breaks a
+    constraint between the checks is solved again with a margin, whatever the solver.
     """
     del folder
     resolved = resolved_again(job["settings"], job["variant"])
@@ -143,8 +149,11 @@ def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     solver = solver_of(job["solver"])
     rng = np.random.default_rng(job["seed"])
     solve = _many_starts if solver.starts == "many" else _planned
-    plan, seconds = solve(resolved.scenario, posed, solver, job["budget"], rng)
+    planner, plan, began = solve(resolved.scenario, posed, solver, job["budget"], rng)
     found = verified(posed.problem, plan, posed.x0, posed.known)
+    if job["repair"]:
+        found, _ = repaired(planner, found, posed.x0, posed.known, rng=rng)
+    seconds, plan = clock.perf_counter() - began, found.plan
     return {
         "claimed_cost": plan.cost,
         "claimed_violation": plan.violation,
@@ -164,8 +173,8 @@ def _planned(
     solver: Solver,
     budget: Mapping[str, Any],
     rng: np.random.Generator,
-) -> tuple[Plan, float]:
-    """Return the plan of a search, a polish or both, and how long it took [s]."""
+) -> Answered:
+    """Return the plan of a search, a polish or both, its planner and when it began."""
     alone = solver.search == "none"
     polish = _ipopt(budget, 1.0 if alone else 1 - SEARCH_SHARE)
     planner = Planner(
@@ -176,8 +185,7 @@ def _planned(
         backend=scenario.backend,
     )
     began = clock.perf_counter()
-    plan = planner.plan(posed.x0, known=posed.known, rng=rng)
-    return plan, clock.perf_counter() - began
+    return planner, planner.plan(posed.x0, known=posed.known, rng=rng), began
 
 
 def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
@@ -219,12 +227,13 @@ def _many_starts(
     solver: Solver,
     budget: Mapping[str, Any],
     rng: np.random.Generator,
-) -> tuple[Plan, float]:
+) -> Answered:
     """Return the best of IPOPT from random points until the budget is spent."""
     del solver
     problem = posed.problem
-    planner = Planner(problem, search=None, backend=scenario.backend)
-    polish = Polisher(planner.fitness, _ipopt(budget, 1.0))
+    options = _ipopt(budget, 1.0)
+    planner = Planner(problem, search=None, polish=options, backend=scenario.backend)
+    polish = Polisher(planner.fitness, options)
     space: SearchSpace = (
         ControlSpace(planner.fitness)
         if posed.family is None
@@ -244,8 +253,13 @@ def _many_starts(
             tolerance=problem.tolerance,
         ):
             best = one
-    seconds = clock.perf_counter() - began
     plan = planner.evaluated(
         best.controls, posed.x0, known=posed.known, source=Source.POLISH
     )
-    return replace(plan, evaluations=evaluations, polish_status=best.status), seconds
+    found = replace(
+        plan,
+        evaluations=evaluations,
+        polish_status=best.status,
+        point=best.point,
+    )
+    return planner, found, began

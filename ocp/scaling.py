@@ -4,14 +4,14 @@ No absolute number decides anything, so that metres or kilometres give the same 
 With the horizon T, the initial state x0 and f the right-hand side, the size of
 
     a state       the largest of the width of its bounds, |x0| and its target; if all
-                  of these are zero: T max |f_i| at x0 and at x0 +- the sizes known so
-                  far, under the controls' lower, middle and upper values; else what the
+                  of these are zero: T max |f_i| at x0 and around it, as far as the
+                  sizes known so far, under the controls' lower, middle and upper values; else what the
                   rate of a known state needs of it, s_i / (T |df_i/dx_j|)
     a control     the width of its bounds; without bounds the guess, else s_i / (T
                   |df_i/du_j|) of the known states
     a row         its limit, but at least a thousandth of the size of its expression; of
                   a limit that is zero, the size of the expression: its value at x0, or
-                  if that is zero, at x0 +- the sizes of the states
+                  if that is zero, around it
     the cost      T |stage cost| + |terminal cost|, the largest at those points
 
 All of these are homogeneous: numbers in units that are a power of two larger give sizes
@@ -29,6 +29,8 @@ from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
 
+_PARTS = (0.618, -0.382)
+"""Moves around the start, in parts of the sizes: no half turn of an angle by chance."""
 _NEGLIGIBLE = 1e-6
 """A start or target below this part of what the dynamics say is no size."""
 _LIMIT_SHARE = 1e-3
@@ -235,9 +237,9 @@ class Sizing:
             np.where(np.isfinite(bound), bound, middle + sign * controls)
             for bound, sign in ((lower, -1.0), (upper, 1.0))
         ]
-        moves = [states, -states]
+        moves = [part * states for part in _PARTS]
         moves += [
-            sign * states * row for row in np.eye(states.size) for sign in (1, -1)
+            part * states * row for row in np.eye(states.size) for part in _PARTS
         ]
         points = [(at.x0, v) for v in (middle, *u)]
         points += [(at.x0 + move, middle) for move in moves]
