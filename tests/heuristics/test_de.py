@@ -88,7 +88,7 @@ def test_exponential_crossover_takes_a_circular_run_of_geometric_length() -> Non
     rng = np.random.default_rng(3)
     mutated = np.zeros((dim, number), dtype=np.bool_)
     for i in range(number):
-        cross_exponentially(rng, CR, mutated, i)
+        cross_exponentially(rng, CR, np.arange(dim), mutated, i)
     lengths = mutated.sum(axis=0)
     begins = (mutated & ~np.roll(mutated, 1, axis=0)).sum(axis=0)
     np.testing.assert_array_equal(begins, lengths < dim)
