@@ -1,13 +1,20 @@
-"""Which algorithm the library takes where nobody says.
+"""Which algorithm and which order the library takes where the user names neither.
 
 L-SHADE; below 400 evaluations, in which its population cannot shrink any more, the
-chaotic swarm with c1 = c2 = 1.496. Measured on this project's own planning problems:
-docs/planning.md, made by benchmarks/planning.py.
+chaotic swarm with c1 = c2 = 1.496, its lengths taken from the box. Measured on this
+project's own planning problems: docs/planning.md, made by benchmarks/planning.py.
+
+The adaptive epsilon level: feasibility first as soon as a tenth of a generation is
+feasible. Measured on constrained problems of CEC 2006: docs/orders.md, made by
+benchmarks/orders.py.
+
+Nothing of both depends on the units of the cost or of the variables.
 """
 
 from swarmstart.heuristics.algorithm import Algorithm
 from swarmstart.heuristics.chaotic_pso import ChaoticPSO
 from swarmstart.heuristics.lshade import LSHADE
+from swarmstart.heuristics.order import Order, epsilon_level
 
 FEWEST = 400
 """Evaluations from which L-SHADE is taken."""
@@ -18,7 +25,32 @@ def default_algorithm(evaluations: int | None) -> Algorithm:
 
     Args:
         evaluations: The budget; None where it is wall time.
+
+    Example:
+        >>> type(default_algorithm(20_000)).__name__
+        'LSHADE'
     """
     if evaluations is not None and evaluations < FEWEST:
-        return ChaoticPSO(cognitive=1.496, social=1.496)
+        return ChaoticPSO(
+            cognitive=1.496, social=1.496, velocity_max=None, search_length=None
+        )
     return LSHADE()
+
+
+def default_order(tolerance: float = 0.0) -> Order:
+    """Return the order of individuals: the adaptive epsilon level.
+
+    Args:
+        tolerance: Largest violation that counts as feasible, at least 0.
+
+    Returns:
+        `epsilon_level(tolerance)`.
+
+    Raises:
+        InvalidOrderError: If the tolerance is negative or not finite.
+
+    Example:
+        >>> default_order(1e-6) == epsilon_level(1e-6)
+        True
+    """
+    return epsilon_level(tolerance)
