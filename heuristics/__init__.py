@@ -9,26 +9,24 @@ from swarmstart.heuristics.algorithm import (
     Kernels,
     State,
 )
+from swarmstart.heuristics.arguments import (
+    ALGORITHMS,
+    algorithm_of,
+    box_of,
+    generator_of,
+)
 from swarmstart.heuristics.box import Box, InvalidBoxError, InvalidPointsError
+from swarmstart.heuristics.budget import Budget, InvalidBudgetError, budget_of
 from swarmstart.heuristics.chaotic_pso import ChaoticPSO
 from swarmstart.heuristics.cma import CMAES
 from swarmstart.heuristics.compiled_loop import CompiledObjective, Pointers
 from swarmstart.heuristics.de import DifferentialEvolution
-from swarmstart.heuristics.default import default_algorithm
+from swarmstart.heuristics.default import default_algorithm, default_order
 from swarmstart.heuristics.genetic import GeneticAlgorithm
 from swarmstart.heuristics.initial import Initial
 from swarmstart.heuristics.jde import SelfAdaptiveDE
 from swarmstart.heuristics.lshade import LSHADE
-from swarmstart.heuristics.minimize import (
-    Budget,
-    GenerationEvent,
-    InvalidBudgetError,
-    Objective,
-    SearchResult,
-    StopReason,
-    minimize,
-    run,
-)
+from swarmstart.heuristics.minimize import Objective, minimize, run
 from swarmstart.heuristics.order import (
     InvalidOrderError,
     Order,
@@ -38,6 +36,12 @@ from swarmstart.heuristics.order import (
 )
 from swarmstart.heuristics.pso import ParticleSwarm
 from swarmstart.heuristics.random_search import RandomSearch
+from swarmstart.heuristics.result import (
+    GenerationEvent,
+    SearchInterrupted,
+    SearchResult,
+    StopReason,
+)
 from swarmstart.heuristics.sampling import Sampling
 from swarmstart.heuristics.search import (
     AskTellError,
@@ -49,6 +53,7 @@ from swarmstart.heuristics.search import (
 )
 
 __all__ = [
+    "ALGORITHMS",
     "CMAES",
     "LSHADE",
     "Algorithm",
@@ -77,14 +82,20 @@ __all__ = [
     "RandomSearch",
     "Sampling",
     "Search",
+    "SearchInterrupted",
     "SearchResult",
     "SelfAdaptiveDE",
     "Snapshot",
     "State",
     "StopReason",
+    "algorithm_of",
+    "box_of",
+    "budget_of",
     "default_algorithm",
+    "default_order",
     "epsilon_level",
     "feasibility_first",
+    "generator_of",
     "minimize",
     "run",
     "static_penalty",
