@@ -268,7 +268,8 @@ was chosen on these problems: the paper's 0.2 is better still with equality cons
 but L-SHADE then misses feasibility on g10.
 
 **A static penalty** of 1e4 is too small for the violations of g10, and depends on the
-unit of the cost (the last table). No weight is right for two problems.
+unit of the cost (the last table). A weight that suits one problem need not suit
+another.
 
 **The epsilon level as published** loses without equality constraints, since its level
 stays above zero for 0.8 of the budget, however many feasible points there are. L-SHADE
