@@ -12,6 +12,7 @@ from swarmstart.heuristics import (
     Box,
     Budget,
     Objective,
+    Order,
     SearchResult,
     StopReason,
     minimize,
@@ -53,7 +54,7 @@ def no_violation(points: Array) -> Array:
     return np.zeros(points.shape[1])
 
 
-def search_until(
+def search_until(  # noqa: PLR0913
     objective: Objective,
     box: Box,
     algorithm: Algorithm,
@@ -61,12 +62,14 @@ def search_until(
     target: float,
     evaluations: int,
     seed: int | Sequence[int],
+    order: Order | None = None,
 ) -> SearchResult:
     """Search until a feasible point has the target, or the budget is used up."""
     return minimize(
         objective,
         box,
         algorithm=algorithm,
+        order=order,
         budget=Budget(evaluations=evaluations, target=target),
         rng=np.random.default_rng(seed),
     )

@@ -25,6 +25,7 @@ from swarmstart.heuristics import (
     SearchResult,
     SelfAdaptiveDE,
 )
+from swarmstart.heuristics.minimize import values_of
 
 # BBOB, 10-D: instances 1-15, two seeds each, 40,000 evaluations.
 
@@ -148,7 +149,7 @@ def pygmo_evaluations(algorithm: Any, instance: int, seed: int) -> int:
 
     class Problem:
         def fitness(self, x: Array) -> list[float]:
-            return [float(np.asarray(objective(x[:, None])[0])[0])]
+            return [float(np.asarray(values_of(objective(x[:, None]), 1)[0])[0])]
 
         def get_bounds(self) -> tuple[list[float], list[float]]:
             return [-5.0] * 10, [5.0] * 10

@@ -1,6 +1,6 @@
 """CEC 2006 with feasibility first, CEC 2014 with the settings of L-SHADE's paper."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,8 +18,8 @@ from swarmstart.heuristics import (
     LSHADE,
     Box,
     DifferentialEvolution,
-    Objective,
     StopReason,
+    feasibility_first,
 )
 
 # CEC 2006: feasibility first, DE/rand/1/bin NP 50 F 0.5 CR 0.9, 30,000 evaluations.
@@ -54,7 +54,9 @@ CONSTRAINED = (
 )
 
 
-def constrained_objective(problem: Any) -> Objective:
+def constrained_objective(
+    problem: Any,
+) -> Callable[[Array], tuple[Array, Array]]:
     """Cost and summed violation of a problem of pygmo; equalities up to 1e-4."""
     equalities = problem.get_nec()
 
@@ -82,6 +84,7 @@ def cec2006(*, short: bool) -> Iterator[Row]:
                 target=row.optimum + 1e-4,
                 evaluations=30_000,
                 seed=seed,
+                order=feasibility_first(),
             )
             for seed in range(runs)
         ]

@@ -9,8 +9,14 @@ from swarmstart.heuristics.algorithm import (
     Kernels,
     State,
 )
-from swarmstart.heuristics.arguments import ALGORITHMS, algorithm_of, generator_of
+from swarmstart.heuristics.arguments import (
+    ALGORITHMS,
+    algorithm_of,
+    box_of,
+    generator_of,
+)
 from swarmstart.heuristics.box import Box, InvalidBoxError, InvalidPointsError
+from swarmstart.heuristics.budget import Budget, InvalidBudgetError, budget_of
 from swarmstart.heuristics.chaotic_pso import ChaoticPSO
 from swarmstart.heuristics.cma import CMAES
 from swarmstart.heuristics.compiled_loop import CompiledObjective, Pointers
@@ -20,16 +26,7 @@ from swarmstart.heuristics.genetic import GeneticAlgorithm
 from swarmstart.heuristics.initial import Initial
 from swarmstart.heuristics.jde import SelfAdaptiveDE
 from swarmstart.heuristics.lshade import LSHADE
-from swarmstart.heuristics.minimize import (
-    Budget,
-    GenerationEvent,
-    InvalidBudgetError,
-    Objective,
-    SearchResult,
-    StopReason,
-    minimize,
-    run,
-)
+from swarmstart.heuristics.minimize import Objective, minimize, run
 from swarmstart.heuristics.order import (
     InvalidOrderError,
     Order,
@@ -39,6 +36,12 @@ from swarmstart.heuristics.order import (
 )
 from swarmstart.heuristics.pso import ParticleSwarm
 from swarmstart.heuristics.random_search import RandomSearch
+from swarmstart.heuristics.result import (
+    GenerationEvent,
+    SearchInterrupted,
+    SearchResult,
+    StopReason,
+)
 from swarmstart.heuristics.sampling import Sampling
 from swarmstart.heuristics.search import (
     AskTellError,
@@ -48,11 +51,6 @@ from swarmstart.heuristics.search import (
     Search,
     Snapshot,
 )
-
-
-class SearchInterrupted(KeyboardInterrupt):
-    partial = None
-
 
 __all__ = [
     "ALGORITHMS",
@@ -91,6 +89,8 @@ __all__ = [
     "State",
     "StopReason",
     "algorithm_of",
+    "box_of",
+    "budget_of",
     "default_algorithm",
     "default_order",
     "epsilon_level",

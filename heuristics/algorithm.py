@@ -112,7 +112,7 @@ class State(Protocol):
 
     @property
     def improved(self) -> Count:
-        """Generations accepted when `best` last became better, int64, shape (1,)."""
+        """Generations accepted when `best`, or the level, last improved, shape (1,)."""
 
 
 class CommonFields(NamedTuple):
@@ -201,7 +201,8 @@ def take_generation(
 ) -> None:
     """Update the shared fields: the best, what is counted, the level of the order.
 
-    The best is what is best in the end, when the level has come to the tolerance.
+    The best is what is best in the end, when the level has come to the tolerance. Until
+    then every generation counts as one that improved: the level does.
 
     Args:
         order: The order.
@@ -226,7 +227,9 @@ def take_generation(
     state.evaluations[0] += cost.size
     if state.generation[0] == 1:
         begin_level(order, violation)
-    set_level(order, state.progress[0])
+    set_level(order, state.progress[0], violation)
+    if order.level[0] > order.tolerance:
+        state.improved[0] = state.generation[0]
 
 
 def require(name: str, value: object, *, ok: bool, allowed: str) -> None:

@@ -1,6 +1,7 @@
 """The best distinct basins that a search has met.
 
-Two points are of one basin when they are near each other in the box: with widths w,
+Two points are of one basin when they are near each other in the box: with widths w, the
+mean taken over the variables that are not fixed,
 
     sqrt(mean_d ((a_d - b_d) / w_d)^2) < radius
 
@@ -26,7 +27,8 @@ class Archive(NamedTuple):
         cost: Shape (room,).
         violation: Shape (room,).
         members: Their number, int64, shape (1,).
-        width: Widths of the box, shape (dim,).
+        free: Indices of the variables that are not fixed, int64 (`Box.free`).
+        width: Widths of the box, shape (dim,); 1 for what is fixed.
         radius: Least distance of two members, a fraction of the widths, shape (1,).
     """
 
@@ -34,6 +36,7 @@ class Archive(NamedTuple):
     cost: Array
     violation: Array
     members: Count
+    free: Count
     width: Array
     radius: Array
 
@@ -51,7 +54,8 @@ def new_archive(box: Box, *, room: int, radius: float) -> Archive:
         cost=np.full(room, np.inf),
         violation=np.full(room, np.inf),
         members=np.zeros(1, dtype=np.int64),
-        width=box.width,
+        free=box.free,
+        width=np.where(box.width > 0.0, box.width, 1.0),
         radius=np.full(1, radius),
     )
 
@@ -111,10 +115,10 @@ def offer(
 def distance(archive: Archive, point: Array, k: int) -> float:
     """The distance of a point from member k, a fraction of the widths."""
     total = 0.0
-    for d in range(point.size):
+    for d in archive.free:
         part = (point[d] - archive.points[d, k]) / archive.width[d]
         total += part * part
-    return float(np.sqrt(total / point.size))
+    return float(np.sqrt(total / archive.free.size))
 
 
 @kernel

@@ -54,7 +54,7 @@ def algorithm_of(
         >>> algorithm_of("cma") == algorithm_of(CMAES) == CMAES()
         True
     """
-    if given is None or given == "default":
+    if given is None or (isinstance(given, str) and given == "default"):
         return default_algorithm(evaluations)
     if isinstance(given, str) and given in ALGORITHMS:
         return ALGORITHMS[given]()

@@ -9,7 +9,8 @@ redraw    uniform between the bounds; a velocity becomes zero
 none      it stays outside (for published results that had no bounds)
 
 With any but none, what comes out lies in the box. `absorb` differs from `clip` in the
-velocity alone.
+velocity alone. A variable whose bounds are equal stays there under every rule, and its
+velocity becomes zero.
 """
 
 import math
@@ -47,6 +48,8 @@ def repair(
         fraction: For `redraw` a random number in [0, 1), drawn by the caller: a call
             with a generator costs ten times one without.
     """
+    if lower == upper:
+        return lower
     if rule == NONE or lower <= value <= upper:
         return value
     if rule == REFLECT:
@@ -72,6 +75,8 @@ def turned(
         lower: Lower bound.
         upper: Upper bound.
     """
+    if lower == upper:
+        return 0.0
     if lower <= value <= upper or rule in (CLIP, NONE):
         return velocity
     beyond = max(value - upper, lower - value)
@@ -85,10 +90,15 @@ def turned(
 def reflected(value: float, lower: float, upper: float) -> float:
     """The coordinate after all reflections at the bounds: a triangular wave.
 
-    Where the distance overflows or is NaN, it is the lower bound.
+    Where the distance overflows or is NaN, or the bounds are equal, it is the lower
+    bound.
     """
     width = upper - lower
-    if not math.isfinite(value - lower) or not math.isfinite(2.0 * width):
+    if (
+        width == 0.0
+        or not math.isfinite(value - lower)
+        or not math.isfinite(2.0 * width)
+    ):
         return lower
     beyond = (value - lower) % (2.0 * width)
     if beyond > width:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.kernel import Array, kernel
+from swarmstart.heuristics.kernel import Array, Count, kernel
 
 
 class InvalidBoxError(SwarmstartError, ValueError):
@@ -44,13 +44,14 @@ class Box:
 
     Attributes:
         lower: Lower bounds, shape (dim,), in the units of the variables.
-        upper: Upper bounds, shape (dim,), each above its lower bound.
+        upper: Upper bounds, shape (dim,), none below its lower bound. A variable whose
+            bounds are equal is fixed.
         per_step: Where the variables are a sequence in time, step after step: how many
             of them belong to one step. None where they are no sequence.
 
     Raises:
         InvalidBoxError: If the bounds are no vectors of one length, not finite, or a
-            lower bound is not below its upper bound, or per_step does not divide dim.
+            lower bound is above its upper bound, or per_step does not divide dim.
     """
 
     lower: Array
@@ -60,7 +61,7 @@ class Box:
     def __post_init__(self) -> None:
         """Check the bounds, copy them and set them read-only."""
         for name in ("lower", "upper"):
-            bound = np.array(getattr(self, name), dtype=np.float64)
+            bound = _numbers(name, getattr(self, name))
             bound.setflags(write=False)
             object.__setattr__(self, name, bound)
         problem = _problem(self.lower, self.upper)
@@ -79,6 +80,15 @@ class Box:
     def width(self) -> Array:
         """Upper minus lower bounds, shape (dim,), a new array."""
         return self.upper - self.lower
+
+    @property
+    def free(self) -> Count:
+        """Indices of the variables that are not fixed; of all if all are.
+
+        So it is never empty, and algorithms need no other rule for that case.
+        """
+        free = np.flatnonzero(self.lower < self.upper)
+        return free if free.size else np.arange(self.dim)
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Which points lie in the box, its boundary included.
@@ -128,9 +138,18 @@ def _problem(lower: Array, upper: Array) -> str:
             f"got shapes {lower.shape} and {upper.shape}"
         )
     for d, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
-        if not (low < high and math.isfinite(high - low)):
+        if not (low <= high and math.isfinite(high - low)):
             return (
-                f"bounds of variable {d} must be finite, the lower below the upper, "
-                f"got [{low}, {high}]; a variable that cannot move is no variable"
+                f"bounds of variable {d} must be finite, the lower not above the "
+                f"upper, got [{low}, {high}]"
             )
     return ""
+
+
+def _numbers(name: str, given: ArrayLike) -> Array:
+    """Copy bounds; refuse what is no array of numbers."""
+    try:
+        return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        problem = f"{name} must be a vector of numbers, got {given!r}"
+        raise InvalidBoxError(problem, lower=given, upper=given) from error

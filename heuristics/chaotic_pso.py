@@ -45,6 +45,9 @@ from swarmstart.heuristics.swarm import (
 Reseed = Literal["logistic", "uniform", "none"]
 InitialVelocity = Literal["independent", "smooth"]
 
+SPEED = 0.4
+"""Largest speed by the width of the box, where it is not given."""
+
 NONE, UNIFORM, LOGISTIC = 0, 1, 2
 RESEED_CODES: dict[str, int] = {"none": NONE, "uniform": UNIFORM, "logistic": LOGISTIC}
 
@@ -64,6 +67,7 @@ class ChaoticPSOSettings(NamedTuple):
     reseed: int
     diversity_threshold: float
     search_length: float
+    scale: Array
 
 
 class ChaoticPSOState(NamedTuple):
@@ -120,19 +124,21 @@ def inertia(settings: ChaoticPSOSettings, state: ChaoticPSOState) -> float:
 @kernel
 def has_converged(settings: ChaoticPSOSettings, state: ChaoticPSOState) -> bool:
     """Whether D < eps (5.18)."""
-    diversity = mean_distance(state.position) / settings.search_length
+    distance = mean_distance(state.position, settings.scale)
+    diversity = distance / settings.search_length
     return bool(diversity < settings.diversity_threshold)
 
 
 @kernel
-def mean_distance(position: Array) -> float:
+def mean_distance(position: Array, scale: Array) -> float:
     """Mean distance of the particles from their mean: L D(iter_k) of (5.18).
 
     Args:
         position: Positions, shape (dim, size).
+        scale: What each coordinate is multiplied by first, shape (dim,).
 
     Returns:
-        The distance, in the (raw) units of the variables.
+        The distance, where scale is 1 in the (raw) units of the variables.
     """
     dim, size = position.shape
     squares = np.zeros(size)
@@ -141,7 +147,8 @@ def mean_distance(position: Array) -> float:
         for i in range(size):
             mean += position[d, i] / size
         for i in range(size):
-            squares[i] += (position[d, i] - mean) * (position[d, i] - mean)
+            offset = (position[d, i] - mean) * scale[d]
+            squares[i] += offset * offset
     total = 0.0
     for i in range(size):
         total += math.sqrt(squares[i])
@@ -192,6 +199,9 @@ class ChaoticPSO:
 
     But for `bounds`, where the text has clip; c1 = c2 = 1.496 is recommended besides.
 
+    Two of them are in the units of the variables, as in the text: velocity_max and
+    search_length. With both None nothing depends on those units.
+
     What the text leaves open is read as follows.
 
     - Velocities start uniform in [-velocity_max, velocity_max]: independent of each
@@ -215,14 +225,15 @@ class ChaoticPSO:
         social: Acceleration c2 towards the swarm's best, at least 0.
         velocity_max: Largest speed, above 0, in the units of the variables (as in the
             text; that of `ParticleSwarm` is a fraction of the box): one number, or one
-            for each variable, shape (dim,) (kept as a tuple).
+            for each variable, shape (dim,) (kept as a tuple). None means 0.4 of the
+            width of the box in each variable, the text's ratio to search_length.
         initial_velocity: "independent", or "smooth" in time, which asks for a box whose
             variables are a sequence (`Box.per_step`).
         reseed: Where the numbers that place particles come from: "logistic" (5.17),
             "uniform" (the same with uniform random numbers), or "none" (no reseeding).
         diversity_threshold: eps, at least 0; the swarm reseeds when D < eps.
         search_length: L of (5.18), above 0, in the units of the variables; None means
-            the largest width of the box.
+            that each variable is measured in widths of the box, and L = 1.
         bounds: What happens to a particle that would leave the box; see `bounds`.
 
     Raises:
@@ -236,7 +247,7 @@ class ChaoticPSO:
     inertia_min: float = 0.1
     cognitive: float = 0.5
     social: float = 0.5
-    velocity_max: float | Sequence[float] | Array = 4.0
+    velocity_max: float | Sequence[float] | Array | None = 4.0
     initial_velocity: InitialVelocity = "independent"
     reseed: Reseed = "logistic"
     diversity_threshold: float = 0.01
@@ -244,19 +255,14 @@ class ChaoticPSO:
     bounds: Bounds = "reflect"
 
     def __post_init__(self) -> None:
-        """Check the values; keep a vector velocity_max as a tuple."""
+        """Check the values."""
         require_size(self.size, at_least=2)
         ok = 0.0 <= self.inertia_min <= self.inertia_max < np.inf
         allowed = f"in [0, inertia_max = {self.inertia_max}], both finite"
         require("inertia_min", self.inertia_min, ok=ok, allowed=allowed)
         require_accelerations(self.cognitive, self.social)
-        velocity_max = np.asarray(self.velocity_max, dtype=np.float64)
-        positive = (velocity_max > 0.0) & (velocity_max < np.inf)
-        ok = velocity_max.ndim <= 1 and bool(np.all(positive))
-        allowed = "finite and above 0: a number, or a vector of numbers"
-        require("velocity_max", self.velocity_max, ok=ok, allowed=allowed)
-        if velocity_max.ndim == 1:
-            object.__setattr__(self, "velocity_max", tuple(velocity_max.tolist()))
+        if self.velocity_max is not None:
+            self._keep_velocity_max()
         ok = self.initial_velocity in ("independent", "smooth")
         value = self.initial_velocity
         require("initial_velocity", value, ok=ok, allowed="independent or smooth")
@@ -268,6 +274,16 @@ class ChaoticPSO:
         allowed = "None or finite and above 0"
         require("search_length", self.search_length, ok=ok, allowed=allowed)
         require_bounds(self.bounds)
+
+    def _keep_velocity_max(self) -> None:
+        """Check the largest speed; keep a vector as a tuple."""
+        velocity_max = np.asarray(self.velocity_max, dtype=np.float64)
+        positive = (velocity_max > 0.0) & (velocity_max < np.inf)
+        ok = velocity_max.ndim <= 1 and bool(np.all(positive))
+        allowed = "None or finite and above 0: a number, or a vector of numbers"
+        require("velocity_max", self.velocity_max, ok=ok, allowed=allowed)
+        if velocity_max.ndim == 1:
+            object.__setattr__(self, "velocity_max", tuple(velocity_max.tolist()))
 
     @property
     def kernels(self) -> Kernels:
@@ -285,7 +301,9 @@ class ChaoticPSO:
         Raises:
             InvalidSettingsError: If velocity_max has not one entry for each variable.
         """
-        length = self.search_length
+        scale = np.ones(box.dim)
+        if self.search_length is None:
+            scale /= np.where(box.width > 0.0, box.width, 1.0)
         return ChaoticPSOSettings(
             lower=box.lower,
             upper=box.upper,
@@ -298,7 +316,8 @@ class ChaoticPSO:
             bounds=CODES[self.bounds],
             reseed=RESEED_CODES[self.reseed],
             diversity_threshold=float(self.diversity_threshold),
-            search_length=float(box.width.max() if length is None else length),
+            search_length=float(self.search_length or 1.0),
+            scale=scale,
         )
 
     def start(
@@ -336,6 +355,8 @@ class ChaoticPSO:
 
     def _velocity_max(self, box: Box) -> Array:
         """Largest speed of each variable, shape (dim,), a new array."""
+        if self.velocity_max is None:
+            return SPEED * box.width
         velocity_max = np.asarray(self.velocity_max, dtype=np.float64)
         if velocity_max.ndim == 1 and velocity_max.size != box.dim:
             allowed = f"a number or a vector of {box.dim}, one for each variable"

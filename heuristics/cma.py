@@ -1,6 +1,7 @@
 """CMA-ES with a population that doubles at each restart (IPOP).
 
-In coordinates scaled to the unit box, with x_i:lambda the i-th best individual,
+In coordinates scaled to the unit box, those that are fixed left out, with x_i:lambda
+the i-th best individual,
 
     x_i = m + sigma B D z_i,    z_i standard normal,  C = B D^2 B'        (38)-(40)
     y_i = (x_i:lambda - m) / sigma,    y_w = sum_{i <= mu} w_i y_i            (41)
@@ -70,15 +71,17 @@ class CMAESSettings(NamedTuple):
     restarts: bool
     increase: int
     bounds: int
+    free: Count
 
 
 class CMAESState(NamedTuple):
     """State of a `CMAES`; first fields as in `State`, others as in `Distribution`.
 
     Attributes:
-        sampled: Individuals in the unit box as they were sampled, shape (dim, room); at
-            first the initial population. See `Search` for its growth.
-        path_sigma: Path of the step size p_sigma, shape (dim,).
+        sampled: Individuals in the unit box as they were sampled, in the first n rows
+            of shape (dim, room), n the number of variables that are not fixed; at first
+            the initial population. See `Search` for its growth.
+        path_sigma: Path of the step size p_sigma, shape (n,).
         decomposed: Age at which `axes` and `lengths` were computed, int64, shape (1,).
         ended: 1 where a criterion of `cma_restarts` holds, int64, shape (1,).
         restarts: Number of restarts so far, int64, shape (1,).
@@ -126,10 +129,11 @@ def propose(
         state.restarts[0] += 1
     sample(rng, state, asked.shape[1])
     for i in range(asked.shape[1]):
-        for d in range(asked.shape[0]):
+        asked[:, i] = settings.lower
+        for k, d in enumerate(settings.free):
             low, high = settings.lower[d], settings.upper[d]
-            x = low + (high - low) * state.sampled[d, i]
-            origin = clip(low + (high - low) * state.mean[d], low, high)
+            x = low + (high - low) * state.sampled[k, i]
+            origin = clip(low + (high - low) * state.mean[k], low, high)
             if not low <= x <= high:
                 fraction = rng.random() if settings.bounds == REDRAW else 0.0
                 x = repair(settings.bounds, x, origin, low, high, fraction)
@@ -166,9 +170,10 @@ def accept(
     rank = ranking(settings.order, cost, violation)
     size = cost.size
     if state.generation[0] == 0:
-        for d in range(state.mean.size):
+        for k, d in enumerate(settings.free):
             low, high = settings.lower[d], settings.upper[d]
-            state.mean[d] = (asked[d, rank[0]] - low) / (high - low)
+            if high > low:  # Else all are fixed, and any mean will do.
+                state.mean[k] = (asked[d, rank[0]] - low) / (high - low)
         begin(settings, state)
     elif state.ended[0] == 0:
         update(state, rank)
@@ -316,7 +321,7 @@ class CMAES:
 
     Attributes:
         size: Number of individuals lambda until the first restart, at least 4; None
-            means 4 + floor(3 ln n) for n variables.
+            means 4 + floor(3 ln n) for n variables that are not fixed.
         sigma: Step size at the beginning, a fraction of the widths of the box, in
             (0, 1].
         restarts: Whether it begins anew when it has come to an end (`cma_restarts`);
@@ -355,7 +360,7 @@ class CMAES:
     def first_size(self, box: Box, evaluations: int | None) -> int:
         """Number of individuals until the first restart."""
         del evaluations
-        return default_size(box.dim) if self.size is None else self.size
+        return default_size(box.free.size) if self.size is None else self.size
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> CMAESSettings:
         """The settings as numbers and arrays."""
@@ -367,6 +372,7 @@ class CMAES:
             restarts=self.restarts,
             increase=self.increase,
             bounds=CODES[self.bounds],
+            free=box.free,
         )
 
     def start(
@@ -374,7 +380,7 @@ class CMAES:
     ) -> CMAESState:
         """The state before generation 0; arguments as in `Algorithm.start`."""
         del rng
-        dim = box.dim
+        dim = box.free.size
         return CMAESState(
             *common_fields(population),
             sampled=population.copy(),

@@ -1,10 +1,11 @@
 """When a CMA-ES has come to its end and begins anew.
 
-With n variables, lambda individuals, and g the generations since it last began:
+With n variables that are not fixed, lambda individuals, and g the generations since it
+last began:
 
 max iterations  g >= 100 + 50 (n + 3)^2 / sqrt(lambda)
 TolHistFun      the best values of the last 10 + ceil(30 n / lambda) generations lie
-                within 1e-12
+                within 1e-14 times the largest of them, in absolute value
 EqualFunVals    in more than a third of the last n generations the best value and the
                 one of rank 1 + ceil(0.1 + lambda / 4) were equal
 TolX            |p_c| and sqrt(C_dd), times sigma / sigma_0, all < 1e-12
@@ -17,7 +18,9 @@ NoEffectAxis    the mean stays the same when 0.1 sigma times an axis is added to
 NoEffectCoord   one entry of it stays the same when 0.2 sigma sqrt(C_dd) is added
 
 A value is a cost with its violation, compared by the order; values lie within a range
-if both do. A constant added to the cost changes nothing but roundings.
+if both do. A constant added to the cost changes nothing but roundings, and the unit of
+the cost changes nothing: Hansen's TolHistFun is 1e-12 in that unit, here it is equality
+up to roundings.
 
 Source: Hansen (2009), Benchmarking a BI-population CMA-ES on the BBOB-2009 function
 testbed, GECCO workshop, section 2; TolXUp as in Hansen's pycma, in place of TolUpSigma.
@@ -33,7 +36,7 @@ from swarmstart.heuristics.algorithm import State
 from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, better, ranking
 
-TOL_FUN = 1e-12
+TOL_FUN = 1e-14
 TOL_X = 1e-12
 TOL_X_UP = 1e4
 CONDITION_MAX = 1e14
@@ -47,11 +50,14 @@ EQUAL = 4
 
 
 class Distribution(State, Protocol):
-    """The fields of CMA-ES's state that say how far it has come since it last began."""
+    """The fields of CMA-ES's state that say how far it has come since it last began.
+
+    The n variables are those that are not fixed.
+    """
 
     @property
     def mean(self) -> Array:
-        """Mean m in the unit box, shape (dim,)."""
+        """Mean m in the unit box, shape (n,)."""
 
     @property
     def sigma(self) -> Array:
@@ -59,19 +65,19 @@ class Distribution(State, Protocol):
 
     @property
     def covariance(self) -> Array:
-        """Covariance C without the step size, shape (dim, dim)."""
+        """Covariance C without the step size, shape (n, n)."""
 
     @property
     def axes(self) -> Array:
-        """Eigenvectors of C as columns B, shape (dim, dim)."""
+        """Eigenvectors of C as columns B, shape (n, n)."""
 
     @property
     def lengths(self) -> Array:
-        """Square roots of its eigenvalues D, shape (dim,)."""
+        """Square roots of its eigenvalues D, shape (n,)."""
 
     @property
     def path_c(self) -> Array:
-        """Path of the covariance p_c, shape (dim,)."""
+        """Path of the covariance p_c, shape (n,)."""
 
     @property
     def age(self) -> Count:
@@ -132,7 +138,7 @@ def has_ended(
 
 @kernel
 def has_flat_record(state: Distribution, window: int) -> bool:
-    """TolHistFun: the best values of so many generations span less than TOL_FUN."""
+    """TolHistFun: the best values of so many generations are equal up to roundings."""
     age, length = state.age[0], state.record.shape[1]
     if age < window:
         return False
@@ -141,7 +147,7 @@ def has_flat_record(state: Distribution, window: int) -> bool:
         for k in range(age - window + 1, age + 1):
             value = state.record[row, k % length]
             least, largest = min(least, value), max(largest, value)
-        if not largest - least < TOL_FUN:
+        if not largest - least <= TOL_FUN * max(abs(least), abs(largest)):
             return False
     return True
 

@@ -7,7 +7,7 @@ of the population,
     v = x_best + F (x_r1 - x_r2)                                     (best/1)
     v = x_i    + F (x_best - x_i) + F (x_r1 - x_r2)                  (current-to-best/1)
 
-Crossover, with k a random coordinate and r uniform in [0, 1):
+Crossover, with k a random coordinate (none that is fixed) and r uniform in [0, 1):
 
     u_d = v_d if r_d < CR or d = k, else x_id                        (bin)
     u_d = v_d for d = k, k + 1, ... as long as r < CR, at most once round, else x_id
@@ -73,6 +73,7 @@ class DifferentialEvolutionSettings(NamedTuple):
     strategy: int
     crossover: int
     bounds: int
+    free: Count
 
 
 class DifferentialEvolutionState(NamedTuple):
@@ -124,9 +125,9 @@ def propose(
             plan.lead[i] = best
         plan.F[i] = settings.F
         if settings.crossover == BIN:
-            cross_binomially(rng, settings.CR, plan.mutated, i)
+            cross_binomially(rng, settings.CR, settings.free, plan.mutated, i)
         else:
-            cross_exponentially(rng, settings.CR, plan.mutated, i)
+            cross_exponentially(rng, settings.CR, settings.free, plan.mutated, i)
     fill_trials(rng, settings, state.population, plan, asked)
 
 
@@ -200,6 +201,7 @@ class DifferentialEvolution:
             strategy=STRATEGIES.index(self.strategy),
             crossover=CROSSOVERS.index(self.crossover),
             bounds=CODES[self.bounds],
+            free=box.free,
         )
 
     def start(

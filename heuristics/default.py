@@ -4,7 +4,8 @@ L-SHADE; below 400 evaluations, in which its population cannot shrink any more, 
 chaotic swarm with c1 = c2 = 1.496, its lengths taken from the box. Measured on this
 project's own planning problems: docs/planning.md, made by benchmarks/planning.py.
 
-Feasibility first. Measured on constrained problems of CEC 2006: docs/orders.md, made by
+The adaptive epsilon level: feasibility first as soon as a tenth of a generation is
+feasible. Measured on constrained problems of CEC 2006: docs/orders.md, made by
 benchmarks/orders.py.
 
 Nothing of both depends on the units of the cost or of the variables.
@@ -13,7 +14,7 @@ Nothing of both depends on the units of the cost or of the variables.
 from swarmstart.heuristics.algorithm import Algorithm
 from swarmstart.heuristics.chaotic_pso import ChaoticPSO
 from swarmstart.heuristics.lshade import LSHADE
-from swarmstart.heuristics.order import Order, feasibility_first
+from swarmstart.heuristics.order import Order, epsilon_level
 
 FEWEST = 400
 """Evaluations from which L-SHADE is taken."""
@@ -37,19 +38,19 @@ def default_algorithm(evaluations: int | None) -> Algorithm:
 
 
 def default_order(tolerance: float = 0.0) -> Order:
-    """Return the order of individuals: feasible before infeasible.
+    """Return the order of individuals: the adaptive epsilon level.
 
     Args:
         tolerance: Largest violation that counts as feasible, at least 0.
 
     Returns:
-        `feasibility_first(tolerance)`.
+        `epsilon_level(tolerance)`.
 
     Raises:
         InvalidOrderError: If the tolerance is negative or not finite.
 
     Example:
-        >>> default_order(1e-6) == feasibility_first(1e-6)
+        >>> default_order(1e-6) == epsilon_level(1e-6)
         True
     """
-    return feasibility_first(tolerance)
+    return epsilon_level(tolerance)

@@ -215,7 +215,7 @@ class GeneticAlgorithm:
         size: Number of individuals, at least 2.
         crossover: Probability p_c that a pair is crossed, in [0, 1].
         mutation: Probability p_m that a coordinate is drawn anew, in [0, 1]; None means
-            1 / dim.
+            1 / n for the n variables that are not fixed.
         elitism: Whether the best parent replaces the worst child if it is better; if
             not, parents die. The best point ever seen is reported either way.
 
@@ -257,7 +257,9 @@ class GeneticAlgorithm:
             upper=box.upper,
             order=order,
             crossover=float(self.crossover),
-            mutation=float(1.0 / box.dim if self.mutation is None else self.mutation),
+            mutation=float(
+                1.0 / box.free.size if self.mutation is None else self.mutation
+            ),
             elitism=self.elitism,
         )
 

@@ -82,7 +82,11 @@ def initial_population(
 
 def _points(box: Box, size: int, given: ArrayLike) -> Array:
     """Return given points as an array; refuse what does not fit."""
-    points = np.asarray(given, dtype=np.float64)
+    try:
+        points = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        problem = f"initial must be an array of numbers, shape ({box.dim}, k): {error}"
+        raise InvalidPointsError(problem, shape=()) from error
     if points.ndim != 2 or points.shape[0] != box.dim:  # noqa: PLR2004
         problem = f"initial must have shape ({box.dim}, k), got {points.shape}"
         raise InvalidPointsError(problem, shape=points.shape)

@@ -54,6 +54,7 @@ class SelfAdaptiveDESettings(NamedTuple):
     upper: Array
     order: RunningOrder
     bounds: int
+    free: Count
 
 
 class SelfAdaptiveDEState(NamedTuple):
@@ -109,7 +110,7 @@ def propose(
         r1, r2, r3 = draw_three_others(rng, size, i)
         plan.base[i], plan.lead[i], plan.plus[i], plan.minus[i] = r1, r1, r2, r3
         plan.F[i] = state.F_trial[i]
-        cross_binomially(rng, state.CR_trial[i], plan.mutated, i)
+        cross_binomially(rng, state.CR_trial[i], settings.free, plan.mutated, i)
     fill_trials(rng, settings, state.population, plan, asked)
 
 
@@ -163,7 +164,11 @@ class SelfAdaptiveDE:
     def kernel_settings(self, box: Box, order: RunningOrder) -> SelfAdaptiveDESettings:
         """The settings as numbers and arrays."""
         return SelfAdaptiveDESettings(
-            lower=box.lower, upper=box.upper, order=order, bounds=CODES[self.bounds]
+            lower=box.lower,
+            upper=box.upper,
+            order=order,
+            bounds=CODES[self.bounds],
+            free=box.free,
         )
 
     def start(

@@ -30,8 +30,10 @@ E_max    is not known to the kernels; what is, is the fraction used before a gen
          solved for E_max. Generation 0 has fraction 0 and never shrinks. Where the
          budget is in seconds, E_max is what the pace so far leads to.
 D_k      is |cost(u) - cost(x)| where both count as feasible, and the difference of
-         the violations where not; under a static penalty that of the penalised costs.
-         None of them changes with a constant added to the cost.
+         the violations where not; each divided by the largest of its kind in the
+         generation, so that the units of neither matter. Under a static penalty it is
+         the difference of the penalised costs. None of them changes with a constant
+         added to the cost.
 x_i      whose cost was not finite goes neither to the archive nor into the means.
 N_0      is by default clip(E_max / 80, 40, 200): small budgets cannot feed 18 dim.
 
@@ -93,6 +95,7 @@ class LSHADESettings(NamedTuple):
     archive: float
     greediness: float
     bounds: int
+    free: Count
 
 
 class LSHADEState(NamedTuple):
@@ -155,7 +158,7 @@ def propose(
         plan.plus[i] = r1
         plan.minus[i] = r2 if r2 < size else r2 - size + state.cost.size
         plan.F[i] = state.F_trial[i]
-        cross_binomially(rng, state.CR_trial[i], plan.mutated, i)
+        cross_binomially(rng, state.CR_trial[i], settings.free, plan.mutated, i)
     fill_trials(rng, settings, state.pool, plan, asked)
 
 
@@ -328,6 +331,7 @@ class LSHADE:
             archive=float(self.archive),
             greediness=float(self.greediness),
             bounds=CODES[self.bounds],
+            free=box.free,
         )
 
     def start(

@@ -1,134 +1,43 @@
 """The loop: ask, evaluate, tell, until the budget is used up."""
 
-import enum
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import NamedTuple, cast
+from collections.abc import Callable, Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.algorithm import Algorithm
+from swarmstart.heuristics.algorithm import Algorithm, require
+from swarmstart.heuristics.arguments import algorithm_of, box_of, generator_of
 from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.budget import Budget, InvalidBudgetError, budget_of
 from swarmstart.heuristics.compiled_loop import (
     CHUNK,
     CompiledObjective,
     can_loop,
     next_chunk,
 )
-from swarmstart.heuristics.default import default_algorithm
 from swarmstart.heuristics.initial import Initial
+from swarmstart.heuristics.interrupts import put_off
 from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.order import Order
-from swarmstart.heuristics.search import (
-    Individual,
-    InvalidEvaluationError,
-    Search,
-    Snapshot,
+from swarmstart.heuristics.result import (
+    GenerationEvent,
+    SearchInterrupted,
+    SearchResult,
+    StopReason,
+    locked,
 )
-from swarmstart.heuristics.stopping import (
-    AT_TARGET,
-    GOES_ON,
-    STAGNANT,
-    UNLIMITED,
-    Limits,
-    progress_of,
-)
+from swarmstart.heuristics.search import InvalidEvaluationError, Search
+from swarmstart.heuristics.stopping import AT_TARGET, GOES_ON, STAGNANT, progress_of
 
-Objective = Callable[[Array], tuple[ArrayLike, ArrayLike]]
-"""Population, shape (dim, size), read-only -> cost and violation, each (size,)."""
+Objective = Callable[[Array], ArrayLike | tuple[ArrayLike, ArrayLike]]
+"""Population, shape (dim, size), read-only -> cost, or (cost, violation), each (size,).
 
+A cost alone means that every individual is feasible.
+"""
 
-class InvalidBudgetError(SwarmstartError, ValueError):
-    """A budget that is no budget, or in which not one generation fits.
-
-    Attributes:
-        evaluations: The evaluations given.
-        seconds: The seconds given.
-    """
-
-    def __init__(self, message: str, budget: "Budget") -> None:
-        """Keep the budget's numbers beside the message."""
-        super().__init__(message)
-        self.evaluations = budget.evaluations
-        self.seconds = budget.seconds
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Budget:
-    """When a search stops: at whichever limit comes first.
-
-    Attributes:
-        evaluations: Largest number of individuals evaluated, at least 1; None means no
-            limit.
-        seconds: Wall time in s, above 0, after which no generation is started (the
-            first always is); None means no limit. It includes the compilation of the
-            kernels, a few seconds once per machine.
-
-        target: Cost at which the search stops, once a feasible point has it; None means
-            none.
-        stagnation: Generations without a better point after which it stops, at least 1;
-            None means never. A constant added to the cost changes nothing.
-
-    Raises:
-        InvalidBudgetError: If there are neither evaluations nor seconds, or one is out
-            of its range.
-    """
-
-    evaluations: int | None = None
-    seconds: float | None = None
-    target: float | None = None
-    stagnation: int | None = None
-
-    def __post_init__(self) -> None:
-        """Check the limits."""
-        if self.evaluations is None and self.seconds is None:
-            raise InvalidBudgetError("a budget needs evaluations or seconds", self)
-        for name in ("evaluations", "stagnation"):
-            value = getattr(self, name)
-            if value is not None and not _is_count(value):
-                message = (
-                    f"{name} must be an integer of at least 1 and below 2^62, "
-                    f"got {value!r}"
-                )
-                raise InvalidBudgetError(message, self)
-        if self.seconds is not None and not 0.0 < self.seconds < np.inf:
-            message = f"seconds must be finite and above 0, got {self.seconds}"
-            raise InvalidBudgetError(message, self)
-        target = self.target
-        if target is not None and (not isinstance(target, Real) or np.isnan(target)):
-            message = f"target must be a number, got {target!r}"
-            raise InvalidBudgetError(message, self)
-
-    def limits(self) -> Limits:
-        """Return what both loops look at after a generation."""
-        return Limits(
-            evaluations=UNLIMITED
-            if self.evaluations is None
-            else int(self.evaluations),
-            target=-np.inf if self.target is None else float(self.target),
-            stagnation=int(self.stagnation or 0),
-        )
-
-
-def _is_count(value: object) -> bool:
-    """Return whether a value is an integer from 1 to what compiled code can count."""
-    ok = isinstance(value, Integral) and not isinstance(value, bool)
-    return ok and 1 <= int(cast(int, value)) < UNLIMITED // 2
-
-
-class StopReason(enum.Enum):
-    """Why a search stopped."""
-
-    EVALUATIONS = "the budget of evaluations is used up"
-    SECONDS = "the budget of wall time is used up"
-    TARGET = "a feasible point has reached the target"
-    STAGNATION = "no better point was found for too long"
-    CALLBACK = "on_generation stopped the search"
-
+Callback = Callable[[GenerationEvent], None]
 
 FINISHED = {
     GOES_ON: None,
@@ -137,91 +46,37 @@ FINISHED = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class GenerationEvent:
-    """What `on_generation` is told after each generation; arrays are read-only.
-
-    Attributes:
-        generation: Number of the generation; the initial population is 0.
-        evaluations: Individuals evaluated so far.
-        progress: Fraction of the budget used, in [0, 1].
-        best_x: Best point so far, shape (dim,).
-        best_cost: Its cost.
-        best_violation: Its violation.
-        population: The generation, shape (dim, size).
-        cost: Its costs, shape (size,).
-        violation: Its violations, shape (size,).
-    """
-
-    generation: int
-    evaluations: int
-    progress: float
-    best_x: Array
-    best_cost: float
-    best_violation: float
-    population: Array
-    cost: Array
-    violation: Array
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class SearchResult:
-    """What a search found; arrays are read-only.
-
-    Attributes:
-        x: Best point, shape (dim,), in the units of the variables.
-        cost: Its cost; infinity if no individual was finite.
-        violation: Its violation; 0 = feasible.
-        evaluations: Individuals evaluated, those before a continuation included.
-        generations: Generations evaluated, the initial population included.
-        stopped: Why the search stopped.
-        history_cost: Cost of the best point after each generation of this call, shape
-            (generations of this call,). It may rise where the violation falls.
-        history_violation: Violation of that point, same shape.
-        nonfinite: Individuals whose cost or violation was not finite.
-        basins: The best distinct basins met, the best first; see `archive`.
-        seconds: Wall time of this call in s.
-        snapshot: All that the search knows at its end; `Search` continues from it.
-    """
-
-    x: Array
-    cost: float
-    violation: float
-    evaluations: int
-    generations: int
-    stopped: StopReason
-    history_cost: Array
-    history_violation: Array
-    nonfinite: int
-    basins: tuple[Individual, ...]
-    seconds: float
-    snapshot: Snapshot
-
-
 def minimize(  # noqa: PLR0913
     objective: Objective,
-    box: Box,
+    box: Box | ArrayLike | None = None,
     *,
-    algorithm: Algorithm | None = None,
-    budget: Budget,
-    rng: np.random.Generator,
+    bounds: Box | ArrayLike | None = None,
+    algorithm: Algorithm | type[Algorithm] | str | None = None,
+    budget: Budget | int,
+    rng: np.random.Generator | None = None,
+    seed: int | Sequence[int] | None = None,
     order: Order | None = None,
     initial: Initial | ArrayLike | None = None,
     basins: int = 0,
     radius: float = 0.1,
-    on_generation: Callable[[GenerationEvent], None] | None = None,
+    on_generation: Callback | None = None,
 ) -> SearchResult:
     """Search a box for the best point of an objective.
 
     Args:
-        objective: Population, shape (dim, size) -> (cost, violation), each (size,). The
-            population is read-only and stays as it is; what is returned is copied.
-        box: The box to search.
-        algorithm: Settings of the algorithm; None means `default_algorithm`.
-        budget: When to stop.
+        objective: Population, shape (dim, size) -> cost, or (cost, violation), each
+            (size,). The population is read-only and stays as it is; what is returned is
+            copied. A cost alone means that every individual is feasible.
+        box: The box to search, or pairs (lower, upper), one for each variable.
+        bounds: The same by another name; give exactly one of both.
+        algorithm: Settings of the algorithm; or their class, or one of the names
+            "lshade", "cpso", "pso", "de", "jde", "cma", "ga", "random", for its
+            defaults. None means `default_algorithm`.
+        budget: When to stop; an integer is a number of evaluations.
         rng: Source of randomness. The same state of it gives the same bits, unless the
             budget has seconds only, or seconds end the search.
-        order: How individuals are ordered; None means `feasibility_first()`.
+        seed: The seed of a new generator instead; give exactly one of both.
+        order: How individuals are ordered; None means `default_order()`.
         initial: As in `Search`.
         basins: How many of the best distinct basins are kept (`archive`).
         radius: Least distance of two of them, a fraction of the box's widths.
@@ -231,15 +86,28 @@ def minimize(  # noqa: PLR0913
         The best point found, and how the search went.
 
     Raises:
+        InvalidBoxError: If the bounds are no box.
         InvalidBudgetError: If not one generation fits into the evaluations.
-        InvalidEvaluationError: If the objective returns wrong shapes.
+        InvalidEvaluationError: If the objective is no function, or returns wrong
+            shapes.
         InvalidPointsError: If initial points do not fit.
-        InvalidSettingsError: If the settings do not fit the box.
+        InvalidSettingsError: If the settings do not fit the box, or an argument is of
+            another kind.
+        SearchInterrupted: On Ctrl-C, once a generation is finished.
+
+    Example:
+        >>> found = minimize(
+        ...     lambda x: (x**2).sum(axis=0), bounds=[(-1, 2)] * 3, budget=5000, seed=0
+        ... )
+        >>> bool(found.cost < 1e-9)
+        True
     """
+    budget = budget_of(budget)
+    _require_callable(objective, on_generation)
     search = Search(
-        algorithm or default_algorithm(budget.evaluations),
-        box,
-        rng=rng,
+        algorithm_of(algorithm, budget.evaluations),
+        box_of(box, bounds),
+        rng=generator_of(rng, seed),
         order=order,
         initial=initial,
         evaluations=budget.evaluations,
@@ -253,8 +121,8 @@ def run(
     search: Search,
     objective: Objective,
     *,
-    budget: Budget,
-    on_generation: Callable[[GenerationEvent], None] | None = None,
+    budget: Budget | int,
+    on_generation: Callback | None = None,
 ) -> SearchResult:
     """Run a search until its budget is used up; the loop of `minimize`.
 
@@ -271,107 +139,181 @@ def run(
 
     Raises:
         InvalidBudgetError: If not one generation fits into the evaluations left.
-        InvalidEvaluationError: If the objective returns wrong shapes.
+        InvalidEvaluationError: If the objective is no function, or returns wrong
+            shapes.
+        SearchInterrupted: On Ctrl-C, once a generation is finished; the search can be
+            run on.
     """
     begin = time.perf_counter()
+    budget = budget_of(budget)
+    _require_callable(objective, on_generation)
     _require_one_generation(search, budget)
-    compiled = on_generation is None and budget.evaluations and can_loop(objective)
-    advance = _CompiledGenerations() if compiled else _one_generation
-    limits = budget.limits()
-    history: list[tuple[Array, Array]] = []
+    advance = _Run(search, objective, budget, on_generation)
     stopped = None
-    while stopped is None:
-        seconds = time.perf_counter() - begin
-        advanced = advance(search, objective, budget, seconds, on_generation)
-        history.append((advanced.best_cost, advanced.best_violation))
-        stopped = (
-            advanced.stopped
-            or FINISHED[search.finished(limits)]
-            or _used_up(search, budget, time.perf_counter() - begin)
-        )
-    costs, violations = (
-        np.concatenate(column) for column in zip(*history, strict=True)
-    )
-    best = search.best
-    return SearchResult(
-        x=_locked(best.x),
-        cost=best.cost,
-        violation=best.violation,
-        evaluations=search.evaluations,
-        generations=search.generations,
-        stopped=stopped,
-        history_cost=_locked(costs),
-        history_violation=_locked(violations),
-        nonfinite=search.nonfinite,
-        basins=search.basins,
-        seconds=time.perf_counter() - begin,
-        snapshot=search.snapshot(),
-    )
+    try:
+        while stopped is None:
+            stopped = (
+                advance(time.perf_counter() - begin)
+                or FINISHED[search.finished(budget.limits())]
+                or _used_up(search, budget, time.perf_counter() - begin)
+            )
+    except KeyboardInterrupt as interrupt:
+        search.abandon()
+        if not search.generations:
+            raise
+        partial = advance.result(StopReason.INTERRUPTED, begin)
+        raise SearchInterrupted(partial) from interrupt
+    return advance.result(stopped, begin)
 
 
-class _Advanced(NamedTuple):
-    """What one or several generations found.
+class _Run:
+    """A search under way: advances it, and keeps what it found on the way."""
 
-    Attributes:
-        best_cost: Best cost so far after each of them.
-        best_violation: Its violation.
-        stopped: Why to stop, where on_generation said so.
-    """
-
-    best_cost: Array
-    best_violation: Array
-    stopped: StopReason | None = None
-
-
-def _one_generation(
-    search: Search,
-    objective: Objective,
-    budget: Budget,
-    seconds: float,
-    on_generation: Callable[[GenerationEvent], None] | None,
-) -> _Advanced:
-    """Advance by one generation from Python."""
-    progress = _progress(search, budget, seconds)
-    population = search.ask(progress=progress)
-    cost, violation = _pair(objective(population))
-    search.tell(cost, violation)
-    best = search.best
-    found = _Advanced(np.array([best.cost]), np.array([best.violation]))
-    if on_generation is not None:
-        try:
-            on_generation(_event(search, progress, population, cost, violation))
-        except StopIteration:
-            return found._replace(stopped=StopReason.CALLBACK)
-    return found
-
-
-class _CompiledGenerations:
-    """Advances by chunks in compiled code, each as long as the clock allows."""
-
-    def __init__(self) -> None:
-        """Begin with a few generations."""
-        self._generations = CHUNK
-
-    def __call__(
+    def __init__(
         self,
         search: Search,
         objective: Objective,
         budget: Budget,
-        seconds: float,
-        on_generation: Callable[[GenerationEvent], None] | None,
-    ) -> _Advanced:
-        """Advance by a chunk."""
-        begin, asked = time.perf_counter(), self._generations
-        work = search.loop(
-            cast(CompiledObjective, objective),
-            generations=asked,
-            limits=budget.limits(),
+        on_generation: Callback | None,
+    ) -> None:
+        """Begin with a few generations to a chunk, where there are chunks."""
+        self._search = search
+        self._objective = objective
+        self._budget = budget
+        self._on_generation = on_generation
+        self._compiled = (
+            on_generation is None
+            and budget.evaluations is not None
+            and can_loop(objective)
         )
-        if work is None:
-            return _one_generation(search, objective, budget, seconds, on_generation)
-        done = int(work.done[0])
+        self._generations = CHUNK
+        self._costs: list[Array] = []
+        self._violations: list[Array] = []
+
+    def __call__(self, seconds: float) -> StopReason | None:
+        """Advance by one generation, or by a chunk in compiled code.
+
+        Args:
+            seconds: Wall time so far.
+
+        Returns:
+            Why to stop, if on_generation said so.
+        """
+        if self._compiled and self._chunk():
+            return None
+        return self._generation(seconds)
+
+    def result(self, stopped: StopReason, begin: float) -> SearchResult:
+        """Return what was found.
+
+        Args:
+            stopped: Why the search stopped.
+            begin: When it began.
+        """
+        search, best, none = self._search, self._search.best, np.empty(0)
+        return SearchResult(
+            x=locked(best.x),
+            cost=best.cost,
+            violation=best.violation,
+            evaluations=search.evaluations,
+            generations=search.generations,
+            stopped=stopped,
+            history_cost=locked(np.concatenate([none, *self._costs])),
+            history_violation=locked(np.concatenate([none, *self._violations])),
+            nonfinite=search.nonfinite,
+            basins=search.basins,
+            seconds=time.perf_counter() - begin,
+            snapshot=search.snapshot(),
+        )
+
+    def _chunk(self) -> bool:
+        """Advance in compiled code; return whether that was possible.
+
+        Ctrl-C waits until the history has what was done, here and below.
+        """
+        begin = time.perf_counter()
+        with put_off():
+            work = self._search.loop(
+                cast(CompiledObjective, self._objective),
+                generations=self._generations,
+                limits=self._budget.limits(),
+            )
+            if work is None:
+                return False
+            done = int(work.done[0])
+            self._costs.append(work.best_cost[:done])
+            self._violations.append(work.best_violation[:done])
         self._generations = next_chunk(max(done, 1), time.perf_counter() - begin)
-        return _Advanced(work.best_cost[:done], work.best_violation[:done])
+        return True
+
+    def _generation(self, seconds: float) -> StopReason | None:
+        """Advance by one generation from Python."""
+        search = self._search
+        progress = _progress(search, self._budget, seconds)
+        population = search.ask(progress=progress)
+        returned = self._objective(population)
+        cost, violation = values_of(returned, population.shape[1])
+        with put_off():
+            search.tell(cost, violation)
+            best = search.best
+            self._costs.append(np.array([best.cost]))
+            self._violations.append(np.array([best.violation]))
+        if self._on_generation is not None:
+            try:
+                event = _event(search, progress, population, cost, violation)
+                self._on_generation(event)
+            except StopIteration:
+                return StopReason.CALLBACK
+        return None
+
+
+def values_of(
+    returned: ArrayLike | tuple[ArrayLike, ArrayLike], size: int
+) -> tuple[ArrayLike, ArrayLike]:
+    """Split what an objective returned into costs and violations.
+
+    Args:
+        returned: A tuple (cost, violation); or costs alone, shape (size,); or both as
+            rows, shape (2, size).
+        size: Number of individuals.
+
+    Returns:
+        Costs and violations, of any shape where they came as a tuple.
+
+    Raises:
+        InvalidEvaluationError: If it is none of these.
+    """
+    if isinstance(returned, tuple):
+        if len(returned) == len(("cost", "violation")):
+            return returned
+        found = f"a tuple of {len(returned)}"
+    else:
+        try:
+            array = np.asarray(returned, dtype=np.float64)
+        except (TypeError, ValueError):
+            array = None
+        if array is not None and array.shape == (size,):
+            return array, np.zeros(size)
+        if array is not None and array.shape == (2, size):
+            return array[0], array[1]
+        shape = "" if array is None else f" of shape {array.shape}"
+        found = f"{type(returned).__name__}{shape}"
+    raise InvalidEvaluationError(
+        f"objective must return (cost, violation), or the cost alone, each of shape "
+        f"({size},): one for each column of the population; got {found}",
+        name="objective",
+    )
+
+
+def _require_callable(objective: object, on_generation: object) -> None:
+    if not callable(objective):
+        raise InvalidEvaluationError(
+            "objective must be a function: population of shape (dim, size) -> cost, "
+            f"or (cost, violation), each (size,); got {type(objective).__name__}",
+            name="objective",
+        )
+    ok = on_generation is None or callable(on_generation)
+    require("on_generation", on_generation, ok=ok, allowed="None or a function")
 
 
 def _progress(search: Search, budget: Budget, seconds: float) -> float:
@@ -405,15 +347,6 @@ def _require_one_generation(search: Search, budget: Budget) -> None:
         )
 
 
-def _pair(values: tuple[ArrayLike, ArrayLike]) -> tuple[ArrayLike, ArrayLike]:
-    try:
-        cost, violation = values
-    except (TypeError, ValueError) as error:
-        message = f"objective must return (cost, violation), got {type(values)}"
-        raise InvalidEvaluationError(message, name="objective") from error
-    return cost, violation
-
-
 def _event(
     search: Search,
     progress: float,
@@ -426,17 +359,10 @@ def _event(
         generation=search.generations - 1,
         evaluations=search.evaluations,
         progress=progress,
-        best_x=_locked(best.x),
+        best_x=locked(best.x),
         best_cost=best.cost,
         best_violation=best.violation,
         population=population,
-        cost=_locked(cost),
-        violation=_locked(violation),
+        cost=locked(cost),
+        violation=locked(violation),
     )
-
-
-def _locked(values: ArrayLike) -> Array:
-    """A read-only copy."""
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array

@@ -16,6 +16,15 @@ initial population and p the fraction of the budget used,
 
     epsilon = max(tolerance, v_0 (1 - p / p_c)^c)   for p < p_c,  tolerance after
 
+As published the level depends on the budget alone. Where feasible points are easily
+found, the population then spends most of the budget on a relaxed problem whose optimum
+is infeasible. So here the level is besides at most the same quantile q of the
+violations v_g of the last generation evaluated:
+
+    epsilon = max(tolerance, min(v_0 (1 - p / p_c)^c, quantile_q(v_g)))
+
+What that changes is measured in docs/orders.md.
+
 An individual whose cost or violation is not finite ranks last under every order.
 
 An `Order` is plain numbers; a search runs it with the level it has reached. A new rule
@@ -67,9 +76,10 @@ class Order(NamedTuple):
         rule: STATIC_PENALTY, FEASIBILITY_FIRST or EPSILON_LEVEL.
         weight: Cost per unit of violation; static penalty only.
         tolerance: Largest violation of a feasible individual.
-        quantile: Part of the initial population that is below the first level.
+        quantile: Part q of a generation that is below the level.
         control: Fraction of the budget p_c after which the level is the tolerance.
         power: The level's exponent c.
+        adaptive: Whether the level follows the violations of the generations.
     """
 
     rule: int
@@ -78,6 +88,7 @@ class Order(NamedTuple):
     quantile: float = 0.0
     control: float = 1.0
     power: float = 1.0
+    adaptive: bool = False
 
     def running(self) -> "RunningOrder":
         """Return the order with a level of its own, at the beginning of a search."""
@@ -98,6 +109,7 @@ class RunningOrder(NamedTuple):
     quantile: float
     control: float
     power: float
+    adaptive: bool
     level: Array
 
 
@@ -138,19 +150,26 @@ def feasibility_first(tolerance: float = 0.0) -> Order:
 def epsilon_level(
     tolerance: float = 0.0,
     *,
-    quantile: float = 0.2,
+    quantile: float = 0.1,
     control: float = 0.8,
     power: float = 5.0,
+    adaptive: bool = True,
 ) -> Order:
     """Order feasibility first, with a tolerance that shrinks during the search.
 
+    It differs from `feasibility_first` where few points of the first population are
+    feasible, as with equality constraints. Which of two points is better then depends
+    on the budget too; the answer is best by the final tolerance.
+
     Args:
         tolerance: Largest violation that counts as feasible in the end, at least 0.
-        quantile: Part of the initial population that is below the first level, in
-            [0, 1].
+        quantile: Part q of the initial population, and if adaptive of every
+            generation, that is below the level, in [0, 1]; the paper has 0.2.
         control: Fraction of the budget after which the level is the tolerance, in
             (0, 1].
         power: How fast the level falls, at least 0.
+        adaptive: Whether the level is at most the quantile of the last generation; if
+            not, it depends on the budget alone, as published.
 
     Returns:
         The order.
@@ -173,29 +192,40 @@ def epsilon_level(
         quantile=float(quantile),
         control=float(control),
         power=float(power),
+        adaptive=bool(adaptive),
     )
 
 
 @kernel
 def begin_level(order: RunningOrder, violation: Array) -> None:
     """Take the first level from the violations of the initial population, (size,)."""
-    known = np.sort(violation[np.isfinite(violation)])
-    if known.size:
-        order.level[1] = known[int(order.quantile * (known.size - 1))]
+    if np.isfinite(violation).any():
+        order.level[1] = quantile_of(violation, order.quantile)
 
 
 @kernel
-def set_level(order: RunningOrder, progress: float) -> None:
-    """Move the level to where it is at a fraction of the budget.
+def set_level(order: RunningOrder, progress: float, violation: Array) -> None:
+    """Move the level to where it is after a generation.
 
     Args:
         order: The order, whose level is changed in place; nothing for the other rules.
         progress: Fraction of the budget used.
+        violation: Violations of the generation, shape (size,).
     """
-    if order.rule == EPSILON_LEVEL:
-        left = 1.0 - progress / order.control
-        level = order.level[1] * left**order.power if left > 0.0 else 0.0
-        order.level[0] = max(order.tolerance, level)
+    if order.rule != EPSILON_LEVEL:
+        return
+    left = 1.0 - progress / order.control
+    level = order.level[1] * left**order.power if left > 0.0 else 0.0
+    if order.adaptive and level > order.tolerance:
+        level = min(level, quantile_of(violation, order.quantile))
+    order.level[0] = max(order.tolerance, level)
+
+
+@kernel
+def quantile_of(violation: Array, quantile: float) -> float:
+    """The finite violation that a part of them does not exceed; infinity if none is."""
+    known = np.sort(violation[np.isfinite(violation)])
+    return known[int(quantile * (known.size - 1))] if known.size else np.inf
 
 
 @kernel
@@ -308,39 +338,48 @@ def ranking(order: RunningOrder, cost: Array, violation: Array) -> Count:
 def merits(order: RunningOrder, cost: Array, violation: Array, out: Array) -> None:
     """One number for each individual of a population; the smaller, the better.
 
-    Static penalty: cost + weight * violation. Feasibility first: the cost of a feasible
-    individual; the worst feasible cost (0 if there is none) + violation of an
-    infeasible one. Not finite: infinity. Individuals that `better` tells apart may tie
-    by rounding; they never change places.
+    Static penalty: cost + weight * violation. The others, free of units: for feasible
+    individuals their place between the least and the largest feasible cost, in [0, 1];
+    for infeasible ones 1 + violation / largest violation. Not finite: infinity.
+    Individuals that `better` tells apart may tie by rounding; they never change places.
+
+    Deb (2000) adds the violation to the worst feasible cost instead: that depends on
+    the units of the cost.
 
     Args:
         order: The order.
         cost: Costs, shape (size,).
         violation: Violations, shape (size,).
         out: Filled with the merits, shape (size,).
-
-    Source: Deb (2000).
     """
-    worst = worst_feasible_cost(order, cost, violation)
+    least, largest, worst = ranges(order, cost, violation)
+    span = 0.5 * largest - 0.5 * least  # Halves: the difference may overflow.
     for i in range(cost.size):
         if not is_finite(cost[i], violation[i]):
             out[i] = np.inf
         elif order.rule == STATIC_PENALTY:
             out[i] = cost[i] + order.weight * violation[i]
-        elif violation[i] <= order.level[0]:
-            out[i] = cost[i]
+        elif violation[i] > order.level[0]:
+            out[i] = 1.0 + violation[i] / worst
         else:
-            out[i] = worst + violation[i]
+            out[i] = (0.5 * cost[i] - 0.5 * least) / span if span > 0.0 else 0.0
 
 
 @kernel
-def worst_feasible_cost(order: RunningOrder, cost: Array, violation: Array) -> float:
-    """The largest finite cost that counts as feasible; 0 if there is none."""
-    worst = -np.inf
+def ranges(
+    order: RunningOrder, cost: Array, violation: Array
+) -> tuple[float, float, float]:
+    """Least and largest feasible cost, and largest violation, of what is finite.
+
+    The costs are infinity and minus infinity if nothing is feasible.
+    """
+    least, largest, worst = np.inf, -np.inf, 0.0
     for i in range(cost.size):
-        if is_finite(cost[i], violation[i]) and violation[i] <= order.level[0]:
-            worst = max(worst, cost[i])
-    return worst if worst > -np.inf else 0.0
+        if is_finite(cost[i], violation[i]):
+            worst = max(worst, violation[i])
+            if violation[i] <= order.level[0]:
+                least, largest = min(least, cost[i]), max(largest, cost[i])
+    return least, largest, worst
 
 
 @kernel

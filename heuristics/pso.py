@@ -177,7 +177,9 @@ class ParticleSwarm:
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> ParticleSwarmSettings:
         """The settings as numbers and arrays."""
-        fraction = np.inf if self.velocity_max is None else self.velocity_max
+        velocity_max = np.full(box.dim, np.inf)
+        if self.velocity_max is not None:
+            velocity_max = self.velocity_max * box.width
         return ParticleSwarmSettings(
             lower=box.lower,
             upper=box.upper,
@@ -185,7 +187,7 @@ class ParticleSwarm:
             inertia=float(self.inertia),
             cognitive=float(self.cognitive),
             social=float(self.social),
-            velocity_max=fraction * box.width,
+            velocity_max=velocity_max,
             bounds=CODES[self.bounds],
             neighbours=self.neighbours or 0,
         )

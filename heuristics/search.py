@@ -7,6 +7,7 @@ was found is `search.best`.
 import copy
 import json
 from collections.abc import Mapping
+from numbers import Real
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -28,10 +29,11 @@ from swarmstart.heuristics.compiled_loop import (
     loop_of,
     new_work,
 )
+from swarmstart.heuristics.default import default_order
 from swarmstart.heuristics.initial import Initial, Values, initial_population
 from swarmstart.heuristics.interrupts import put_off
 from swarmstart.heuristics.kernel import Array
-from swarmstart.heuristics.order import Order, feasibility_first
+from swarmstart.heuristics.order import Order
 from swarmstart.heuristics.stopping import GOES_ON, Limits, finished
 
 ROOM = 4
@@ -106,7 +108,7 @@ class Search:
             algorithm: Settings of the algorithm.
             box: The box to search.
             rng: Source of randomness, kept and advanced.
-            order: How individuals are ordered; None means `feasibility_first()`.
+            order: How individuals are ordered; None means `default_order()`.
             initial: How the initial population is made, or points that become its first
                 columns, shape (dim, k), in the box; copied. None means `Initial()`.
             evaluations: The budget, for algorithms whose population depends on it; None
@@ -118,8 +120,8 @@ class Search:
 
         Raises:
             InvalidPointsError: If initial points do not fit.
-            InvalidSettingsError: If the settings do not fit the box, or rng is no
-                Generator, or both `initial` and `snapshot` are given.
+            InvalidSettingsError: If the settings do not fit the box, or an argument is
+                of another kind, or both `initial` and `snapshot` are given.
             InvalidSnapshotError: If the snapshot is of another search.
         """
         if not isinstance(rng, np.random.Generator):
@@ -129,10 +131,15 @@ class Search:
             raise InvalidSettingsError("initial", initial, allowed)
         ok = isinstance(basins, int) and basins >= 0
         require("basins", basins, ok=ok, allowed="an integer of at least 0")
-        require("radius", radius, ok=radius > 0.0, allowed="above 0")
+        ok = isinstance(radius, Real) and bool(radius > 0.0)
+        require("radius", radius, ok=ok, allowed="a number above 0")
+        ok = order is None or isinstance(order, Order)
+        require(
+            "order", order, ok=ok, allowed="None or as feasibility_first() makes it"
+        )
         self.algorithm = algorithm
         self.box = box
-        self.order = feasibility_first() if order is None else order
+        self.order = default_order() if order is None else order
         self.rng = rng
         self._order = self.order.running()
         self._settings = algorithm.kernel_settings(box, self._order)
@@ -274,8 +281,15 @@ class Search:
         with put_off():
             accept(self._settings, self._state, self._asked, cost, violation)
             collect(self._order, self._archive, self._asked, cost, violation)
-        self._state.evaluations[0] -= known
-        self._asked = self._known = None
+            self._state.evaluations[0] -= known
+            self._asked = self._known = None
+
+    def abandon(self) -> None:
+        """Forget a generation that was asked and not told, if there is one.
+
+        The next `ask` makes another one, with random numbers that follow.
+        """
+        self._asked = None
 
     def loop(
         self, objective: CompiledObjective, *, generations: int, limits: Limits

@@ -1,7 +1,8 @@
 """When a search has come to its end, as both loops see it after each generation.
 
 target      the best point is feasible and its cost at most the target
-stagnation  so many generations without a better point; which of two points is better
+stagnation  so many generations without a better point, those in which the level of the
+            order was above its tolerance not counted; which of two points is better
             does not change with a constant added to the cost
 """
 

@@ -31,6 +31,9 @@ SPREAD = 0.1
 TERMINAL = -1.0
 """Stands for the terminal value of M_CR."""
 
+OF_COST, OF_VIOLATION = 0, 1
+"""What an improvement is of."""
+
 LARGEST_FLOAT = float(np.finfo(np.float64).max)
 
 
@@ -89,7 +92,12 @@ def measure_improvements(
     violation: Array,
     improvement: Array,
 ) -> None:
-    """Fill in by how much each trial is better than its parent, at most 1; else 0."""
+    """Fill in by how much each trial is better than its parent, at most 1; else 0.
+
+    Improvements of the cost are divided by the largest of them, those of the violation
+    by theirs: the units of neither matter.
+    """
+    largest = np.zeros(2)
     for i in range(cost.size):
         old, old_violation = state.cost[i], state.violation[i]
         improvement[i] = 0.0
@@ -97,15 +105,25 @@ def measure_improvements(
             order, cost[i], violation[i], old, old_violation
         ):
             gain = old - cost[i]
-            if order.rule == STATIC_PENALTY:
+            kind = kind_of(order, violation[i], old_violation)
+            if kind == OF_VIOLATION:
+                gain = old_violation - violation[i]
+            elif order.rule == STATIC_PENALTY:
                 penalised = cost[i] + order.weight * violation[i]
                 gain = old + order.weight * old_violation - penalised
-            elif max(old_violation, violation[i]) > order.level[0]:
-                gain = old_violation - violation[i]
             improvement[i] = min(gain, LARGEST_FLOAT)
-    largest = improvement.max()
-    if largest > 0.0:
-        improvement /= largest
+            largest[kind] = max(largest[kind], improvement[i])
+    for i in range(cost.size):
+        if improvement[i] > 0.0:
+            improvement[i] /= largest[kind_of(order, violation[i], state.violation[i])]
+
+
+@kernel
+def kind_of(order: RunningOrder, violation: float, old_violation: float) -> int:
+    """What a better trial improved: OF_COST or OF_VIOLATION."""
+    if order.rule == STATIC_PENALTY or max(violation, old_violation) <= order.level[0]:
+        return OF_COST
+    return OF_VIOLATION
 
 
 @kernel

@@ -107,11 +107,19 @@ def draw_two_others(
 
 @kernel
 def cross_binomially(
-    rng: np.random.Generator, CR: float, mutated: Mask, i: int
+    rng: np.random.Generator, CR: float, free: Count, mutated: Mask, i: int
 ) -> None:
-    """Take each coordinate from the mutant with probability CR, and a random one."""
+    """Take each coordinate from the mutant with probability CR, and a random free one.
+
+    Args:
+        rng: Source of randomness.
+        CR: The probability.
+        free: Indices of the variables that are not fixed.
+        mutated: Column i of it is filled, shape (dim, size).
+        i: Index of the trial.
+    """
     dim = mutated.shape[0]
-    k = draw_index(rng, dim)
+    k = free[draw_index(rng, free.size)]
     for d in range(dim):
         mutated[d, i] = rng.random() < CR
     mutated[k, i] = True
@@ -119,14 +127,15 @@ def cross_binomially(
 
 @kernel
 def cross_exponentially(
-    rng: np.random.Generator, CR: float, mutated: Mask, i: int
+    rng: np.random.Generator, CR: float, free: Count, mutated: Mask, i: int
 ) -> None:
-    """Take a circular run from the mutant, from a random coordinate on.
+    """Take a circular run from the mutant, from a random free coordinate on.
 
-    After each coordinate the run goes on with probability CR. The mask must be False.
+    After each coordinate the run goes on with probability CR. The mask must be False;
+    arguments as in `cross_binomially`.
     """
     dim = mutated.shape[0]
-    d = draw_index(rng, dim)
+    d = free[draw_index(rng, free.size)]
     for _ in range(dim):
         mutated[d, i] = True
         d = d + 1 if d + 1 < dim else 0

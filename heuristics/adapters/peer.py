@@ -11,8 +11,9 @@ import numpy as np
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.budget import Budget, InvalidBudgetError
 from swarmstart.heuristics.kernel import Array
-from swarmstart.heuristics.minimize import Budget, InvalidBudgetError, Objective
+from swarmstart.heuristics.minimize import Objective, values_of
 from swarmstart.heuristics.order import STATIC_PENALTY, Order, better, merits
 
 WORST = 1e300
@@ -84,9 +85,8 @@ class Evaluator:
         """Evaluate individuals, shape (dim, size); return cost + weight * violation."""
         population = np.array(population, dtype=np.float64, order="C")
         population.setflags(write=False)
-        cost, violation = (
-            np.array(values, dtype=np.float64) for values in self._objective(population)
-        )
+        returned = values_of(self._objective(population), population.shape[1])
+        cost, violation = (np.array(values, dtype=np.float64) for values in returned)
         for i in range(cost.size):
             _, best_cost, best_violation = self._best
             if better(self._order, cost[i], violation[i], best_cost, best_violation):

@@ -19,9 +19,10 @@ from swarmstart.heuristics.adapters.peer import (
 )
 from swarmstart.heuristics.algorithm import require, require_size
 from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.budget import Budget
 from swarmstart.heuristics.initial import Initial, initial_population
 from swarmstart.heuristics.kernel import Array
-from swarmstart.heuristics.minimize import Budget, Objective
+from swarmstart.heuristics.minimize import Objective
 from swarmstart.heuristics.order import Order
 
 PygmoAlgorithm = Literal["de", "sade", "pso_gen", "cmaes"]

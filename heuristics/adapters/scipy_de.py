@@ -11,8 +11,9 @@ import numpy as np
 from swarmstart.heuristics.adapters.peer import Evaluator, PeerResult, generations_of
 from swarmstart.heuristics.algorithm import require_size
 from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.budget import Budget
 from swarmstart.heuristics.initial import Initial, initial_population
-from swarmstart.heuristics.minimize import Budget, Objective
+from swarmstart.heuristics.minimize import Objective
 from swarmstart.heuristics.order import Order
 
 

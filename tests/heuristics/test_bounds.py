@@ -91,6 +91,16 @@ def test_whatever_comes_in_a_value_in_the_box_comes_out(
 
 
 @settings(deadline=None)
+@given(st.sampled_from(sorted(CODES.values())), anything, st.floats(-1e9, 1e9))
+def test_a_fixed_variable_stays_and_stands_still(
+    rule: int, value: float, bound: float
+) -> None:
+    assert put(rule, value, bound, (bound, bound)) == bound
+    assert turned(rule, -3.0, value, bound, bound) == 0.0
+    assert reflected(value, bound, bound) == bound
+
+
+@settings(deadline=None)
 @given(st.sampled_from(sorted(CODES.values())), st.floats(-1.0, 2.0))
 def test_inside_nothing_changes(rule: int, value: float) -> None:
     assert put(rule, value, 0.0, (-1.0, 2.0)) == value

@@ -1,5 +1,7 @@
 """The box: what it accepts, what it contains."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
@@ -29,17 +31,29 @@ def test_contains_its_boundary_and_no_nan() -> None:
     [
         ([0.0, 0.0], [1.0], r"shapes \(2,\) and \(1,\)"),
         ([], [], "at least 1"),
-        ([0.0, 2.0], [1.0, 2.0], r"variable 1 .* got \[2.0, 2.0\]"),
+        ([0.0, 2.0], [1.0, 1.5], r"variable 1 .* got \[2.0, 1.5\]"),
+        (["a"], [1.0], "lower must be a vector of numbers"),
         ([np.nan], [1.0], "must be finite"),
         ([-np.inf], [1.0], "must be finite"),
         ([-1.7e308], [1.7e308], "must be finite"),
     ],
 )
 def test_refuses_what_is_no_box(
-    lower: list[float], upper: list[float], message: str
+    lower: list[Any], upper: list[float], message: str
 ) -> None:
     with pytest.raises(InvalidBoxError, match=message):
-        Box(lower=np.array(lower), upper=np.array(upper))
+        Box(lower=lower, upper=upper)  # type: ignore[arg-type]
+
+
+def test_equal_bounds_fix_a_variable() -> None:
+    box = Box(lower=np.array([0.0, 2.0, -1.0]), upper=np.array([1.0, 2.0, 1.0]))
+    assert box.free.tolist() == [0, 2]
+    assert box.contains([0.5, 2.0, 0.0])
+    assert not box.contains([0.5, np.nextafter(2.0, 3.0), 0.0])
+
+
+def test_all_variables_count_as_free_where_all_are_fixed() -> None:
+    assert Box(lower=np.ones(2), upper=np.ones(2)).free.tolist() == [0, 1]
 
 
 @pytest.mark.parametrize("points", [[0.5, 0.5], 0.5, np.zeros((1, 2, 2))])

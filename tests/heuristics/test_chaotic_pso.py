@@ -32,7 +32,10 @@ def test_diversity_is_that_of_5_18() -> None:
     position = np.random.default_rng(0).normal(size=(6, 9))
     deviation = position - position.mean(axis=1, keepdims=True)
     expected = np.sqrt((deviation**2).sum(axis=0)).mean()
-    assert mean_distance(position) == pytest.approx(expected, rel=1e-14)
+    assert mean_distance(position, np.ones(6)) == pytest.approx(expected, rel=1e-14)
+    scale = 2.0 ** np.arange(-3.0, 3.0)
+    scaled = mean_distance(position / scale[:, None], scale)
+    assert scaled == mean_distance(position, np.ones(6))
 
 
 @pytest.mark.parametrize("reseed", ["logistic", "uniform"])
@@ -70,7 +73,7 @@ def test_none_never_reseeds() -> None:
     for k in range(100):
         search.tell(sphere(search.ask(progress=k / 99)), np.zeros(20))
     state = state_of(search)
-    assert mean_distance(state.position) / 10.0 < 0.01  # it had reason to
+    assert mean_distance(state.position, np.ones(4)) / 10.0 < 0.01  # it had reason to
     assert state.reseeds[0] == 0
 
 
@@ -85,6 +88,19 @@ def test_swarm_reseeds_only_below_the_threshold() -> None:
         state.generation[0] = 1
         propose(rng, settings, state, np.empty((4, 2)))
         assert state.reseeds[0] == reseeds
+
+
+def test_lengths_left_out_are_taken_from_the_box() -> None:
+    swarm = ChaoticPSO(velocity_max=None, search_length=None)
+    lower = np.array([-1.0, 2.0, 0.0])
+    box = Box(lower=lower, upper=lower + np.array([5.0, 0.0, 100.0]))
+    settings = swarm.kernel_settings(box, feasibility_first().running())
+    assert settings.velocity_max.tolist() == [2.0, 0.0, 40.0]
+    assert settings.scale.tolist() == [0.2, 1.0, 0.01]
+    assert settings.search_length == 1.0
+    literal = ChaoticPSO().kernel_settings(box, feasibility_first().running())
+    assert literal.velocity_max.tolist() == [4.0, 4.0, 4.0]
+    assert (literal.scale.tolist(), literal.search_length) == ([1.0, 1.0, 1.0], 10.0)
 
 
 def test_velocities_start_within_velocity_max_of_each_variable() -> None:
@@ -109,8 +125,8 @@ def test_velocity_max_must_fit_the_box() -> None:
         ({"inertia_min": 1.3}, "inertia_min must be in .*, got 1.3"),
         ({"cognitive": -0.1}, "cognitive must be finite and at least 0"),
         ({"social": np.nan}, "social must be finite and at least 0"),
-        ({"velocity_max": 0.0}, "velocity_max must be finite and above 0"),
-        ({"velocity_max": (1.0, np.inf)}, "velocity_max must be finite"),
+        ({"velocity_max": 0.0}, "velocity_max must be None or finite and above 0"),
+        ({"velocity_max": (1.0, np.inf)}, "velocity_max must be None or finite"),
         ({"reseed": "tent"}, "reseed must be one of .*logistic.*, got 'tent'"),
         ({"diversity_threshold": -1.0}, "diversity_threshold must be at least 0"),
         ({"search_length": 0.0}, "search_length must be None or finite and above 0"),

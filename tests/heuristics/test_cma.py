@@ -347,3 +347,18 @@ def test_nothing_finite_is_no_failure() -> None:
 def test_refuses_settings_out_of_range(setting: dict[str, float], message: str) -> None:
     with pytest.raises(InvalidSettingsError, match=message):
         CMAES(**setting)  # type: ignore[arg-type]
+
+
+def test_fixed_variables_are_no_part_of_the_distribution() -> None:
+    lower = np.full(DIM, -2.0)
+    lower[[1, 4]] = 3.0
+    upper = np.where(lower == 3.0, 3.0, 2.0)
+    search = Search(
+        CMAES(size=8), Box(lower=lower, upper=upper), rng=np.random.default_rng(6)
+    )
+    for _ in range(5):
+        search.tell(*sphere(search.ask()))
+    state = search.state
+    assert isinstance(state, CMAESState)
+    assert state.mean.shape == (DIM - 2,)
+    assert state.covariance.shape == (DIM - 2, DIM - 2)

@@ -60,13 +60,14 @@ def both(
     *,
     order: Order | None = None,
     initial: Initial | None = None,
+    box: Box = BOX,
 ) -> SearchResult:
     """The result of the compiled loop, after that of Python was seen to be the same."""
     objective = compiled(values, DIM)
     python, loop = (
         minimize(
             function,
-            BOX,
+            box,
             algorithm=algorithm,
             budget=budget,
             order=order,
@@ -89,6 +90,16 @@ def test_both_loops_give_the_same_bits(
     assert result.stopped is StopReason.EVALUATIONS
     assert result.generations > CHUNK
     assert 1 <= len(result.basins) <= 4 and result.nonfinite > 0
+
+
+def test_both_loops_give_the_same_bits_with_fixed_variables(
+    compiled: type[Compiled], algorithm: Algorithm
+) -> None:
+    upper = BOX.upper.copy()
+    upper[[2, 5]] = BOX.lower[[2, 5]]
+    box = Box(lower=BOX.lower, upper=upper)
+    result = both(compiled, algorithm, Budget(evaluations=EVALUATIONS), box=box)
+    np.testing.assert_array_equal(result.x[[2, 5]], upper[[2, 5]])
 
 
 def test_both_loops_stop_at_the_same_target(

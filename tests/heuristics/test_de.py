@@ -24,6 +24,7 @@ from swarmstart.heuristics import (
 )
 from swarmstart.heuristics.de import DifferentialEvolutionState, Strategy
 from swarmstart.heuristics.trials import (
+    cross_binomially,
     cross_exponentially,
     draw_three_others,
     draw_two_others,
@@ -88,7 +89,7 @@ def test_exponential_crossover_takes_a_circular_run_of_geometric_length() -> Non
     rng = np.random.default_rng(3)
     mutated = np.zeros((dim, number), dtype=np.bool_)
     for i in range(number):
-        cross_exponentially(rng, CR, mutated, i)
+        cross_exponentially(rng, CR, np.arange(dim), mutated, i)
     lengths = mutated.sum(axis=0)
     begins = (mutated & ~np.roll(mutated, 1, axis=0)).sum(axis=0)
     np.testing.assert_array_equal(begins, lengths < dim)
@@ -274,3 +275,14 @@ def test_needs_as_many_evaluations_as_its_peers_for_the_sphere() -> None:
 def test_refuses_settings_out_of_range(setting: dict[str, float], message: str) -> None:
     with pytest.raises(InvalidSettingsError, match=message):
         DifferentialEvolution(**setting)  # type: ignore[arg-type]
+
+
+def test_what_is_surely_taken_from_the_mutant_is_free() -> None:
+    rng = np.random.default_rng(5)
+    free = np.array([1, 3])
+    for cross in (cross_binomially, cross_exponentially):
+        mutated = np.zeros((5, 200), dtype=np.bool_)
+        for i in range(200):
+            cross(rng, 0.0, free, mutated, i)
+        assert mutated.sum(axis=0).tolist() == [1] * 200
+        assert np.flatnonzero(mutated.any(axis=1)).tolist() == [1, 3]

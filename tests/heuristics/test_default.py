@@ -9,6 +9,8 @@ from swarmstart.heuristics import (
     Budget,
     ChaoticPSO,
     default_algorithm,
+    default_order,
+    epsilon_level,
     minimize,
 )
 from swarmstart.heuristics.kernel import Array
@@ -30,6 +32,24 @@ def test_the_swarm_is_for_small_budgets(evaluations: int, kind: type) -> None:
 
 def test_wall_time_alone_is_for_l_shade() -> None:
     assert default_algorithm(None) == LSHADE()
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1e-6])
+def test_the_default_order_is_the_adaptive_level(tolerance: float) -> None:
+    assert default_order(tolerance) == epsilon_level(tolerance)
+    assert default_order(tolerance).adaptive
+
+
+def test_minimize_takes_the_default_order() -> None:
+    def constrained(points: Array) -> tuple[Array, Array]:
+        return points.sum(axis=0), np.maximum(1.0 - points[0], 0.0)
+
+    results = [
+        minimize(constrained, BOX, budget=2000, order=order, seed=0)
+        for order in (None, default_order())
+    ]
+    np.testing.assert_array_equal(results[0].x, results[1].x)
+    assert results[0].violation == 0.0
 
 
 @pytest.mark.parametrize("evaluations", [100, 2000])

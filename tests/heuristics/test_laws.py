@@ -128,6 +128,56 @@ def test_every_point_lies_in_the_box_and_the_best_is_the_best_of_all(
             assert (cost[0], violation[0]) == (best.cost, best.violation)
 
 
+@settings(max_examples=12, deadline=None)
+@given(
+    rule=st.sampled_from(NAMES),
+    fixed=st.lists(st.booleans(), min_size=1, max_size=6),
+    seed=st.integers(0, 2**32),
+)
+def test_a_variable_with_equal_bounds_is_fixed(
+    algorithm: Algorithm, order: Order, rule: str, fixed: list[bool], seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    lower = rng.normal(size=len(fixed))
+    width = np.where(fixed, 0.0, rng.uniform(0.1, 4.0, len(fixed)))
+    box = Box(lower=lower, upper=lower + width)
+    chosen = with_bounds(algorithm, rule) or algorithm
+    search = Search(chosen, box, order=order, rng=rng, basins=3)
+    asked = generations(search, 12, rippled)
+    for points in asked:
+        assert (points[fixed] == lower[fixed, None]).all()
+        assert rule == "none" or box.contains(points).all()
+    assert np.ptp(asked[0], axis=1).astype(bool).tolist() == (width > 0.0).tolist()
+    assert (search.best.x[fixed] == lower[fixed]).all()
+    if all(fixed):
+        assert len(search.basins) <= 1
+
+
+def test_fixed_variables_do_not_slow_a_search(algorithm: Algorithm) -> None:
+    """min |x - 0.3|^2 in 2-D: alone, and among ten fixed variables."""
+
+    def median_cost(free: NDArray[np.bool_]) -> float:
+        def bowl(points: Array) -> Array:
+            return np.asarray(((points[free] - 0.3) ** 2).sum(axis=0))
+
+        width = np.where(free, 3.0, 0.0)
+        costs = [
+            minimize(
+                bowl,
+                Box(lower=-width, upper=width),
+                algorithm=algorithm,
+                budget=600,
+                seed=seed,
+            ).cost
+            for seed in range(25)
+        ]
+        return float(np.median(costs))
+
+    alone = median_cost(np.ones(2, dtype=np.bool_))
+    among = median_cost(np.arange(12) % 6 == 0)
+    assert among <= 100.0 * alone
+
+
 def test_points_may_leave_the_box_where_nothing_holds_them(
     algorithm: Algorithm,
 ) -> None:
@@ -195,6 +245,76 @@ def test_a_constant_added_to_the_cost_changes_neither_the_points_nor_the_end(
     np.testing.assert_array_equal(asked, asked_too)
     np.testing.assert_array_equal(plain.history_cost + 1e3, other.history_cost)
     np.testing.assert_array_equal(plain.x, other.x)
+
+
+def without_units(algorithm: Algorithm) -> Algorithm:
+    """The algorithm; the chapter's swarm with its two lengths taken from the box."""
+    if not isinstance(algorithm, heuristics.ChaoticPSO):
+        return algorithm
+    return dataclasses.replace(algorithm, velocity_max=None, search_length=None)
+
+
+powers = st.integers(-27, 27).map(lambda k: 2.0**k)
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    cost_unit=powers,
+    units=st.lists(powers, min_size=4, max_size=4),
+    seed=st.integers(0, 2**32),
+    adaptive=st.booleans(),
+)
+def test_units_of_cost_and_variables_change_nothing(
+    algorithm: Algorithm,
+    cost_unit: float,
+    units: list[float],
+    seed: int,
+    adaptive: bool,
+) -> None:
+    """Powers of two: scaled numbers have the same bits."""
+    order = heuristics.epsilon_level() if adaptive else heuristics.default_order()
+
+    def searched(cost_unit: float, unit: Array) -> tuple[Array, Search]:
+        box = Box(lower=BOX.lower * unit, upper=BOX.upper * unit)
+        search = Search(
+            without_units(algorithm),
+            box,
+            order=order,
+            rng=np.random.default_rng(seed),
+            basins=4,
+        )
+
+        def objective(points: Array) -> tuple[Array, Array]:
+            cost, violation = rippled(points / unit[:, None])
+            return cost_unit * cost, violation
+
+        asked = np.concatenate(generations(search, 60, objective), axis=1)
+        return asked / unit[:, None], search
+
+    plain, search = searched(1.0, np.ones(4))
+    scaled, scaled_search = searched(cost_unit, np.array(units))
+    np.testing.assert_array_equal(scaled, plain)
+    assert scaled_search.best.cost == cost_unit * search.best.cost
+    for one, other in zip(scaled_search.basins, search.basins, strict=True):
+        np.testing.assert_array_equal(one.x / units, other.x)
+
+
+@settings(max_examples=10, deadline=None)
+@given(cost_unit=powers, unit=powers, evaluations=st.sampled_from([300, 3000]))
+def test_the_defaults_do_not_depend_on_units(
+    cost_unit: float, unit: float, evaluations: int
+) -> None:
+    def found(cost_unit: float, unit: float) -> SearchResult:
+        def objective(points: Array) -> tuple[Array, Array]:
+            cost, violation = rippled(points / unit)
+            return cost_unit * cost, violation
+
+        box = Box(lower=unit * BOX.lower, upper=unit * BOX.upper)
+        return minimize(objective, box, budget=evaluations, seed=9)
+
+    plain, scaled = found(1.0, 1.0), found(cost_unit, unit)
+    np.testing.assert_array_equal(scaled.x / unit, plain.x)
+    np.testing.assert_array_equal(scaled.history_cost, cost_unit * plain.history_cost)
 
 
 def test_one_batch_of_64_is_four_of_16(algorithm: Algorithm) -> None:

@@ -1,17 +1,24 @@
 """The loop: budgets, events, results."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from swarmstart.heuristics import (
+    CMAES,
     Box,
     Budget,
     ChaoticPSO,
     DifferentialEvolution,
     GenerationEvent,
+    InvalidBoxError,
     InvalidBudgetError,
     InvalidEvaluationError,
+    InvalidPointsError,
+    InvalidSettingsError,
+    Objective,
     Search,
     SearchResult,
     StopReason,
@@ -136,35 +143,90 @@ def test_feasible_optimum_on_the_boundary_is_found() -> None:
     assert (np.diff(result.history_violation) <= 0.0).all()
 
 
-def test_objective_must_return_a_pair() -> None:
-    def cost_only(points: Array) -> Array:
-        return sphere(points)[0]
-
-    with pytest.raises(InvalidEvaluationError, match=r"must return \(cost, violation"):
-        run(new_search(), cost_only, budget=Budget(evaluations=10))  # type: ignore[arg-type]
+def rows(points: Array) -> Array:
+    return np.stack(sphere(points))
 
 
 @pytest.mark.parametrize(
-    ("evaluations", "seconds", "message"),
+    "objective",
     [
-        (None, None, "a budget needs evaluations or seconds"),
-        (True, None, "evaluations must be an integer of at least 1 and below 2.62"),
-        (2**62, None, "evaluations must be an integer of at least 1 and below 2.62"),
-        (0, None, "evaluations must be an integer of at least 1 and below 2.62, got 0"),
-        (
-            1e3,
-            None,
-            "integer of at least 1 and below 2.62, got 1000.0",
-        ),
-        (None, 0.0, "seconds must be finite and above 0, got 0.0"),
-        (None, np.nan, "seconds must be finite and above 0, got nan"),
+        lambda x: sphere(x)[0],
+        lambda x: sphere(x)[0].tolist(),
+        lambda x: list(sphere(x)),
+        rows,
+    ],
+    ids=["cost", "list of costs", "list of two", "two rows"],
+)
+def test_a_cost_alone_and_two_rows_mean_what_the_pair_means(
+    objective: Objective,
+) -> None:
+    budget = Budget(evaluations=200)
+    found = run(new_search(), objective, budget=budget)
+    expected = run(new_search(), sphere, budget=budget)
+    np.testing.assert_array_equal(found.history_cost, expected.history_cost)
+    assert found.violation == 0.0
+
+
+@pytest.mark.parametrize(
+    ("returned", "found"),
+    [
+        (1.0, r"got float of shape \(\)"),
+        (np.zeros((3, 10)), r"got ndarray of shape \(3, 10\)"),
+        ((np.zeros(10),) * 3, "got a tuple of 3"),
+        (None, r"got NoneType"),
+        ({"f": 1.0}, "got dict"),
+        ([[1.0], 2.0], "got list"),
     ],
 )
-def test_refuses_what_is_no_budget(
-    evaluations: int | None, seconds: float | None, message: str
+def test_refuses_what_is_neither_costs_nor_a_pair(returned: Any, found: str) -> None:
+    message = rf"return \(cost, violation\), or the cost alone, .* \(10,\).*{found}"
+    with pytest.raises(InvalidEvaluationError, match=message):
+        run(new_search(), lambda _: returned, budget=Budget(evaluations=10))
+
+
+def test_minimize_takes_names_pairs_of_bounds_a_number_and_a_seed() -> None:
+    expected = minimize(
+        sphere,
+        BOX,
+        algorithm=CMAES(),
+        budget=Budget(evaluations=300),
+        rng=np.random.default_rng(8),
+    )
+    pairs = [(-1.0, 1.0)] * 3
+    for result in (
+        minimize(sphere, bounds=pairs, algorithm="cma", budget=300, seed=8),
+        minimize(sphere, pairs, algorithm=CMAES, budget=300, seed=8),
+    ):
+        np.testing.assert_array_equal(result.x, expected.x)
+
+
+@pytest.mark.parametrize(
+    ("changed", "error", "message"),
+    [
+        ({"objective": {"x": 1, "f": 2, "g": 3}}, InvalidEvaluationError, "got dict"),
+        ({"on_generation": 3}, InvalidSettingsError, "on_generation must be None or a"),
+        ({"order": "deb"}, InvalidSettingsError, "order must be None or .*, got 'deb'"),
+        ({"radius": "wide"}, InvalidSettingsError, "radius must be a number above 0"),
+        ({"initial": "x"}, InvalidPointsError, "initial must be an array of numbers"),
+        ({"seed": None}, InvalidSettingsError, "seed must be an integer .*, got None"),
+        ({"rng": np.random.default_rng(0)}, InvalidSettingsError, "None where rng"),
+        ({"budget": "long"}, InvalidBudgetError, "budget must be .*, got 'long'"),
+        ({"algorithm": "swarm"}, InvalidSettingsError, "'lshade', .*, got 'swarm'"),
+        ({"bounds": 3.0}, InvalidBoxError, "bounds must be pairs .*, got 3.0"),
+        ({"bounds": None}, InvalidSettingsError, "bounds must be .*, got None"),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(
+    changed: dict[str, Any], error: type[Exception], message: str
 ) -> None:
-    with pytest.raises(InvalidBudgetError, match=message):
-        Budget(evaluations=evaluations, seconds=seconds)
+    arguments: dict[str, Any] = {
+        "objective": sphere,
+        "bounds": [(-1.0, 1.0)] * 3,
+        "budget": 200,
+        "seed": 0,
+    }
+    with pytest.raises(error, match=message):
+        minimize(**arguments | changed)
 
 
 def test_refuses_a_budget_smaller_than_one_generation() -> None:

@@ -1,6 +1,7 @@
 """How individuals are ordered."""
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,11 +93,25 @@ def test_tolerance_counts_as_feasible() -> None:
     assert not better(order, 1.0, 2e-4, 2.0, 0.0)
 
 
-def test_infeasible_population_has_its_violations_as_merits() -> None:
-    merit = np.empty(2)
+def test_merits_are_places_among_feasible_costs_and_among_violations() -> None:
+    merit = np.empty(5)
     order = feasibility_first().running()
-    merits(order, np.array([7.0, -7.0]), np.array([1.0, 2.0]), merit)
-    assert merit.tolist() == [1.0, 2.0]
+    cost = np.array([7.0, -7.0, 3.0, 1.0, -1.0])
+    merits(order, cost, np.array([1.0, 4.0, 0.0, 0.0, 0.0]), merit)
+    assert merit.tolist() == [1.25, 2.0, 1.0, 0.5, 0.0]
+
+
+@pytest.mark.parametrize("order", [feasibility_first(), epsilon_level(0.25)])
+def test_merits_depend_on_the_units_neither_of_cost_nor_of_violation(
+    order: Order,
+) -> None:
+    rng = np.random.default_rng(0)
+    cost, violation = rng.normal(size=20), np.maximum(rng.normal(size=20), 0.0)
+    expected, scaled = np.empty(20), np.empty(20)
+    merits(order.running(), cost, violation, expected)
+    order = order._replace(tolerance=2.0**20 * order.tolerance)
+    merits(order.running(), 2.0**-30 * cost, 2.0**20 * violation, scaled)
+    np.testing.assert_array_equal(scaled, expected)
 
 
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
@@ -111,7 +126,7 @@ def begun(order: Order, violation: list[float]) -> RunningOrder:
     """The order after an initial population of these violations."""
     running = order.running()
     begin_level(running, np.array(violation))
-    set_level(running, 0.0)
+    set_level(running, 0.0, np.array(violation))
     return running
 
 
@@ -137,9 +152,11 @@ def test_first_level_is_the_quantile_of_the_initial_population(
 def test_level_falls_as_its_closed_form(
     progress: float, first: float, control: float, power: float, tolerance: float
 ) -> None:
-    order = epsilon_level(tolerance, quantile=1.0, control=control, power=power)
+    order = epsilon_level(
+        tolerance, quantile=1.0, control=control, power=power, adaptive=False
+    )
     running = begun(order, [0.0, first])
-    set_level(running, progress)
+    set_level(running, progress, np.zeros(1))
     expected = tolerance
     if progress < control:
         expected = max(tolerance, first * (1.0 - progress / control) ** power)
@@ -147,7 +164,7 @@ def test_level_falls_as_its_closed_form(
     if progress >= control:
         assert running.level[0] == tolerance
     before = running.level[0]
-    set_level(running, 1.0 - 0.5 * (1.0 - progress))
+    set_level(running, 1.0 - 0.5 * (1.0 - progress), np.zeros(1))
     assert tolerance <= running.level[0] <= before
 
 
@@ -164,22 +181,25 @@ def test_at_the_tolerance_the_order_is_feasibility_first(
     running = begun(epsilon_level(tolerance, quantile=1.0), [2.0])
     expected = better(feasibility_first(tolerance).running(), *a, *b)
     assert better_at(running, tolerance, *a, *b) == expected
-    set_level(running, 1.0)
+    set_level(running, 1.0, np.zeros(1))
     assert better(running, *a, *b) == expected
 
 
 def test_below_the_level_the_cost_decides() -> None:
-    running = begun(epsilon_level(quantile=1.0), [2.0])
+    running = begun(epsilon_level(quantile=1.0, adaptive=False), [2.0])
     assert better(running, 1.0, 2.0, 1.5, 0.0)
     assert not better(running, 1.0, 2.5, 9.0, 2.0)
-    set_level(running, 0.4)  # 2 (1 - 0.4 / 0.8)^5 = 1 / 16
+    set_level(running, 0.4, np.zeros(1))  # 2 (1 - 0.4 / 0.8)^5 = 1 / 16
     assert better(running, 1.0, 0.0625, 1.5, 0.0)
     assert not better(running, 1.0, 0.07, 1.5, 0.0)
 
 
-def test_level_of_a_search_follows_its_progress(algorithm: Algorithm) -> None:
+@pytest.mark.parametrize("adaptive", [False, True])
+def test_level_of_a_search_follows_its_progress_and_its_violations(
+    algorithm: Algorithm, adaptive: bool
+) -> None:
     box = Box(lower=np.zeros(2), upper=np.ones(2))
-    order = epsilon_level(0.01, quantile=0.5, control=0.5, power=2.0)
+    order = epsilon_level(0.01, quantile=0.5, control=0.5, power=2.0, adaptive=adaptive)
     search = Search(algorithm, box, order=order, rng=np.random.default_rng(0))
     points = search.ask(progress=0.0)
     search.tell(points[1], points[0])
@@ -187,9 +207,56 @@ def test_level_of_a_search_follows_its_progress(algorithm: Algorithm) -> None:
     for progress in (0.0, 0.1, 0.3, 0.45, 0.5, 1.0):
         points = search.ask(progress=progress)
         search.tell(points[1], points[0])
-        expected = max(0.01, first * max(1.0 - progress / 0.5, 0.0) ** 2)
-        level = search.snapshot()["order.level"]
-        assert level.tolist() == pytest.approx([expected, first], rel=1e-14)
+        level = first * max(1.0 - progress / 0.5, 0.0) ** 2
+        if adaptive:
+            level = min(level, np.quantile(points[0], 0.5, method="lower"))
+        expected = max(0.01, level)
+        reached = search.snapshot()["order.level"]
+        assert reached.tolist() == pytest.approx([expected, first], rel=1e-14)
+
+
+@settings(deadline=None)
+@given(
+    st.lists(violations, min_size=1, max_size=30),
+    st.floats(0.0, 1.0),
+    st.floats(0.0, 1.0),
+    st.sampled_from([0.0, 0.25]),
+)
+def test_adaptive_level_is_at_most_the_quantile_of_the_last_generation(
+    violation: list[float], quantile: float, progress: float, tolerance: float
+) -> None:
+    fixed, adaptive = (
+        begun(epsilon_level(tolerance, quantile=quantile, adaptive=adaptive), [2.0])
+        for adaptive in (False, True)
+    )
+    for running in (fixed, adaptive):
+        set_level(running, progress, np.array(violation))
+    finite = np.array(violation)[np.isfinite(violation)]
+    part = np.quantile(finite, quantile, method="lower") if finite.size else np.inf
+    assert adaptive.level[0] == max(tolerance, min(fixed.level[0], part))
+
+
+def test_with_enough_feasible_points_the_level_is_feasibility_first(
+    algorithm: Algorithm,
+) -> None:
+    """Bit for bit: half of the box is feasible."""
+
+    def half(points: Array) -> tuple[Array, Array]:
+        return points.sum(axis=0), np.maximum(0.5 - points[0], 0.0)
+
+    results = [
+        minimize(
+            half,
+            Box(lower=np.zeros(3), upper=np.ones(3)),
+            algorithm=algorithm,
+            budget=300,
+            order=order,
+            seed=3,
+        )
+        for order in (feasibility_first(), epsilon_level())
+    ]
+    np.testing.assert_array_equal(results[0].history_cost, results[1].history_cost)
+    np.testing.assert_array_equal(results[0].x, results[1].x)
 
 
 def test_best_reported_is_best_by_the_final_tolerance() -> None:
@@ -238,7 +305,7 @@ def test_equality_constraint_is_met_at_the_least_cost() -> None:
     ],
 )
 def test_refuses_parameters_of_a_level_out_of_range(
-    arguments: dict[str, float], message: str
+    arguments: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(InvalidOrderError, match=message) as caught:
         epsilon_level(**arguments)

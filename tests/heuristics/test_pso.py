@@ -82,11 +82,13 @@ def test_constriction_needs_phi_above_4() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_solves_the_sphere(seed: int) -> None:
-    def sphere(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    def sphere(
+        x: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return ((x - 1.0) ** 2).sum(axis=0), np.zeros(x.shape[1])
 
     result = minimize(
-        sphere,  # type: ignore[arg-type]
+        sphere,
         Box(lower=np.full(10, -5.0), upper=np.full(10, 5.0)),
         algorithm=ParticleSwarm(size=40),
         budget=Budget(evaluations=20_000),

@@ -121,8 +121,8 @@ def test_refuses_arguments_out_of_range() -> None:
         )
     for basins, radius, what in (
         (-1, 0.1, "basins must be an integer of at least 0, got -1"),
-        (1, 0.0, "radius must be above 0, got 0.0"),
-        (1, np.nan, "radius must be above 0, got nan"),
+        (1, 0.0, "radius must be a number above 0, got 0.0"),
+        (1, np.nan, "radius must be a number above 0, got nan"),
     ):
         with pytest.raises(InvalidSettingsError, match=what):
             Search(
@@ -249,3 +249,14 @@ def test_refuses_what_is_no_snapshot(
         snapshot[name] = array
     with pytest.raises(InvalidSnapshotError, match=message):
         kept(snapshot=snapshot)
+
+
+def test_an_abandoned_generation_is_asked_anew() -> None:
+    search = new_search()
+    search.abandon()  # nothing was asked: nothing happens
+    first = search.ask()
+    search.abandon()
+    with pytest.raises(AskTellError, match="tell"):
+        search.tell(np.zeros(first.shape[1]), np.zeros(first.shape[1]))
+    np.testing.assert_array_equal(search.ask(), first)  # the initial population
+    assert search.evaluations == 0
