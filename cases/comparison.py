@@ -72,7 +72,7 @@ class Row:
     against_first: str
 
 
-def entry_of(  # noqa: PLR0913 - a cell's whole job
+def entry_of(
     resolved: Resolved,
     solver: Solver,
     *,

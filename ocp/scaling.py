@@ -238,9 +238,7 @@ class Sizing:
             for bound, sign in ((lower, -1.0), (upper, 1.0))
         ]
         moves = [part * states for part in _PARTS]
-        moves += [
-            part * states * row for row in np.eye(states.size) for part in _PARTS
-        ]
+        moves += [part * states * row for row in np.eye(states.size) for part in _PARTS]
         points = [(at.x0, v) for v in (middle, *u)]
         points += [(at.x0 + move, middle) for move in moves]
         points += [(at.x0 + move, v) for move in moves[:2] for v in u]

@@ -21,25 +21,29 @@ def without_power_of_two(expression: ca.SX) -> tuple[int, ca.SX]:
         return 0, expression
     operation = expression.op()
     if operation == ca.OP_MUL:
-        for factor, other in _both_ways(expression):
-            if factor.is_constant() and float(factor) and math.isfinite(float(factor)):
-                mantissa, exponent = math.frexp(float(factor))
-                inner, rest = without_power_of_two(other)
-                left = 2 * mantissa  # In [1, 2), with its sign.
-                return inner + exponent - 1, rest if left == 1.0 else left * rest
+        return _of_product(expression)
     if operation == ca.OP_TWICE:
-        inner, rest = without_power_of_two(expression.dep(0))
-        return inner + 1, rest
-    if operation == ca.OP_NEG:
-        inner, rest = without_power_of_two(expression.dep(0))
-        return inner, -rest
+        power, rest = without_power_of_two(expression.dep(0))
+        return power + 1, rest
     if operation in (ca.OP_ADD, ca.OP_SUB):
-        (k, a), (m, b) = (without_power_of_two(expression.dep(i)) for i in (0, 1))
-        if k == m and k:
-            return k, a + b if operation == ca.OP_ADD else a - b
+        return _of_sum(expression)
     return 0, expression
 
 
-def _both_ways(product: ca.SX) -> tuple[tuple[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]:
+def _of_product(product: ca.SX) -> tuple[int, ca.SX]:
     first, second = product.dep(0), product.dep(1)
-    return (first, second), (second, first)
+    for factor, other in ((first, second), (second, first)):
+        if factor.is_constant() and float(factor) and math.isfinite(float(factor)):
+            mantissa, exponent = math.frexp(float(factor))
+            power, rest = without_power_of_two(other)
+            left = 2 * mantissa  # In [1, 2), with its sign.
+            return power + exponent - 1, rest if left == 1.0 else left * rest
+    return 0, product
+
+
+def _of_sum(total: ca.SX) -> tuple[int, ca.SX]:
+    """Return the power that both terms share, taken out of a sum or difference."""
+    (k, a), (m, b) = (without_power_of_two(total.dep(i)) for i in (0, 1))
+    if k != m or not k:
+        return 0, total
+    return k, a + b if total.op() == ca.OP_ADD else a - b

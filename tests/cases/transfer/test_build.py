@@ -49,18 +49,18 @@ def test_the_cost_is_the_integral_of_the_weighted_squares(
 def test_the_swap_of_five_finds_the_best_known_cost(
     flight: TransferFlight, scenario: TransferScenario
 ) -> None:
-    """0.3865 to 0.3867 from every start that finds it; one seed here."""
+    """0.3865 with distances at the checks only; on the whole path it takes more."""
     flown = simulate(flight.plant, flight.controller, flight.x0, steps=20, rng=rng())
     found = measure(scenario, flight, flown)
     assert found["cost"] is not None and found["violation"] is not None
-    assert 0.386 <= float(str(found["cost"])) <= 0.390
+    assert 0.386 <= float(str(found["cost"])) <= 0.396
     assert float(str(found["violation"])) <= 1e-6
     assert (found["confirmed"], found["converged"]) == (1, 1)
     # Flown by a finer integrator.
     assert float(str(found["goal_error_m"])) <= 1e-5
-    assert float(str(found["min_distance_checked_m"])) >= 5 - 1e-6
+    assert float(str(found["min_distance_checked_m"])) >= 5 - 5e-4
     nearest = float(str(found["min_distance_m"]))
-    assert nearest >= 4.9
+    assert nearest >= 5 - 1e-3  # The path tolerance is 0.0005.
     # The path is the same, however many of the plant's steps are kept.
     few = {name: getattr(flown, name)[..., ::10] for name in DENSE}
     again = measure(scenario, flight, replace(flown, **few))
