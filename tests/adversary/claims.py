@@ -1,0 +1,44 @@
+"""What the package claims of a case: the one place that calls it."""
+
+import os
+import warnings
+
+import numpy as np
+
+from swarmstart import solve
+from swarmstart.ocp import (
+    BackendWarning,
+    InvalidProblemError,
+    IpoptOptions,
+    SolutionStatus,
+)
+from swarmstart.tests.adversary.case import Case, problem_of
+from swarmstart.tests.adversary.judge import Claim
+
+
+def claimed(case: Case, *, backend: str = "auto", seed: int = 0) -> Claim:
+    """Return what `solve` says of a case, with default settings.
+
+    Args:
+        case: The case.
+        backend: "auto", "llvm" or "casadi".
+        seed: Of all randomness.
+    """
+    try:
+        problem = problem_of(case)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", BackendWarning)
+            try:
+                solution = solve(problem, case.truth.x0, seed=seed, backend=backend)
+            except TypeError:
+                os.environ["SWARMSTART_BACKEND"] = backend
+                rng = np.random.default_rng(seed)
+                solution = solve(problem, case.truth.x0, polish=IpoptOptions(), rng=rng)
+    except InvalidProblemError:
+        return Claim(controls=None)
+    return Claim(
+        controls=solution.controls,
+        cost=solution.cost,
+        is_confirmed=solution.status.is_confirmed,
+        is_local_optimum=solution.status is SolutionStatus.CONVERGED,
+    )
