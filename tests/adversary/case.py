@@ -53,7 +53,7 @@ class Case:
         kind: The class it counts in.
         formulas: (x, u) -> expressions.
         truth: The same in NumPy; bounded states are the last rows of its path.
-        states: Lower and upper bounds of the states, each (nx,); None if there are none.
+        states: Lower and upper bounds of the states, each (nx,); None: unbounded.
         checks: Of each interval.
         substeps: Of the integrator in each check.
         best: Controls of a right answer, shape (nu, N); None if only its cost is known.
@@ -155,9 +155,7 @@ def in_units(case: Case, units: Units) -> Case:
         return lambda x, u: sx * np.asarray(rate(x / sx, u / su))
 
     def rows(own: Rows) -> Rows:
-        return Rows(
-            value=times(own.value), lower=sx * own.lower, upper=sx * own.upper
-        )
+        return Rows(value=times(own.value), lower=sx * own.lower, upper=sx * own.upper)
 
     lower, upper = truth.controls
     return replace(

@@ -44,7 +44,9 @@ def all_cases(kinds: Sequence[str] = tuple(CLASSES)) -> list[Case]:
     return [case for kind in kinds for case in CLASSES[kind]()]
 
 
-def chosen(cases: Sequence[Case], count: int, *, rng: np.random.Generator) -> list[Case]:
+def chosen(
+    cases: Sequence[Case], count: int, *, rng: np.random.Generator
+) -> list[Case]:
     """Return so many of the cases, of each class in turn.
 
     Args:

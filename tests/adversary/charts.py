@@ -125,6 +125,7 @@ def charted_case(
     if flown is None or flown.states.min() < low or flown.states.max() > high:
         raise UnsolvedError(f"{name} leaves its chart")
     own, numeric, symbolic = truth_of(linear), chart.numeric, chart.symbolic
+    held = own.path.value
     rows, ends = linear.rows, linear.ends
 
     def formulas(x: ca.SX, u: ca.SX) -> Formulas:
@@ -135,12 +136,10 @@ def charted_case(
 
     truth = replace(
         known.truth,
-        dynamics=lambda x, u: (
-            numeric.slope(x) * own.dynamics(numeric.inverse(x), u)
-        ),
+        dynamics=lambda x, u: numeric.slope(x) * own.dynamics(numeric.inverse(x), u),
         stage_cost=lambda x, u: own.stage_cost(numeric.inverse(x), u),
         terminal_cost=lambda x: own.terminal_cost(numeric.inverse(x)),
-        path=replace(own.path, value=lambda x, u: own.path.value(numeric.inverse(x), u)),
+        path=replace(own.path, value=lambda x, u: held(numeric.inverse(x), u)),
         terminal=Rows(
             value=lambda x, _: ends.E @ numeric.inverse(x),
             lower=ends.lower,

@@ -37,9 +37,7 @@ def formulas_of(linear: Linear, x: ca.SX, u: ca.SX) -> Formulas:
         + ca.dot(ca.DM(linear.q), x)
         + ca.dot(ca.DM(linear.r), u),
         terminal_cost=ca.bilin(ca.DM(linear.P), x, x) + ca.dot(ca.DM(linear.p), x),
-        path=m(ca.DM(path.C), x) + m(ca.DM(path.D), u)
-        if path is not None
-        else None,
+        path=m(ca.DM(path.C), x) + m(ca.DM(path.D), u) if path is not None else None,
         terminal=None if end is None else m(ca.DM(end.E), x),
     )
 
@@ -50,9 +48,7 @@ def truth_of(linear: Linear) -> Truth:
     sizes = np.maximum(np.abs(p.x0), 1.0)
     return Truth(
         dynamics=lambda x, u: p.A @ x + p.B @ u + p.c,
-        stage_cost=lambda x, u: float(
-            x @ p.Q @ x + u @ p.R @ u + p.q @ x + p.r @ u
-        ),
+        stage_cost=lambda x, u: float(x @ p.Q @ x + u @ p.R @ u + p.q @ x + p.r @ u),
         terminal_cost=lambda x: float(x @ p.P @ x + p.p @ x),
         path=Rows(
             value=lambda x, u: rows.C @ x + rows.D @ u,
@@ -74,7 +70,7 @@ def substeps_of(linear: Linear, checks: int) -> int:
     return max(2, int(np.ceil(float(np.linalg.norm(linear.A, 2)) * length / FINE)))
 
 
-def linear_case(  # noqa: PLR0913 - a problem, and how it counts
+def linear_case(
     kind: str,
     name: str,
     linear: Linear,

@@ -85,7 +85,9 @@ def solve_convex(program: Program) -> Optimum:
 def _quadratic(program: Program) -> Optimum:
     H, g, G, h = program.H, program.g, program.G, program.h
     E, e = program.E, program.e
-    z = np.linalg.lstsq(E, e, rcond=None)[0] if e.size else np.zeros(g.size)
+    z: Array = np.zeros(g.size)
+    if e.size:
+        z += np.linalg.lstsq(E, e, rcond=None)[0]
     y, dual = np.zeros(e.size), np.ones(h.size)
     s = np.maximum(h - G @ z, 1.0)
     size = 1.0 + max(np.abs(g).max(), np.abs(H).max())

@@ -6,8 +6,8 @@
 
 With z = (x, u, 1), z' = M z within an interval, z(t) = exp(M t) z(0), and the cost of
 an interval is z(0)' S z(0), S = integral of exp(M't) W exp(Mt); both come from one
-exponential, over a fraction of the interval, and doublings. So J is a quadratic function of all controls, without any error but
-rounding, and what remains is a convex program.
+exponential, over a part of the interval, and doublings. So J is a quadratic function of
+all controls, without any error but rounding, and what remains is a convex program.
 
 Source: Van Loan (1978), Computing integrals involving the matrix exponential, eq. 1.2.
 """
@@ -158,17 +158,17 @@ def program_of(linear: Linear, *, points: int = 2) -> Program:
 def _held_cost(M: Array, W: Array, dt: float) -> Array:
     """Return S; over a part of dt first, since exp(-M't) overflows if M is stiff."""
     n = M.shape[0]
-    halvings = max(0, int(np.ceil(np.log2(max(np.linalg.norm(M) * dt, 1.0)))))
+    size = max(float(np.linalg.norm(M)) * dt, 1.0)
+    halvings = int(np.ceil(np.log2(size)))
     both = expm(np.block([[-M.T, W], [np.zeros((n, n)), M]]) * dt / 2**halvings)
-    step, S = both[n:, n:], both[n:, n:].T @ both[:n, n:]
+    step: Array = both[n:, n:]
+    S: Array = step.T @ both[:n, n:]
     for _ in range(halvings):
         S, step = S + step.T @ S @ step, step @ step
     return S
 
 
-def _program(
-    linear: Linear, cost: Array, held: list[Array], state: Array
-) -> Program:
+def _program(linear: Linear, cost: Array, held: list[Array], state: Array) -> Program:
     end = linear.ends
     size, N = cost.shape[0] - 1, linear.intervals
     last = end.E @ state

@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from swarmstart.tests.adversary.exact.held_linear import Linear, program_of
 
 Array = NDArray[np.float64]
-GRID = {1: 200_001, 2: 701}
+GRID = {1: 40_001, 2: 401}
 """Points along each output, by the number of outputs."""
 TRIED = 5
 """Points of the grid around which is looked further."""
@@ -87,10 +87,14 @@ class Reach:
 
 def outputs_of(linear: Linear, C: Array) -> tuple[Array, Array]:
     """Return Gamma, shape (m, nu * N), and y0, shape (m,)."""
-    nx, nu = linear.B.shape
-    bare = {"Q": np.zeros((nx, nx)), "q": np.zeros(nx), "P": np.zeros((nx, nx))}
-    programs = [
-        program_of(replace(linear, R=np.zeros((nu, nu)), r=np.zeros(nu), p=row, **bare))
-        for row in C
-    ]
+    bare = Linear(
+        A=linear.A,
+        B=linear.B,
+        c=linear.c,
+        x0=linear.x0,
+        horizon=linear.horizon,
+        intervals=linear.intervals,
+        controls=linear.controls,
+    )
+    programs = [program_of(replace(bare, p=row)) for row in C]
     return np.array([p.g for p in programs]), np.array([p.constant for p in programs])

@@ -4,7 +4,8 @@ The cost is linear, so that the control jumps between its bounds, or quadratic i
 states without any control in it, so that it does so until a singular arc begins; in
 Fuller's problem it chatters. Optima are those of linear and quadratic programs.
 
-Source: Bryson and Ho (1975), Applied Optimal Control, chapters 3.9 and 8; Fuller (1963).
+Source: Bryson and Ho (1975), Applied Optimal Control, chapters 3.9 and 8;
+Fuller (1963), Study of an optimum non-linear control system.
 """
 
 from dataclasses import replace

@@ -133,9 +133,7 @@ def _boat(rng: np.random.Generator) -> Drawn:
     least = float((-b + np.sqrt(b * b - a * c)) / a)
     drift = ca.DM(current)
     truth = Truth(
-        dynamics=lambda x, u: (
-            u[1] * (np.array([np.cos(u[0]), np.sin(u[0])]) + current)
-        ),
+        dynamics=lambda x, u: u[1] * (np.array([np.cos(u[0]), np.sin(u[0])]) + current),
         stage_cost=lambda x, u: float(u[1]),
         path=NO_ROWS,
         terminal=equal(lambda x, _: x, goal),

@@ -35,9 +35,7 @@ def stairs(rng: np.random.Generator) -> EndCost:
     s, w, top = rng.uniform(0.3, 0.7), rng.uniform(0.3, 1.0), 4
     edges = s * np.arange(1, top + 1)
     return EndCost(
-        symbolic=lambda y: (
-            w * (top + 1 - ca.fmin(ca.fmax(ca.floor(y / s), 0), top))
-        ),
+        symbolic=lambda y: w * (top + 1 - ca.fmin(ca.fmax(ca.floor(y / s), 0), top)),
         numeric=lambda y: w * (top + 1 - np.clip(np.floor(y[0] / s), 0, top)),
         breaks=tuple(edges),
         kinks=lambda y: y - edges,

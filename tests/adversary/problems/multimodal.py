@@ -3,7 +3,8 @@
 The cost of the final state has many wells; how much energy each costs is known in
 closed form, so that the best is found on a grid of one or two numbers.
 
-Source: Rastrigin (1974); Himmelblau (1972); Dixon and Szegoe (1978), the six-hump camel.
+Source: Rastrigin (1974); Himmelblau (1972), Applied Nonlinear Programming; the camel:
+Dixon and Szegoe (1978), Towards Global Optimization 2.
 """
 
 from collections.abc import Callable
@@ -81,15 +82,17 @@ def _camel(rng: np.random.Generator) -> EndCost:
     c, d = rng.uniform(-0.5, 0.5, 2)
 
     def polynomial(p: Array, q: Array) -> Array:
-        value: Array = (4 - 2.1 * p * p + p**4 / 3) * p * p + p * q
-        return value + 4 * (q * q - 1) * q * q + 3
+        value: Array = (4 - 2.1 * p * p + p**4 / 3) * p * p + p * q + 3
+        value += 4 * (q * q - 1) * q * q
+        return value
 
-    def symbolic(y: ca.SX) -> ca.SX:
-        p, q = y[0] - c, y[1] - d
-        hump = 4 * p**2 - 2.1 * p**4 + p**6 / 3
-        return hump + p * q - 4 * q**2 + 4 * q**4 + 3
+    def hump(p: ca.SX, q: ca.SX) -> ca.SX:
+        return 4 * p**2 - 2.1 * p**4 + p**6 / 3 + p * q - 4 * q**2 + 4 * q**4 + 3
 
-    return EndCost(symbolic=symbolic, numeric=lambda y: polynomial(y[0] - c, y[1] - d))
+    return EndCost(
+        symbolic=lambda y: hump(y[0] - c, y[1] - d),
+        numeric=lambda y: polynomial(y[0] - c, y[1] - d),
+    )
 
 
 FAMILIES: dict[str, tuple[int, Callable[[np.random.Generator], EndCost]]] = {

@@ -4,20 +4,12 @@ Least times, reachable sets and contradictions prove it; what is asked is that n
 is called feasible.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.tests.adversary.case import (
-    Case,
-    Formulas,
-    equal,
-    limits,
-    unsolvable,
-)
+from swarmstart.tests.adversary.case import Case, unsolvable
 from swarmstart.tests.adversary.exact.convex import solve_convex
 from swarmstart.tests.adversary.exact.held_linear import (
     End,
@@ -25,7 +17,6 @@ from swarmstart.tests.adversary.exact.held_linear import (
     Path,
     program_of,
 )
-from swarmstart.tests.adversary.judge import Rows, Truth
 from swarmstart.tests.adversary.linear_case import unsolvable_case
 from swarmstart.tests.adversary.problems.drawing import (
     chain,
@@ -33,9 +24,9 @@ from swarmstart.tests.adversary.problems.drawing import (
     random_system,
     symmetric_limits,
 )
+from swarmstart.tests.adversary.problems.impossible import impossible
 
 Array = NDArray[np.float64]
-Symbolic = Callable[[ca.SX, ca.SX], Formulas]
 KIND = "no_solution"
 GENERATED = 35
 
@@ -183,90 +174,6 @@ def _written_linear() -> dict[str, Linear]:
     }
 
 
-def _nonlinear() -> dict[str, tuple[Symbolic, Truth]]:
-    """Return nonlinear problems; the comment says why there is no solution."""
-    base = {"x0": np.zeros(1), "horizon": 1.0, "intervals": 8, "sizes": np.ones(1)}
-    one = limits(-1.0, 1.0)
-    still = Truth(dynamics=lambda x, u: u, controls=one, **base)
-    pair = {"x0": np.zeros(2), "horizon": 2.0, "intervals": 8, "sizes": np.ones(2)}
-    return {
-        # A sine is at most 1.
-        "a sine of 1.5": (
-            lambda x, u: Formulas(u, u**2, terminal=ca.sin(3 * x) - 1.5),
-            replace(still, terminal=equal(lambda x, _: np.sin(3 * x) - 1.5, 0.0)),
-        ),
-        "a square of -1": (
-            lambda x, u: Formulas(u, u**2, terminal=x**2),
-            replace(still, terminal=equal(lambda x, _: x * x, -1.0)),
-        ),
-        # Cauchy and Schwarz: the energy is at least x(T)^2 / T = 1 / 2.
-        "too little energy": (
-            lambda x, u: Formulas(ca.vertcat(u, u**2), 0, terminal=x),
-            Truth(
-                dynamics=lambda x, u: np.array([u[0], u[0] * u[0]]),
-                terminal=Rows(
-                    value=lambda x, _: x,
-                    lower=np.array([1.0, 0.0]),
-                    upper=np.array([1.0, 0.4]),
-                ),
-                controls=limits(-2.0, 2.0),
-                **pair,
-            ),
-        ),
-        # At speed 1 it takes 2.5 s, and there are 2 s.
-        "a unicycle too slow": (
-            lambda x, u: Formulas(
-                ca.vertcat(ca.cos(x[2]), ca.sin(x[2]), u), u**2, terminal=x[:2]
-            ),
-            Truth(
-                dynamics=lambda x, u: np.array([np.cos(x[2]), np.sin(x[2]), u[0]]),
-                terminal=equal(lambda x, _: x[:2], [1.5, 2.0]),
-                controls=limits(-2.0, 2.0),
-                **(pair | {"x0": np.zeros(3), "sizes": np.ones(3)}),
-            ),
-        ),
-        # The kinetic energy, 2, falls by 0.8 * 2 at most.
-        "brakes too weak in power": (
-            lambda v, u: Formulas(u, u**2, path=-u * v, terminal=v),
-            Truth(
-                dynamics=lambda v, u: u,
-                path=Rows(
-                    value=lambda v, u: -u * v,
-                    lower=np.full(1, -np.inf),
-                    upper=np.full(1, 0.8),
-                ),
-                terminal=equal(lambda v, _: v, 0.0),
-                controls=limits(-5.0, 5.0),
-                **(base | {"x0": np.full(1, 2.0), "horizon": 2.0}),
-            ),
-        ),
-        # A ring all around the start lies between it and the target.
-        "a wall all around": (
-            lambda x, u: Formulas(u, ca.sumsqr(u), path=ca.sumsqr(x), terminal=x),
-            Truth(
-                dynamics=lambda x, u: u,
-                path=Rows(
-                    value=lambda x, u: np.array([x @ x]),
-                    lower=np.full(1, -np.inf),
-                    upper=np.ones(1),
-                ),
-                terminal=equal(lambda x, _: x, [1.0, 1.0]),
-                controls=limits([-2.0, -2.0], [2.0, 2.0]),
-                **pair,
-            ),
-        ),
-        # The velocity never turns round, and the target lies behind.
-        "only forward": (
-            lambda x, u: Formulas(ca.exp(u), u**2, terminal=x),
-            replace(
-                still,
-                dynamics=lambda x, u: np.exp(u),
-                terminal=equal(lambda x, _: x, -0.5),
-            ),
-        ),
-    }
-
-
 def cases() -> list[Case]:
     """Return all cases of the class, the same on every call."""
     rng, made = np.random.default_rng(6), []
@@ -275,7 +182,7 @@ def cases() -> list[Case]:
         made.append(unsolvable_case(KIND, f"{name} {number}", draw(rng)))
     for name, linear in _written_linear().items():
         made.append(unsolvable_case(KIND, name, linear))
-    for name, (formulas, truth) in _nonlinear().items():
+    for name, (formulas, truth) in impossible().items():
         full = f"{KIND}/{name}"
         case = Case(name=full, kind=KIND, formulas=formulas, truth=truth, checks=2)
         made.append(unsolvable(case))

@@ -35,7 +35,8 @@ def _reaction(rng: np.random.Generator, rate: float) -> Linear:
     back = rate * rng.uniform(0.3, 1.0)
     return Linear(
         A=np.array([[-rate, back], [rate, -back - 1.0]]), B=np.array([[1.0], [0.0]]),
-        Q=np.eye(2), q=np.array([-1.0, -1.0]), R=np.eye(1) * 0.2, x0=np.array([1.0, 0.0]),
+        Q=np.eye(2), q=np.array([-1.0, -1.0]), R=np.eye(1) * 0.2,
+        x0=np.array([1.0, 0.0]),
         horizon=2.0, intervals=8, controls=(np.zeros(1), np.full(1, 2.0)),
     )  # fmt: skip
 
