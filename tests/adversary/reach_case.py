@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swarmstart.tests.adversary.case import Case, Formulas, known
 from swarmstart.tests.adversary.exact.held_linear import Linear
 from swarmstart.tests.adversary.exact.reach import Reach
-from swarmstart.tests.adversary.judge import Rate, nothing
+from swarmstart.tests.adversary.judge import nothing
 from swarmstart.tests.adversary.linear_case import formulas_of, substeps_of, truth_of
 from swarmstart.tests.adversary.problems.drawing import symmetric_limits
 
@@ -71,7 +71,10 @@ def reach_case(  # noqa: PLR0913 - a system, a cost, and how it counts
         flat = formulas_of(posed, x, u)
         return flat._replace(terminal_cost=end.symbolic(ca.DM(C) @ x))
 
-    kinks: Rate = lambda x, _: end.kinks(C @ x)  # noqa: E731 - as the fields are given
+    def kinks(x: Array, u: Array) -> Array:
+        del u
+        return end.kinks(C @ x)
+
     truth = replace(
         truth_of(posed),
         terminal_cost=lambda x: float(end.numeric((C @ x)[:, None])[0]),

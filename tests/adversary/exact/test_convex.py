@@ -15,7 +15,8 @@ def boxed(
     """Return a least-squares problem in a box, as a program and as (A, b)."""
     A, b = rng.normal(size=(n + 2, n)), rng.normal(size=n + 2) * 3
     program = Program(
-        H=A.T @ A, g=-A.T @ b, constant=float(b @ b) / 2, G=np.vstack([np.eye(n), -np.eye(n)]),
+        H=A.T @ A, g=-A.T @ b, constant=float(b @ b) / 2,
+        G=np.vstack([np.eye(n), -np.eye(n)]),
         h=np.ones(2 * n), E=np.empty((0, n)), e=np.empty(0),
     )  # fmt: skip
     return program, A, b

@@ -19,7 +19,8 @@ def _moving(rate: Rate, x0: list[float], control: list[float]) -> Truth:
     bound = np.array(control)
     return Truth(
         dynamics=rate, stage_cost=lambda x, u: float(u @ u), x0=np.array(x0),
-        controls=limits(-bound, bound), horizon=2.0, intervals=8, sizes=np.ones(len(x0)),
+        controls=limits(-bound, bound), horizon=2.0, intervals=8,
+        sizes=np.ones(len(x0)),
     )  # fmt: skip
 
 

@@ -113,7 +113,7 @@ def two_gains(name: str, plain: Linear, up: float, down: float) -> Case:
 
     Args:
         name: Its name in the class.
-        plain: The problem, one control between -limit and limit, B = 1.
+        plain: The problem, one control between -limit and limit, B = 1, R = 0.
         up: Gain of u > 0.
         down: Gain of u < 0.
 
