@@ -20,7 +20,7 @@ ROOM = 2e-3
 """Relative: an answer is right up to this much above the optimum."""
 SLACK = 1e-2
 """Relative: what tolerances of the constraints can bring, so much below at most."""
-DENSE = 17
+DENSE = 9
 """Points in each interval at which path rows hold in the upper bound."""
 FINE = 0.05
 """The longest step of the integrator, in 1 / |A|: an error of 1e-6 or less in all."""

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case, Formulas, known
+from swarmstart.tests.adversary.drawing import symmetric_limits
 from swarmstart.tests.adversary.exact.held_linear import Linear
 from swarmstart.tests.adversary.exact.reach import Reach
 from swarmstart.tests.adversary.judge import nothing
 from swarmstart.tests.adversary.linear_case import formulas_of, substeps_of, truth_of
-from swarmstart.tests.adversary.problems.drawing import symmetric_limits
 
 Array = NDArray[np.float64]
 WIDER = 3.0

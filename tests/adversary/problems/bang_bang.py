@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case
-from swarmstart.tests.adversary.exact.held_linear import End, Linear
-from swarmstart.tests.adversary.linear_case import linear_case
-from swarmstart.tests.adversary.problems.drawing import (
+from swarmstart.tests.adversary.drawing import (
     chain,
     drawn_cases,
     last,
     random_system,
     symmetric_limits,
 )
+from swarmstart.tests.adversary.exact.held_linear import End, Linear
+from swarmstart.tests.adversary.linear_case import linear_case
 
 Array = NDArray[np.float64]
 KIND = "bang_bang_or_singular"

@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case
-from swarmstart.tests.adversary.exact.convex import solve_convex
-from swarmstart.tests.adversary.exact.held_linear import End, Linear, program_of
-from swarmstart.tests.adversary.linear_case import linear_case
-from swarmstart.tests.adversary.problems.drawing import (
+from swarmstart.tests.adversary.drawing import (
+    away_from_zero,
     chain,
     drawn_cases,
     last,
     random_system,
     symmetric_limits,
 )
+from swarmstart.tests.adversary.exact.convex import solve_convex
+from swarmstart.tests.adversary.exact.held_linear import End, Linear, program_of
+from swarmstart.tests.adversary.linear_case import linear_case
 
 Array = NDArray[np.float64]
 KIND = "box_constrained"
@@ -47,7 +48,7 @@ def _drawn(rng: np.random.Generator, number: int) -> Case:
         middle = rng.normal(size=nx)
         free = replace(free, end=End(np.eye(nx), middle - 0.3, middle + 0.3))
     if number % 3 == 2:
-        target = rng.normal(size=1)
+        target = away_from_zero(rng.normal(size=1))
         free = replace(free, end=End(np.eye(nx)[:1], target, target))
     best = solve_convex(program_of(free)).point.reshape((-1, nu))
     low, high = np.sort(rng.uniform([[0.3], [0.5]], [[0.6], [0.9]], (2, nu)), axis=0)

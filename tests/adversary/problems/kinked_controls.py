@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case, Formulas, known
+from swarmstart.tests.adversary.drawing import symmetric_limits
 from swarmstart.tests.adversary.exact.convex import UnsolvedError, solve_convex
 from swarmstart.tests.adversary.exact.held_linear import Linear, program_of
 from swarmstart.tests.adversary.judge import Truth
@@ -21,7 +22,6 @@ from swarmstart.tests.adversary.linear_case import (
     substeps_of,
     truth_of,
 )
-from swarmstart.tests.adversary.problems.drawing import symmetric_limits
 
 Array = NDArray[np.float64]
 KIND = "nonsmooth"

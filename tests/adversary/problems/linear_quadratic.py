@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case
-from swarmstart.tests.adversary.exact.convex import solve_convex
-from swarmstart.tests.adversary.exact.held_linear import End, Linear, program_of
-from swarmstart.tests.adversary.linear_case import linear_case
-from swarmstart.tests.adversary.problems.drawing import (
+from swarmstart.tests.adversary.drawing import (
+    away_from_zero,
     chain,
     last,
     random_system,
     symmetric_limits,
 )
+from swarmstart.tests.adversary.exact.convex import solve_convex
+from swarmstart.tests.adversary.exact.held_linear import End, Linear, program_of
+from swarmstart.tests.adversary.linear_case import linear_case
 
 Array = NDArray[np.float64]
 KIND = "linear_quadratic"
@@ -55,7 +56,7 @@ def _drawn(rng: np.random.Generator) -> Linear:
         controls=symmetric_limits(np.full(nu, FREE)),
     )
     if has_target:
-        target = rng.normal(size=nx)
+        target = away_from_zero(rng.normal(size=nx))
         linear = replace(linear, end=End(np.eye(nx), target, target))
     return with_inactive_bounds(linear)
 
@@ -84,7 +85,10 @@ def _written() -> dict[str, Linear]:
     )  # fmt: skip
     problems = {
         "energy of a transfer from 1 to rest": double,
-        "the same over a long time": replace(double, horizon=20.0, intervals=20),
+        "a target that is nearly zero": replace(
+            double, end=End(np.eye(2), np.full(2, 1e-3), np.full(2, 1e-3))
+        ),
+        "a transfer over a long time": replace(double, horizon=20.0, intervals=20),
         "a scalar regulator": scalar,
         "a scalar regulator, cheap control": replace(scalar, R=np.eye(1) * 1e-3),
         "an unstable scalar": replace(scalar, A=np.eye(1) * 2.0, horizon=2.0),

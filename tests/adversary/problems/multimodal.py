@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case
-from swarmstart.tests.adversary.exact.held_linear import Linear
-from swarmstart.tests.adversary.problems.drawing import (
+from swarmstart.tests.adversary.drawing import (
     chain,
     last,
     random_system,
     symmetric_limits,
 )
+from swarmstart.tests.adversary.exact.held_linear import Linear
 from swarmstart.tests.adversary.reach_case import EndCost, reach_case
 
 Array = NDArray[np.float64]

@@ -10,6 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case, unsolvable
+from swarmstart.tests.adversary.drawing import (
+    chain,
+    last,
+    random_system,
+    symmetric_limits,
+)
 from swarmstart.tests.adversary.exact.convex import solve_convex
 from swarmstart.tests.adversary.exact.held_linear import (
     End,
@@ -18,12 +24,6 @@ from swarmstart.tests.adversary.exact.held_linear import (
     program_of,
 )
 from swarmstart.tests.adversary.linear_case import unsolvable_case
-from swarmstart.tests.adversary.problems.drawing import (
-    chain,
-    last,
-    random_system,
-    symmetric_limits,
-)
 from swarmstart.tests.adversary.problems.impossible import impossible
 
 Array = NDArray[np.float64]

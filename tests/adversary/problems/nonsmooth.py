@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case, Formulas
+from swarmstart.tests.adversary.drawing import (
+    chain,
+    drawn_cases,
+    last,
+    symmetric_limits,
+)
 from swarmstart.tests.adversary.exact.convex import UnsolvedError
 from swarmstart.tests.adversary.exact.held_linear import End, Linear
 from swarmstart.tests.adversary.judge import replay
 from swarmstart.tests.adversary.linear_case import (
     formulas_of,
     linear_case,
-)
-from swarmstart.tests.adversary.problems.drawing import (
-    chain,
-    drawn_cases,
-    last,
-    symmetric_limits,
 )
 from swarmstart.tests.adversary.problems.kinked_controls import (
     KIND,

@@ -20,11 +20,15 @@ from swarmstart.tests.adversary.case import (
     unsolvable,
 )
 from swarmstart.tests.adversary.charts import CHARTS, charted_case
+from swarmstart.tests.adversary.drawing import (
+    away_from_zero,
+    drawn_cases,
+    symmetric_limits,
+)
 from swarmstart.tests.adversary.exact.convex import UnsolvedError, solve_convex
 from swarmstart.tests.adversary.exact.held_linear import End, Linear, program_of
 from swarmstart.tests.adversary.judge import Rate, Truth
 from swarmstart.tests.adversary.linear_case import linear_case
-from swarmstart.tests.adversary.problems.drawing import drawn_cases, symmetric_limits
 
 Array = NDArray[np.float64]
 KIND = "overflow"
@@ -41,6 +45,7 @@ def _drawn(rng: np.random.Generator, number: int) -> Case:
     inside = 0.15 * (high - low)
     nx = int(rng.integers(1, 3))
     x0, target = rng.uniform(low + inside, high - inside, (2, nx))
+    target = away_from_zero(target)
     A = rng.normal(size=(nx, nx)) * 0.5
     linear = Linear(
         A=A, B=np.eye(nx), c=-A @ target, x0=x0,
@@ -80,14 +85,16 @@ def _tank() -> Case:
 def _growth() -> list[Case]:
     """Return unstable systems whose states grow by so much if let alone."""
     made = []
-    for rate in (2.0, 3.0, 4.0):
+    for rate in (1.5, 2.0, 2.5):
         linear = Linear(
             A=np.eye(1) * rate, B=np.eye(1), x0=np.ones(1), R=np.eye(1),
             horizon=4.0, intervals=16, controls=symmetric_limits(np.full(1, 10.0)),
             end=End(np.eye(1), np.zeros(1), np.zeros(1)),
         )  # fmt: skip
         name = f"growth by exp({4 * rate:g})"
-        made.append(linear_case(KIND, name, linear, absolute=1e-4))
+        case = linear_case(KIND, name, linear, absolute=1e-4)
+        # What RK4 leaves grows just as much until the end.
+        made.append(replace(case, substeps=2 * case.substeps))
     return made
 
 

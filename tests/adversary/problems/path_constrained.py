@@ -19,16 +19,16 @@ from swarmstart.tests.adversary.case import (
     limits,
 )
 from swarmstart.tests.adversary.charts import CHARTS, charted_case
-from swarmstart.tests.adversary.exact.convex import UnsolvedError
-from swarmstart.tests.adversary.exact.held_linear import End, Linear, Path
-from swarmstart.tests.adversary.judge import Rows, Truth
-from swarmstart.tests.adversary.linear_case import linear_case
-from swarmstart.tests.adversary.problems.drawing import (
+from swarmstart.tests.adversary.drawing import (
     chain,
     drawn_cases,
     last,
     symmetric_limits,
 )
+from swarmstart.tests.adversary.exact.convex import UnsolvedError
+from swarmstart.tests.adversary.exact.held_linear import End, Linear, Path
+from swarmstart.tests.adversary.judge import Rows, Truth
+from swarmstart.tests.adversary.linear_case import linear_case
 
 Array = NDArray[np.float64]
 KIND = "path_constrained"

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case
+from swarmstart.tests.adversary.drawing import symmetric_limits
 from swarmstart.tests.adversary.exact.held_linear import End, Linear
 from swarmstart.tests.adversary.linear_case import linear_case
-from swarmstart.tests.adversary.problems.drawing import symmetric_limits
 
 Array = NDArray[np.float64]
 KIND = "stiff"

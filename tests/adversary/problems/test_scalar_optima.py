@@ -51,7 +51,7 @@ def test_tank_agrees_with_a_local_solver_without_casadi() -> None:
     truth = case.truth
 
     def ends(u: Array) -> Array:
-        return rk4(truth, u[None, :], 4)
+        return rk4(truth, u[None, :], 2)
 
     with np.errstate(all="ignore"):
         found = minimize(

@@ -29,6 +29,15 @@ def symmetric_limits(limit: Array) -> tuple[Array, Array]:
     return -limit, limit
 
 
+def away_from_zero(values: Array, *, least: float = 0.2) -> Array:
+    """Return values, those nearer to zero than `least` moved there.
+
+    A target is the scale of its constraint: nearly zero, it asks for more digits than
+    a grid has.
+    """
+    return np.copysign(np.maximum(np.abs(values), least), values)
+
+
 def random_system(
     rng: np.random.Generator, *, nx: int, nu: int, horizon: float
 ) -> tuple[Array, Array]:
