@@ -1,17 +1,9 @@
 """What the package claims of a case: the one place that calls it."""
 
-import os
 import warnings
 
-import numpy as np
-
 from swarmstart import solve
-from swarmstart.ocp import (
-    BackendWarning,
-    InvalidProblemError,
-    IpoptOptions,
-    SolutionStatus,
-)
+from swarmstart.ocp import BackendWarning, InvalidProblemError, SolutionStatus
 from swarmstart.tests.adversary.case import Case, problem_of
 from swarmstart.tests.adversary.judge import Claim
 
@@ -24,18 +16,13 @@ def claimed(case: Case, *, backend: str = "auto", seed: int = 0) -> Claim:
         backend: "auto", "llvm" or "casadi".
         seed: Of all randomness.
     """
-    try:
-        problem = problem_of(case)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", BackendWarning)
-            try:
-                solution = solve(problem, case.truth.x0, seed=seed, backend=backend)
-            except TypeError:
-                os.environ["SWARMSTART_BACKEND"] = backend
-                rng = np.random.default_rng(seed)
-                solution = solve(problem, case.truth.x0, polish=IpoptOptions(), rng=rng)
-    except InvalidProblemError:
-        return Claim(controls=None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BackendWarning)
+        try:
+            problem = problem_of(case)
+            solution = solve(problem, case.truth.x0, backend=backend, seed=seed)
+        except InvalidProblemError:  # Refused as impossible, which may be right.
+            return Claim(controls=None)
     return Claim(
         controls=solution.controls,
         cost=solution.cost,
