@@ -5,8 +5,9 @@ With the horizon T, the initial state x0 and f the right-hand side, the size of
 
     a state       the largest of the width of its bounds, |x0| and its target; if all
                   of these are zero: T max |f_i| at x0 and around it, as far as the
-                  sizes known so far, under the controls' lower, middle and upper values; else what the
-                  rate of a known state needs of it, s_i / (T |df_i/dx_j|)
+                  sizes known so far, under the controls' lower, middle and upper
+                  values; else what the rate of a known state needs of it,
+                  s_i / (T |df_i/dx_j|)
     a control     the width of its bounds; without bounds the guess, else s_i / (T
                   |df_i/du_j|) of the known states
     a row         its limit, but at least a thousandth of the size of its expression; of
