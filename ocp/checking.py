@@ -125,6 +125,17 @@ class Checker:
                 excess[row, :first_kept] = -np.inf
         return self._path.worst(excess, above, points.times, sizes)
 
+    def slack(self, points: "Points", p: Array) -> dict[tuple[int, int], float]:
+        """Return how far inside its limits each path row is at least, by its place.
+
+        Args:
+            points: Where to look.
+            p: Parameters, shape (np,).
+        """
+        found, _ = self._path.excess(points.states, points.controls, p, points.signals)
+        least = -found.max(axis=1, initial=-np.inf)
+        return dict(zip(self._path.places, least.tolist(), strict=True))
+
     def at_end(self, x: Array, p: Array, s: Array, sizes: Sizes) -> list[Excess]:
         """Return the excess of each terminal row, those above zero."""
         u = np.zeros((self._problem.model.nu, 1))
@@ -164,7 +175,7 @@ class _Rows:
         self._values = ca.Function("rows", symbols, [values])
         self._lower = np.concatenate([np.empty(0), *[r.lower for r in rows]])[:, None]
         self._upper = np.concatenate([np.empty(0), *[r.upper for r in rows]])[:, None]
-        self._places = [
+        self.places = [
             (first + number, row)
             for number, r in enumerate(rows)
             for row in range(r.lower.size)
@@ -173,7 +184,7 @@ class _Rows:
 
     def number(self, excess: Excess) -> int:
         """Return the number of an excess's row among all rows."""
-        return self._places.index((excess.constraint, excess.row))
+        return self.places.index((excess.constraint, excess.row))
 
     def excess(
         self, x: Array, u: Array, p: Array, s: Array
@@ -184,7 +195,7 @@ class _Rows:
         finite number.
         """
         count = x.shape[1]
-        if not self._places:
+        if not self.places:
             return np.empty((0, count)), np.empty((0, count), dtype=bool)
         values = np.array(self._values(x, u, np.tile(p[:, None], (1, count)), s))
         with np.errstate(invalid="ignore"):
@@ -212,7 +223,7 @@ class _Rows:
                 above=bool(above[i, where[i]]),
             )
             for i, (name, place) in enumerate(
-                zip(self._names, self._places, strict=True)
+                zip(self._names, self.places, strict=True)
             )
             if excess[i, where[i]] > 0
         ]

@@ -20,7 +20,8 @@ class Model:
     Attributes:
         states: Symbols of the states, shape (nx, 1).
         controls: Symbols of the controls, shape (nu, 1).
-        ode: Right-hand side, shape (nx, 1), SI units per second.
+        ode: Right-hand side, shape (nx, 1), SI units per second; a list of its rows is
+            taken, too.
         parameters: Symbols of what is constant over a horizon, shape (np, 1).
         state_names: A name for each state; taken from the symbols where empty.
         control_names: A name for each control; taken from the symbols where empty.

@@ -100,7 +100,7 @@ class OptimalControlProblem:
     stage_cost: ca.SX = field(default_factory=lambda: ca.SX(0))
     terminal_cost: ca.SX = field(default_factory=lambda: ca.SX(0))
     bounds: Bounds = field(default_factory=Bounds)
-    constraints: Sequence[Constraint] = ()
+    constraints: Sequence[Constraint | ca.SX] = ()
     terminal: Sequence[ca.SX | TerminalConstraint | tuple[ca.SX, Limit]] = ()
     signals: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     quadrature: Quadrature = "integral"
@@ -124,7 +124,7 @@ class OptimalControlProblem:
         self._set("terminal", tuple(map(as_terminal, self._listed("terminal"))))
         self._set("bounds", self._array_bounds())
         symbols = self.symbols()
-        for constraint in self.constraints:
+        for constraint in self.stated:
             require_known("a path constraint", constraint.expression, symbols)
         at_end = {name: s for name, s in symbols.items() if name != "controls"}
         for end in self.terminal_constraints:
@@ -243,12 +243,17 @@ class OptimalControlProblem:
         return tuple(as_terminal(c) for c in self.terminal)
 
     @property
+    def stated(self) -> tuple[Constraint, ...]:
+        """The path constraints as stated, all as such."""
+        return tuple(as_path(c) for c in self.constraints)
+
+    @property
     def path_constraints(self) -> tuple[Constraint, ...]:
         """The path constraints, with the state bounds as the last one."""
         lower, upper = self.state_limits
         bounded = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
         if not bounded.size:
-            return tuple(self.constraints)
+            return self.stated
         scale = self.bounds.state_scale
         on_states = PathConstraint(
             expression=self.model.states[bounded.tolist()],
@@ -257,7 +262,7 @@ class OptimalControlProblem:
             scale=None if scale is None else np.asarray(scale)[bounded],
             name=STATE_BOUNDS,
         )
-        return (*self.constraints, on_states)
+        return (*self.stated, on_states)
 
     def row_scales(self) -> list[Array]:
         """Return the scale of each row of the path, then the terminal constraints.

@@ -5,14 +5,15 @@ answer. What counts as measured: the path's excess (path.py), and, of a separati
 segments, what its chords cut, since an NLP sees points only.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.checking import Excess
+from swarmstart.ocp.checking import Checker, Excess, Points
 from swarmstart.ocp.constraints import Bounds, Constraint, PathConstraint
 from swarmstart.ocp.fitness import Known, shared_arguments
 from swarmstart.ocp.problem import OptimalControlProblem, label
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 ATTEMPTS = 3
 _MORE = 1.05
 """Margins are this times what was measured: the next path is another one."""
+_LEAST_EFFECT, _HASTE = 0.25, 0.25
+"""Least effect of a margin that is believed; what each later attempt takes besides."""
 
 
 def needed(
@@ -46,16 +49,116 @@ def needed(
     return sorted(measured, key=lambda e: -e.relative)
 
 
+Place = tuple[int, int, bool]
+"""Constraint, row, and whether it is the upper limit."""
+
+
+def hurried(
+    excesses: Sequence[Excess], last: Mapping[Place, float], attempt: int
+) -> list[Excess]:
+    """Return excesses made larger by what the last margin did not achieve.
+
+    A margin moves the points that the NLP sees; the path between them follows by a part
+    c of it only. Two measurements of one row give c, and so the margin that is left
+    (the secant method); later attempts take more besides.
+
+    Args:
+        excesses: What the last answer breaks.
+        last: Of each row, what its answer before broke.
+        attempt: Number of the attempt, from 0.
+    """
+    found = []
+    for excess in excesses:
+        before, part = last.get(place_of(excess)), 1.0
+        if before is not None:
+            part = min(max(1 - excess.amount / before, _LEAST_EFFECT), 1.0)
+        amount = excess.amount * (1 + attempt * _HASTE) / part
+        found.append(replace(excess, amount=amount))
+    return found
+
+
+def slack_at_checks(
+    problem: OptimalControlProblem,
+    solution: Solution,
+    x0: ArrayLike,
+    known: Known,
+    times: int,
+) -> dict[tuple[int, int], float]:
+    """Return how far inside each path row is at the checks at least, by its place.
+
+    A margin below it would change nothing.
+
+    Args:
+        problem: The problem.
+        solution: An answer to it.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        times: How many times as many checks it was made with.
+    """
+    path, checks = solution.path, problem.intervals * problem.checks * times
+    _, p, flat = shared_arguments(problem, x0, known)
+    signals = flat.reshape((problem.ns, problem.nodes), order="F")
+    columns = np.linspace(0, path.times.size - 1, checks + 1).astype(int)[1:]
+    at = path.times[columns]
+    rows = [np.interp(at, problem.times, row) for row in signals]
+    points = Points(
+        at,
+        path.states[:, columns],
+        path.controls[:, columns - 1],
+        np.array(rows).reshape(problem.ns, at.size),
+    )
+    return Checker(problem).slack(points, p)
+
+
+def added(
+    margins: Mapping[Place, Excess],
+    excesses: Sequence[Excess],
+    slack: Mapping[tuple[int, int], float],
+    coarser: float,
+) -> dict[Place, Excess]:
+    """Return the margins of each row, those that were there and what was measured.
+
+    Args:
+        margins: Of the last attempt.
+        excesses: What its answer breaks.
+        slack: How far inside each row is at the checks, by its place.
+        coarser: Its checks to those of the next attempt: what lies between checks
+            falls by the square of their distance.
+    """
+    found = dict(margins)
+    for excess in excesses:
+        place = place_of(excess)
+        before = found[place].amount if place in found else 0.0
+        before = max(before, slack.get(place[:2], 0.0))
+        found[place] = replace(excess, amount=before + excess.amount)
+    return {
+        place: replace(margin, amount=margin.amount * coarser**2)
+        for place, margin in found.items()
+    }
+
+
+def place_of(excess: Excess) -> Place:
+    """Return which limit of which row an excess is of."""
+    return excess.constraint, excess.row, excess.above
+
+
 def tightened(
-    problem: OptimalControlProblem, excesses: Sequence[Excess]
+    problem: OptimalControlProblem,
+    excesses: Sequence[Excess],
+    *,
+    for_all: bool = False,
 ) -> OptimalControlProblem:
     """Return a problem whose constraints have margins for what was measured.
 
     Args:
-        problem: The problem, margins of an earlier attempt included.
-        excesses: What its answer breaks.
+        problem: The problem.
+        excesses: What its answer breaks, or the margins that are wanted.
+        for_all: Whether all distances get the largest margin: what one pair gives
+            way, the next may take.
     """
-    constraints = list(problem.constraints)
+    constraints = list(problem.stated)
+    if for_all:
+        excesses = _shared_by_distances(constraints, excesses)
     lower, upper = (limits.copy() for limits in problem.state_limits)
     for excess in excesses:
         margin = _MORE * excess.amount + problem.path_tolerance * excess.scale / 2
@@ -75,6 +178,38 @@ def tightened(
     return replace(problem, constraints=constraints, bounds=bounds)
 
 
+def finer_checks(problem: OptimalControlProblem, attempt: int) -> int:
+    """Return how many times as many checks an attempt has, from 0: 1, 2, 4.
+
+    The steps of the integrator stay the same if they can be shared out.
+    """
+    times = 2**attempt
+    shared = math.gcd(problem.substeps, times)
+    return shared if shared > 1 else times
+
+
+def with_more_checks(
+    problem: OptimalControlProblem, known: Known, times: int
+) -> tuple[OptimalControlProblem, Known]:
+    """Return a problem with more checks, on steps of the integrator no longer.
+
+    Args:
+        problem: The problem.
+        known: Its parameters and signals, brought to the new nodes.
+        times: How many times as many checks.
+    """
+    finer = replace(
+        problem,
+        checks=problem.checks * times,
+        substeps=-(-problem.substeps // times),
+    )
+    shape = (problem.ns, problem.nodes)
+    given = np.asarray(known.signals, dtype=np.float64).reshape(shape)
+    rows = [np.interp(finer.times, problem.times, row) for row in given]
+    signals = np.array(rows).reshape(problem.ns, finer.nodes)
+    return finer, Known(known.parameters, signals)
+
+
 def at_points(problem: OptimalControlProblem) -> OptimalControlProblem:
     """Return a problem whose separations are measured at points, as in an NLP."""
     return replace(
@@ -83,7 +218,7 @@ def at_points(problem: OptimalControlProblem) -> OptimalControlProblem:
             replace(c, along="points", margin=c.smooth_margin)
             if isinstance(c, Separation)
             else c
-            for c in problem.constraints
+            for c in problem.stated
         ],
     )
 
@@ -91,8 +226,25 @@ def at_points(problem: OptimalControlProblem) -> OptimalControlProblem:
 def has_segments(problem: OptimalControlProblem) -> bool:
     """Return whether a separation of the problem is measured along segments."""
     return any(
-        isinstance(c, Separation) and c.along == "segments" for c in problem.constraints
+        isinstance(c, Separation) and c.along == "segments" for c in problem.stated
     )
+
+
+def _shared_by_distances(
+    constraints: Sequence[Constraint], excesses: Sequence[Excess]
+) -> list[Excess]:
+    """Return margins with the largest one, in parts of the scale, for all distances."""
+    worst = max(excesses, key=lambda excess: excess.relative)
+    distances = {
+        number: replace(
+            worst, amount=worst.relative * scale, scale=scale, constraint=number
+        )
+        for number, c in enumerate(constraints)
+        if isinstance(c, Separation)
+        for scale in [float(np.asarray(c.scale)[0])]
+    }
+    others = [e for e in excesses if e.constraint not in distances]
+    return [*others, *distances.values()]
 
 
 def _with_margin(constraint: Constraint, excess: Excess, margin: float) -> Constraint:
@@ -138,7 +290,7 @@ def _cut_by_chords(
         [ca.SX.sym(n, s.numel()) for n, s in problem.symbols().items()]
         for _ in range(2)
     )
-    for number, c in enumerate(problem.constraints):
+    for number, c in enumerate(problem.stated):
         if not isinstance(c, Separation) or c.along != "segments":
             continue
         value = ca.Function("value", [*problem.symbols().values()], [c.expression])

@@ -34,7 +34,7 @@ Along = Literal["points", "segments"]
 
 # A segment of this squared length, in parts of the squared distance, is a point;
 # avoids 0/0 only.
-_SHORTEST_SEGMENT = 1e-12
+_SHORTEST_SEGMENT = 1e-24
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

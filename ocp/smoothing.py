@@ -57,7 +57,7 @@ def smoothed(
         terminal_cost=end,
         constraints=[
             replace(c, expression=by_old[id(c)]) if isinstance(c, PathConstraint) else c
-            for c in problem.constraints
+            for c in problem.stated
         ],
         terminal=[
             TerminalConstraint(
@@ -113,7 +113,7 @@ class _Kinked:
 
     def __init__(self, problem: OptimalControlProblem) -> None:
         self._symbols = [*problem.symbols().values()]
-        self.path = [c for c in problem.constraints if isinstance(c, PathConstraint)]
+        self.path = [c for c in problem.stated if isinstance(c, PathConstraint)]
         self._expressions = [
             problem.model.ode, problem.stage_cost, problem.terminal_cost
         ]  # fmt: skip

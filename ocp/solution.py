@@ -100,10 +100,11 @@ SHOWN = 6
 
 def _ranges(names: tuple[str, ...], rows: Array) -> str:
     """Return names with the first and last value and the range, of the first rows."""
-    parts = [
-        f"{name} {row[0]:.4g} to {row[-1]:.4g} in [{row.min():.4g}, {row.max():.4g}]"
-        for name, row in zip(names[:SHOWN], rows, strict=False)
-    ]
+    parts = []
+    for name, row in zip(names[:SHOWN], rows, strict=False):
+        finite = row[np.isfinite(row)]
+        reach = f"[{finite.min():.4g}, {finite.max():.4g}]" if finite.size else "none"
+        parts.append(f"{name} {row[0]:.4g} to {row[-1]:.4g} in {reach}")
     more = len(names) - SHOWN
     return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 

@@ -14,6 +14,7 @@ from swarmstart.heuristics import (
     algorithm_of,
     generator_of,
 )
+from swarmstart.ocp.checking import Excess
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.limits import require_choice
@@ -32,7 +33,20 @@ from swarmstart.ocp.polish import (
     is_better,
 )
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.repair import ATTEMPTS, at_points, has_segments, needed, tightened
+from swarmstart.ocp.repair import (
+    ATTEMPTS,
+    Place,
+    added,
+    at_points,
+    finer_checks,
+    has_segments,
+    hurried,
+    needed,
+    place_of,
+    slack_at_checks,
+    tightened,
+    with_more_checks,
+)
 from swarmstart.ocp.smoothing import PARTS, kink_sizes, smoothed
 from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.status import SolutionStatus
@@ -292,17 +306,20 @@ def repaired(
         The answer, and the planner that it is of: its problem may have margins.
     """
     problem = planner.problem
-    best, at, tight = (solution, planner), solution, problem
+    best, at = (solution, planner), solution
     by_points = planner.polish is not None and has_segments(problem)
 
-    def again(stated: OptimalControlProblem, at: Solution) -> tuple[Solution, Planner]:
+    def again(
+        stated: OptimalControlProblem, at: Solution, checks: int = 1
+    ) -> tuple[Solution, Planner]:
+        stated, given = with_more_checks(stated, known, checks)
         other = Planner(
             stated,
             search=planner.search if planner.polish is None else None,
             polish=planner.polish,
             backend=planner.fitness.backend,
         )
-        plan = other.plan(x0, known=known, guess=at.controls, rng=rng)
+        plan = other.plan(x0, known=given, guess=at.controls, rng=rng)
         effort = at.plan.evaluations + plan.evaluations
         judged = _judged_by(planner, plan, effort, at, x0, known)
         return verified(problem, judged, x0, known), other
@@ -310,13 +327,22 @@ def repaired(
     if by_points:
         at, other = again(at_points(problem), at)
         best = _better(best, (at, other))
-    for _ in range(ATTEMPTS):
+    margins: dict[Place, Excess] = {}
+    last: dict[Place, float] = {}
+    checks = 1
+    for attempt in range(ATTEMPTS):
         excesses = needed(problem, at, x0, known)
         if not excesses or not _worth_repairing(at, by_points):
             break
-        tight = tightened(tight, excesses)
-        at, other = again(at_points(tight) if by_points else tight, at)
+        more = finer_checks(problem, attempt)
+        slack = slack_at_checks(problem, at, x0, known, checks)
+        wanted = hurried(excesses, last, attempt)
+        margins = added(margins, wanted, slack, checks / more)
+        checks, shared = more, attempt > 0
+        tight = tightened(problem, [*margins.values()], for_all=shared)
+        at, other = again(at_points(tight) if by_points else tight, at, checks)
         best = _better(best, (at, other))
+        last = {place_of(excess): excess.amount for excess in excesses}
     return best
 
 

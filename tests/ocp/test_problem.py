@@ -66,7 +66,7 @@ def test_relations_say_what_they_say() -> None:
     )
     limits = [
         (np.asarray(c.lower).tolist(), np.asarray(c.upper).tolist())  # type: ignore[attr-defined]
-        for c in (*problem.constraints, *problem.terminal_constraints)
+        for c in (*problem.stated, *problem.terminal_constraints)
     ]
     inf = np.inf
     assert limits == [
@@ -81,7 +81,7 @@ def test_relations_say_what_they_say() -> None:
     values = ca.Function(
         "values",
         [X, U],
-        [c.expression for c in (*problem.constraints, *problem.terminal_constraints)],
+        [c.expression for c in (*problem.stated, *problem.terminal_constraints)],
     )
     rows = [np.array(v).ravel().tolist() for v in values([7.0, 9.0], 2.0)]
     assert rows == [[7, 9], [7], [-7], [5], [4], [7], [9]]

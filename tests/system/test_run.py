@@ -123,7 +123,10 @@ def test_the_trajectory_has_the_documented_arrays(flown: tuple[Path, Any]) -> No
         "plan_controls": (2, UAVS, 2, INTERVALS),
         **{
             f"plan_{name}": (2, UAVS)
-            for name in ("cost", "violation", "feasible", "source", "evaluations")
+            for name in (
+                *("cost", "violation", "feasible", "source", "evaluations"),
+                *("polish", "start_excess"),
+            )
         },
         "search_cost": (2, UAVS),
         "search_violation": (2, UAVS),

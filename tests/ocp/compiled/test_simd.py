@@ -383,7 +383,7 @@ def test_rolled_problem_is_unrolled_one(
     rng = np.random.default_rng(1)
     shared = (
         rng.normal(size=2),
-        np.array([9.81, 0.3]),
+        np.array([9.81, 0.3, 0.7, 1.3]),  # And weights of two rows.
         rng.normal(scale=0.3, size=problem.ns * problem.nodes),
     )
     population = rng.uniform(-2, 2, (2 * problem.intervals, 21))
@@ -401,7 +401,7 @@ def test_one_kernel_serves_every_state_and_parameter(
     monkeypatch.delattr(simd, "link")
     rng = np.random.default_rng(1)
     population = rng.uniform(-2, 2, (8, 10))
-    shared = [(rng.normal(size=2), rng.random(2), rng.random(5)) for _ in range(4)]
+    shared = [(rng.normal(size=2), rng.random(4), rng.random(5)) for _ in range(4)]
     bound = [kernel.bind(given) for given in shared]
     for evaluate, given in zip(bound, shared, strict=True):
         want = mapped.bind(given)(population)
@@ -520,7 +520,7 @@ def test_rollout_in_single_precision_is_near_the_double_one(
             swinging,
             (
                 rng.normal(size=2),
-                np.array([9.81, 0.3]),
+                np.array([9.81, 0.3, 0.7, 1.3]),  # And weights of two rows.
                 rng.normal(scale=0.3, size=swinging.ns * swinging.nodes),
             ),
             rng.uniform(-2, 2, (8, 100)),
