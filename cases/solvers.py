@@ -152,7 +152,8 @@ def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     planner, plan, began = solve(resolved.scenario, posed, solver, job["budget"], rng)
     found = verified(posed.problem, plan, posed.x0, posed.known)
     if job["repair"]:
-        found, _ = repaired(planner, found, posed.x0, posed.known, rng=rng)
+        answer = repaired(planner, found, posed.x0, posed.known, rng=rng)
+        found = answer.solution
     seconds, plan = clock.perf_counter() - began, found.plan
     return {
         "claimed_cost": plan.cost,

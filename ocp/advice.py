@@ -14,6 +14,8 @@ from swarmstart.ocp.status import SolutionStatus
 Array = NDArray[np.float64]
 _STABLE = 2.5
 """|eigenvalue| times the step up to which classical Runge-Kutta stays stable, about."""
+_OFTEN = 0.25
+"""Part of the points at which a mode must be too fast for the model to be stiff."""
 _LOOKED_AT = 25
 """Points of a path at which eigenvalues are computed."""
 
@@ -63,17 +65,17 @@ def stiffness(
         return None
     places = finite[np.linspace(0, finite.size - 1, _LOOKED_AT).astype(int)]
     step = problem.dt / problem.checks / problem.substeps
-    worst: Stiffness | None = None
+    fast: list[Stiffness] = []
     for place in places:
         A = np.array(slopes(path.states[:, place], path.controls[:, place], parameters))
-        if not np.isfinite(A).all():
-            continue
-        values = np.linalg.eigvals(A)
+        values = np.linalg.eigvals(A) if np.isfinite(A).all() else np.zeros(1)
         rate = float(np.abs(values[values.real < 0]).max(initial=0.0))
-        if rate * step > _STABLE and (worst is None or rate > worst.rate):
+        if rate * step > _STABLE:
             fitting = int(np.ceil(problem.substeps * rate * step / _STABLE))
-            worst = Stiffness(float(path.times[place]), rate, fitting)
-    return worst
+            fast.append(Stiffness(float(path.times[place]), rate, fitting))
+    if len(fast) < _OFTEN * places.size:
+        return None  # The edge of a model's domain, as of a root, is no stiffness.
+    return max(fast, key=lambda mode: mode.rate)
 
 
 def advice_for(

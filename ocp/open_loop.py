@@ -61,4 +61,4 @@ class OpenLoop:
         if not self.repair:
             return plan
         solution = verified(self.planner.problem, plan, state)
-        return repaired(self.planner, solution, state, NOTHING, rng=rng)[0].plan
+        return repaired(self.planner, solution, state, NOTHING, rng=rng).solution.plan

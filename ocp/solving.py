@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -146,11 +146,12 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         plan = planner.plan(x0, known=known, guess=controls, rng=rng)
     except PlanningInterrupted as stopped:
         raise SolveInterrupted(verified(problem, stopped.partial, x0, known)) from None
-    solution, used = verified(problem, plan, x0, known), planner
+    solution = verified(problem, plan, x0, known)
     try:
+        answer = Answer(solution, planner, known)
         if repair:
-            solution, used = repaired(planner, solution, x0, known, rng=rng)
-        solution = _settled(planner, used, solution, x0, known, rng)
+            answer = repaired(planner, solution, x0, known, rng=rng)
+        solution = _settled(planner, answer, x0, known, rng)
         solution = _followed_down(planner, solution, x0, known, rng)
     except KeyboardInterrupt:
         raise SolveInterrupted(solution) from None
@@ -220,10 +221,23 @@ def _controls(guess: ArrayLike) -> Array:
     return np.atleast_2d(controls)
 
 
+class Answer(NamedTuple):
+    """An answer and what it is of, which may have margins and more checks.
+
+    Attributes:
+        solution: The answer, judged by the user's own problem.
+        planner: What made it.
+        known: Parameters and signals as its planner takes them.
+    """
+
+    solution: Solution
+    planner: Planner
+    known: Known
+
+
 def _settled(
     planner: Planner,
-    used: Planner,
-    solution: Solution,
+    answer: Answer,
     x0: ArrayLike,
     known: Known,
     rng: np.random.Generator,
@@ -232,16 +246,18 @@ def _settled(
 
     Args:
         planner: The problem's planner.
-        used: The planner that the answer is of; its problem may have margins.
-        solution: The answer.
+        answer: The answer.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
         rng: Source of all randomness.
     """
+    solution, used, given = answer
     undecided = solution.status is SolutionStatus.FEASIBLE and not solution.path.kinks
     if used.polisher is None or not undecided or solution.plan.point is None:
         return solution
-    plan, is_settled = settled(used, solution.plan, x0, known, rng=rng)
+    states = used.fitness.states(solution.controls, x0, given)
+    plan = replace(solution.plan, states=states)
+    plan, is_settled = settled(used, plan, x0, given, rng=rng)
     plan = _judged_by(planner, plan, plan.evaluations, solution, x0, known)
     found = verified(planner.problem, plan, x0, known, settled=is_settled)
     # A descent that the finer path does not confirm is none.
@@ -281,7 +297,9 @@ def _followed_down(
         plan = _judged_by(planner, plan, effort, at, x0, known)
         # Stationary for the rounded problem only.
         at = verified(problem, replace(plan, point=None), x0, known)
-        best, _ = _better((best, planner), (at, planner))
+        best = _better(
+            Answer(best, planner, known), Answer(at, planner, known)
+        ).solution
     return best
 
 
@@ -292,7 +310,7 @@ def repaired(
     known: Known,
     *,
     rng: np.random.Generator,
-) -> tuple[Solution, Planner]:
+) -> Answer:
     """Return an answer that keeps its constraints along the path, if one is found.
 
     Args:
@@ -303,15 +321,13 @@ def repaired(
         rng: Source of all randomness.
 
     Returns:
-        The answer, and the planner that it is of: its problem may have margins.
+        The answer, and what it is of.
     """
     problem = planner.problem
-    best, at = (solution, planner), solution
+    best, at = Answer(solution, planner, known), solution
     by_points = planner.polish is not None and has_segments(problem)
 
-    def again(
-        stated: OptimalControlProblem, at: Solution, checks: int = 1
-    ) -> tuple[Solution, Planner]:
+    def again(stated: OptimalControlProblem, at: Solution, checks: int = 1) -> Answer:
         stated, given = with_more_checks(stated, known, checks)
         other = Planner(
             stated,
@@ -322,11 +338,11 @@ def repaired(
         plan = other.plan(x0, known=given, guess=at.controls, rng=rng)
         effort = at.plan.evaluations + plan.evaluations
         judged = _judged_by(planner, plan, effort, at, x0, known)
-        return verified(problem, judged, x0, known), other
+        return Answer(verified(problem, judged, x0, known), other, given)
 
     if by_points:
-        at, other = again(at_points(problem), at)
-        best = _better(best, (at, other))
+        found = again(at_points(problem), at)
+        best, at = _better(best, found), found.solution
     margins: dict[Place, Excess] = {}
     last: dict[Place, float] = {}
     checks = 1
@@ -340,8 +356,8 @@ def repaired(
         margins = added(margins, wanted, slack, checks / more)
         checks, shared = more, attempt > 0
         tight = tightened(problem, [*margins.values()], for_all=shared)
-        at, other = again(at_points(tight) if by_points else tight, at, checks)
-        best = _better(best, (at, other))
+        found = again(at_points(tight) if by_points else tight, at, checks)
+        best, at = _better(best, found), found.solution
         last = {place_of(excess): excess.amount for excess in excesses}
     return best
 
@@ -373,13 +389,9 @@ def _judged_by(
     )
 
 
-Answered = tuple[Solution, Planner]
-"""An answer and the planner that it is of."""
-
-
-def _better(one: Answered, other: Answered) -> Answered:
+def _better(one: Answer, other: Answer) -> Answer:
     """Return the better of two answers: confirmed before not, then by cost."""
-    first, second = one[0], other[0]
+    first, second = one.solution, other.solution
     if first.status.is_confirmed != second.status.is_confirmed:
         return one if first.status.is_confirmed else other
     if first.status.is_confirmed:

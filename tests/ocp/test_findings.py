@@ -1,7 +1,7 @@
 """Answers that were called right and were wrong: each has its true status now.
 
-Problems from elsewhere, stated as a new user would; the numbers are of other tools or of
-closed forms.
+Problems from elsewhere, stated as a new user would; the numbers are of other tools or
+of closed forms.
 """
 
 import re
