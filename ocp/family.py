@@ -38,6 +38,7 @@ from swarmstart.ocp.shooting import (
     path_violation,
     row_weights,
     terminal,
+    unless_finite,
 )
 
 Array = NDArray[np.float64]
@@ -136,7 +137,8 @@ def member_value(
     for k in range(nodes - 1):
         start, end = ((x[:, j], u[:, j], p, signals[:, j]) for j in (k, k + 1))
         violation += at_check(*start, *end)
-    violation += infinite_unless_finite(cost + ca.sum1(ca.vec(x)))
+    violation += infinite_unless_finite(ca.sum1(ca.vec(x)))
+    violation = unless_finite(cost, violation)
     return ca.Function("member", [c, x0, p, flat], ca.cse([cost, violation]))
 
 
@@ -159,19 +161,17 @@ def _check_violation(problem: OptimalControlProblem) -> ca.Function:
     )
     automatic = ca.SX.sym("w", problem.automatic)
     weights = row_weights(problem, automatic)
-    broken = seen = ca.SX(0)
+    broken = ca.SX(0)
     for constraint, weight in zip(problem.path_constraints, weights, strict=False):
         watched = ca.Function(
             "watched", [*problem.symbols().values()], [constraint.expression]
         )
         excess = constraint.excess(watched(*before), watched(*after))
         broken += path_violation(constraint, excess, weight)
-        seen += ca.sum1(excess)
     before[2], after[2] = (
         ca.vertcat(side[2], w)
         for side, w in ((before, automatic), (after, ca.SX.sym("w", automatic.numel())))
     )
-    broken += infinite_unless_finite(seen)
     return ca.Function("check", [*before, *after], [broken])
 
 

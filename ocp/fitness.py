@@ -151,8 +151,24 @@ class Fitness:
 
     def states(self, controls: Array, x0: ArrayLike, known: Known = NOTHING) -> Array:
         """Return the states at the nodes, shape (nx, nodes), of controls (nu, N)."""
+        return self.followed(controls, x0, known)[0]
+
+    def followed(
+        self, controls: Array, x0: ArrayLike, known: Known = NOTHING
+    ) -> tuple[Array, float]:
+        """Return the states at the nodes, and by how much the start is outside.
+
+        Outside of bounds of states and path constraints that no control enters, in
+        parts of their scales; 0 if it is inside.
+
+        Args:
+            controls: Shape (nu, N).
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+        """
         shared = self.arguments(x0, known)
-        return np.array(self._trajectory(self._decision(controls), *shared))
+        states, outside = self._trajectory(self._decision(controls), *shared)
+        return np.array(states), float(outside)
 
     def _decision(self, controls: Array) -> Array:
         """Return ca.vec of controls, which need not be finite."""
@@ -171,6 +187,7 @@ class Arguments:
         """Prepare to find the sizes of the problem."""
         self._problem = problem
         self._sizing = Sizing(problem)
+        self._automatic = problem.automatic
         self._last: tuple[bytes, Array] | None = None
 
     def __call__(self, x0: ArrayLike, known: Known) -> tuple[Array, Array, Array]:
@@ -180,7 +197,7 @@ class Arguments:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
         """
         state, parameters, signals = shared_arguments(self._problem, x0, known)
-        if not self._problem.automatic:
+        if not self._automatic:
             return state, parameters, signals
         asked = b"".join(values.tobytes() for values in (state, parameters, signals))
         if self._last is None or self._last[0] != asked:
@@ -262,7 +279,10 @@ def replay(
         states.append(np.array(after))
         cost, violation = cost + float(spent), violation + float(broken)
     end = terminal(problem)(states[-1][:, -1], p, signals[:, -1])
-    return np.hstack(states), cost + float(end[0]), violation + float(end[1])
+    cost, violation = cost + float(end[0]), violation + float(end[1])
+    if not np.isfinite([cost, violation]).all():
+        violation = np.inf
+    return np.hstack(states), cost, violation
 
 
 def flatten(sequence: Array) -> Array:

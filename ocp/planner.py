@@ -335,20 +335,16 @@ class Planner:
     ) -> Plan:
         """Return controls (nu, N) of a known value as a plan."""
         cost, violation = value
+        states, outside = self.fitness.followed(controls, x0, known)
         return Plan(
             controls=controls,
-            states=self.fitness.states(controls, x0, known),
+            states=states,
             cost=cost,
             violation=violation,
             feasible=bool(violation <= self.problem.tolerance and np.isfinite(cost)),
             source=source,
-            start_excess=self._start_excess(x0, known),
+            start_excess=outside if outside > self.problem.tolerance else 0.0,
         )
-
-    def _start_excess(self, x0: ArrayLike, known: Known) -> float:
-        """Return by how much the start is outside, in parts of the scales."""
-        outside = self.outside(x0, known)
-        return outside[0].relative if outside else 0.0
 
     def outside(self, x0: ArrayLike, known: Known = NOTHING) -> list[Excess]:
         """Return what an initial state breaks that no control can keep, worst first.

@@ -9,19 +9,22 @@ the initial state. Arguments, in this order, of everything made here:
                 scale depends on the initial state (problem.automatic of them)
     signals     ca.vec of (ns, nodes): node after node, shape (ns * nodes,)
 
-A rollout that leaves the finite numbers has violation infinity: a state, since one that
-is not finite never becomes finite again, is looked at in the end; cost and constraints
-in every interval.
+A rollout that leaves the finite numbers has violation infinity. What is not finite
+stays so in the sums: the positive part of an excess e is (e + |e|) / 2, which does not
+lose NaN as fmax(e, 0) does. States, of which one that is not finite never becomes
+finite again, are looked at in the end.
 """
 
 import casadi as ca
 import numpy as np
 
-from swarmstart.ocp.constraints import Constraint
+from swarmstart.ocp.constraints import Constraint, row_excess
 from swarmstart.ocp.integrators import integrate
 from swarmstart.ocp.model import right_hand_side
 from swarmstart.ocp.problem import OptimalControlProblem
 
+_UNROLLED = 20_000
+"""Operations up to which a trajectory is one function without calls."""
 ARGUMENTS = ("controls", "x0", "parameters", "signals")
 
 
@@ -55,7 +58,7 @@ def stage(problem: OptimalControlProblem) -> ca.Function:
     cost = ca.SX(0)
     if problem.quadrature == "left":
         cost = problem.dt * stage_cost(x, u, parameters, signals[:, 0])
-    violation, seen, state, states = ca.SX(0), ca.SX(0), x, []
+    violation, state, states = ca.SX(0), x, []
     for k in range(problem.checks):
         s0, s1 = signals[:, k], signals[:, k + 1]
         after, spent = check_step(problem, state, u, parameters, (s0, s1))
@@ -65,13 +68,12 @@ def stage(problem: OptimalControlProblem) -> ca.Function:
             broken = path_violation(constraint, excess, weight)
             if k == 0:
                 broken += _broken_at_start(problem, constraint, ends[0], weight)
-            violation, seen = violation + broken, seen + ca.sum1(excess)
+            violation += broken
         cost, state = cost + spent, after
         states.append(after)
     if problem.quadrature == "right":
         cost = problem.dt * stage_cost(state, u, parameters, signals[:, -1])
     cost = unit * cost
-    violation += infinite_unless_finite(seen + cost)
     return ca.Function(
         "stage",
         [x, u, p, signals],
@@ -100,10 +102,14 @@ def row_weights(problem: OptimalControlProblem, automatic: ca.SX) -> list[ca.SX]
 
 
 def path_violation(constraint: Constraint, excess: ca.SX, weight: ca.SX) -> ca.SX:
-    """Return the violation of a constraint: the sum of its scaled positive excesses."""
+    """Return the violation of a constraint: the sum of its scaled positive excesses.
+
+    It is not finite if an excess is not.
+    """
     if constraint.measure == "indicator":
-        return ca.sum1(constraint.indicated(excess))
-    return ca.sum1(ca.fmax(excess, 0) * weight)
+        finite = ca.fabs(excess) < ca.inf
+        return ca.sum1(ca.if_else(finite, constraint.indicated(excess), ca.inf))
+    return ca.sum1((excess + ca.fabs(excess)) * (weight / 2))
 
 
 def _broken_at_start(
@@ -127,6 +133,11 @@ def rows_with_controls(
         return []
     depend = ca.which_depends(values, controls, 1, True)
     return [row for row, depends in enumerate(depend) if depends]
+
+
+def unless_finite(cost: ca.SX, violation: ca.SX) -> ca.SX:
+    """Return the violation; infinity unless it and the cost are finite numbers."""
+    return ca.if_else(ca.fabs(cost) + violation < ca.inf, violation, ca.inf)
 
 
 def infinite_unless_finite(value: ca.SX) -> ca.SX:
@@ -200,11 +211,10 @@ def terminal(problem: OptimalControlProblem) -> ca.Function:
     symbols, count = problem.symbols(), problem.automatic
     automatic = ca.SX.sym("w", count)
     weights = row_weights(problem, automatic)[len(problem.path_constraints) :]
-    violation, seen = ca.SX(0), problem.terminal_cost + ca.sum1(symbols["states"])
+    violation = infinite_unless_finite(ca.sum1(symbols["states"]))
     for constraint, weight in zip(problem.terminal_constraints, weights, strict=True):
         excess = constraint.excess(constraint.expression, constraint.expression)
         violation += path_violation(constraint, excess, weight)
-        seen += ca.sum1(excess)
     return ca.Function(
         "terminal",
         [
@@ -212,7 +222,7 @@ def terminal(problem: OptimalControlProblem) -> ca.Function:
             ca.vertcat(symbols["parameters"], automatic),
             symbols["signals"],
         ],
-        [problem.terminal_cost, violation + infinite_unless_finite(seen)],
+        [problem.terminal_cost, violation],
         ["x", "p", "s"],
         ["cost", "violation"],
     )
@@ -221,6 +231,7 @@ def terminal(problem: OptimalControlProblem) -> ca.Function:
 def rollout(problem: OptimalControlProblem) -> ca.Function:
     """Return (controls, x0, parameters, signals) -> (cost, violation)."""
     arguments, (cost, violation) = _rolled(problem)
+    violation = unless_finite(cost, violation)
     return ca.Function(
         "rollout",
         arguments,
@@ -231,7 +242,11 @@ def rollout(problem: OptimalControlProblem) -> ca.Function:
 
 
 def trajectory(problem: OptimalControlProblem) -> ca.Function:
-    """Return (controls, x0, parameters, signals) -> states at the nodes (nx, nodes)."""
+    """Return (controls, x0, parameters, signals) -> (states, outside).
+
+    States are at the nodes, shape (nx, nodes); outside is by how much the start breaks
+    rows that no control enters, at the worst and in parts of their scales.
+    """
     model, checks, N = problem.model, problem.checks, problem.intervals
     interval = stage(problem)
     x, u, p, s = (ca.SX.sym(n, *interval.size_in(i)) for i, n in enumerate("xups"))
@@ -250,12 +265,36 @@ def trajectory(problem: OptimalControlProblem) -> ca.Function:
         ca.repmat(parameters, 1, N),
         signals[:, columns],
     )
+    outputs = [
+        ca.horzcat(x0, states),
+        _outside(problem)(x0, parameters, signals[:, 0]),
+    ]
+    names = ["states", "outside"]
+    whole = ca.Function("trajectory", arguments, outputs, list(ARGUMENTS), names)
+    if step.n_instructions() * N > _UNROLLED:
+        return whole
+    return whole.expand()  # Quicker to call, but it grows with N.
+
+
+def _outside(problem: OptimalControlProblem) -> ca.Function:
+    """Return (x, p, s) -> the worst scaled excess of the rows without controls."""
+    symbols, automatic = problem.symbols(), ca.SX.sym("w", problem.automatic)
+    worst = ca.SX(0)
+    weights = row_weights(problem, automatic)
+    for constraint, weight in zip(problem.path_constraints, weights, strict=False):
+        excess = row_excess(constraint.rows(constraint.expression))
+        with_controls = rows_with_controls(problem, constraint)
+        for row in range(excess.numel()):
+            if row not in with_controls:
+                worst = ca.fmax(worst, excess[row] * weight[row])
     return ca.Function(
-        "trajectory",
-        arguments,
-        [ca.horzcat(x0, states)],
-        list(ARGUMENTS),
-        ["states"],
+        "outside",
+        [
+            symbols["states"],
+            ca.vertcat(symbols["parameters"], automatic),
+            symbols["signals"],
+        ],
+        [worst],
     )
 
 

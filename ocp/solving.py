@@ -54,6 +54,8 @@ from swarmstart.ocp.status import SolutionStatus
 Array = NDArray[np.float64]
 EVALUATIONS = 20_000
 """Budget of a search that is given none."""
+_REPAIR_SHARE, _FEWEST = 0.1, 400
+"""Part of a search's budget that an attempt to repair has, and evaluations at least."""
 StartRule = Literal["must hold", "may violate"]
 SearchGiven = Algorithm | type[Algorithm] | str | None
 PolishGiven = PolishOptions | str | bool | None
@@ -331,7 +333,7 @@ def repaired(
         stated, given = with_more_checks(stated, known, checks)
         other = Planner(
             stated,
-            search=planner.search if planner.polish is None else None,
+            search=_shorter(planner.search) if planner.polish is None else None,
             polish=planner.polish,
             backend=planner.fitness.backend,
         )
@@ -360,6 +362,21 @@ def repaired(
         best, at = _better(best, found), found.solution
         last = {place_of(excess): excess.amount for excess in excesses}
     return best
+
+
+def _shorter(search: SearchSettings | None) -> SearchSettings | None:
+    """Return a search with a tenth of its budget: it begins at an answer."""
+    if search is None:
+        return None
+    budget = search.budget
+    evaluations, seconds = budget.evaluations, budget.seconds
+    if evaluations is not None:
+        evaluations = max(int(_REPAIR_SHARE * evaluations), _FEWEST)
+    if seconds is not None:
+        seconds = _REPAIR_SHARE * seconds
+    return replace(
+        search, budget=replace(budget, evaluations=evaluations, seconds=seconds)
+    )
 
 
 def _worth_repairing(solution: Solution, by_points: bool) -> bool:

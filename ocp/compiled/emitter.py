@@ -5,6 +5,7 @@ inside the compiled code, so that neither code nor build time grow with the hori
 What a kernel reads and writes is said in frame.py.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -62,6 +63,8 @@ def emit_flat(tape: Tape, *, per_individual: tuple[bool, ...], target: Target) -
 def emit_rollout(roll: Roll, *, target: Target) -> str:
     """Return the IR module of (controls, x0, p, signals) -> (cost, violation).
 
+    The violation is infinity unless both sums are finite numbers.
+
     Args:
         roll: The rollout; only the controls differ per individual.
         target: What code is emitted for.
@@ -104,8 +107,16 @@ def _emit_roll(frame: Frame, roll: Roll) -> None:
 
     values = emit_tape(ir, roll.end, read_end)
     (end_cost,), (end_violation,) = ([values[n] for n in o] for o in roll.end.outputs)
-    frame.store_row(0, 0, ir.add(cost, end_cost))
-    frame.store_row(1, 0, ir.add(violation, end_violation))
+    cost, violation = ir.add(cost, end_cost), ir.add(violation, end_violation)
+    frame.store_row(0, 0, cost)
+    frame.store_row(1, 0, _unless_finite(ir, cost, violation))
+
+
+def _unless_finite(ir: VectorIR, cost: str, violation: str) -> str:
+    """Return the violation; infinity unless it and the cost are finite numbers."""
+    infinity = ir.constant(math.inf)
+    both = ir.add(ir.intrinsic("fabs", cost), violation)
+    return ir.select(ir.compare("olt", both, infinity), violation, infinity)
 
 
 def _stage_reader(frame: Frame, roll: Roll, k: str, state: list[str]) -> Read:

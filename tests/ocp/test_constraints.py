@@ -24,7 +24,7 @@ from swarmstart.ocp.shooting import path_violation
 Array = NDArray[np.float64]
 X = ca.SX.sym("x", 2)
 A, B = ca.SX.sym("a", 2), ca.SX.sym("b", 2)
-NEAREST = ca.Function("nearest", [A, B], [nearest_on_segment(A, B, shortest=1e-12)])
+NEAREST = ca.Function("nearest", [A, B], [nearest_on_segment(A, B, shortest=1e-22)])
 coordinates = st.floats(-50, 50, allow_subnormal=False)
 points = st.tuples(coordinates, coordinates).map(np.array)
 

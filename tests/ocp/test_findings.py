@@ -178,6 +178,22 @@ def test_a_start_that_may_violate_is_said_in_the_status() -> None:
     assert solution.plan.start_excess == pytest.approx(0.025)
 
 
+def test_a_start_outside_may_come_back_between_the_checks() -> None:
+    """The tank begins at 1 with h <= 0.9, and is below it at the first check."""
+    h, u = ca.SX.sym("h"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=h, controls=u, ode=u - 0.5 * ca.sqrt(h)),
+        horizon=3.0,
+        intervals=6,
+        stage_cost=u**2 + h,
+        bounds=Bounds(controls=(0, 1), states=(0.01, 0.9)),
+    )
+    solution = solve(problem, [1.0], start="may violate", budget=2000, seed=0)
+    assert solution.status is SolutionStatus.CONVERGED
+    assert "the start is outside: the bound of state h" in solution.reason
+    assert solution.path.states[0, 1] > 0.9
+
+
 def test_a_closed_loop_goes_on_from_outside_and_counts_it() -> None:
     problem = in_a_strip()
     planner = Planner(problem, search=None, polish=None)

@@ -199,7 +199,9 @@ def test_arguments_are_column_after_column(crossing: Posed) -> None:
     problem, x0, known = crossing
     controls = np.random.default_rng(1).normal(size=(2, 3))
     signals = flatten(np.asarray(known.signals))
-    states = np.array(trajectory(problem)(controls.T.ravel(), x0, [], signals))
+    found, outside = trajectory(problem)(controls.T.ravel(), x0, [], signals)
+    states = np.array(found)
+    assert float(outside) == 0
     assert states.shape == (4, problem.nodes)
     np.testing.assert_allclose(states[0, 2::2], 10 + np.cumsum(controls[0]), rtol=1e-13)
     assert rollout(problem).name_in() == ["controls", "x0", "parameters", "signals"]
