@@ -14,6 +14,7 @@ from swarmstart.ocp import (
     Known,
     OptimalControlProblem,
     Plant,
+    Solution,
     Trajectory,
     TrajectoryFamily,
 )
@@ -39,6 +40,11 @@ class Flight:
     x0: Array
     agents: int
     documents: Mapping[str, str] = field(default_factory=dict)
+
+    def answer(self, trajectory: Trajectory) -> Solution | None:
+        """Return the one plan that was flown to its end, verified; None: many plans."""
+        del trajectory
+        return None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

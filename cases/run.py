@@ -198,7 +198,7 @@ def _measured(
     """Return a flight with what is measured of it and said of its claims."""
     scenario = resolved.scenario
     measures = resolved.kind.measure(scenario, flight, trajectory)
-    status, feasible = _status(trajectory)
+    status, feasible = _status(flight, trajectory)
     return Run(
         resolved=resolved,
         seed=seed,
@@ -271,8 +271,17 @@ def _kept(
     return steps, rng
 
 
-def _status(trajectory: Trajectory) -> tuple[str, bool]:
-    """Return one sentence on the plans of a flight, and whether any was feasible."""
+def _status(flight: Flight, trajectory: Trajectory) -> tuple[str, bool]:
+    """Return one sentence on the plans of a flight, and whether any can be used.
+
+    One plan that is flown to its end must be confirmed along its path.
+    """
+    answer = flight.answer(trajectory)
+    if answer is not None:
+        said = f"flown to the end; the plan is {answer.status.value}"
+        if answer.status.is_confirmed:
+            return said, True
+        return f"{said}: {answer.reason}; {answer.advice}", False
     found = [found_plans(d) for d in trajectory.decisions if planned(d)]
     infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
     if not infeasible:

@@ -26,7 +26,7 @@ _TWO = {
     ca.OP_NE: "if",
 }
 _STEPS = {ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil"}
-_TOUCHES = 1e-6
+_TOUCHES = 1e-4
 """A side nearer to zero than this part of its largest value counts as at the switch."""
 
 

@@ -15,6 +15,7 @@ solver ended at a stationary point, the second derivatives say that it is a mini
 the path touches no kink or jump of the problem's expressions.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,8 @@ from swarmstart.ocp.status import SolutionStatus
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-3
+_BESIDE = 1e-8
+"""How far neighbours are moved, in parts of the sizes."""
 _NOTHING_MOVES = 1e-9
 """Of the natural size: below this part of it, a difference is no difference."""
 
@@ -128,8 +131,14 @@ def verified(
     state, parameters, flat = shared_arguments(problem, x0, known)
     signals = flat.reshape((problem.ns, problem.nodes), order="F")
     sizes = Arguments(problem).sizes(x0, known, plan.controls)
-    path = Tracer(problem)(plan.controls, state, parameters, signals, sizes)
+    trace = Tracer(problem)
+    path = trace(plan.controls, state, parameters, signals, sizes)
     found = _judged(problem, plan, path, sizes, tolerance=tolerance)
+    if found.status is SolutionStatus.FEASIBLE and path.kinks:
+        for controls, start in _beside(problem, plan.controls, state, sizes):
+            moved = trace(controls, start, parameters, signals, sizes)
+            if found.status is SolutionStatus.FEASIBLE:
+                found = _same_beside(problem, path, moved, sizes, tolerance)
     if found.status is SolutionStatus.FEASIBLE:
         found = _ranked(plan, path, settled)
     status, reason = found.status, found.reason
@@ -197,6 +206,47 @@ def _judged(
     return Found(SolutionStatus.FEASIBLE, "")
 
 
+def _beside(
+    problem: OptimalControlProblem, controls: Array, x0: Array, sizes: Sizes
+) -> Iterator[tuple[Array, Array]]:
+    """Yield controls and starts that differ by next to nothing from those given.
+
+    Where a cost or a constraint jumps, such neighbours show whether the answer stands
+    on the edge, so that rounding decides what it is worth.
+    """
+    lower, upper = (limit[:, None] for limit in problem.control_limits)
+    pattern = np.where(np.arange(controls.shape[1]) % 2, 1.0, -1.0)
+    for signs in (np.ones(controls.shape[1]), pattern):
+        for part in (_BESIDE, -_BESIDE):
+            moved = controls + part * sizes.controls[:, None] * signs
+            yield np.clip(moved, lower, upper), x0
+    for part in (_BESIDE, -_BESIDE):
+        yield controls, x0 + part * sizes.states
+
+
+def _same_beside(
+    problem: OptimalControlProblem,
+    path: Path,
+    moved: Path,
+    sizes: Sizes,
+    tolerance: float,
+) -> Found:
+    """Return MISMATCH if a neighbour's path is worth something else."""
+    allowed = tolerance * path.magnitude + _NOTHING_MOVES * sizes.cost
+    changes = not abs(moved.cost - path.cost) <= allowed
+    broken = [e for e in moved.broken if e.relative > 2 * problem.path_tolerance]
+    if not (changes or broken):
+        return Found(SolutionStatus.FEASIBLE, "")
+    what = f"the cost is {moved.cost:.6g} instead of {path.cost:.6g}"
+    if broken:
+        what = str(broken[0])
+    return Found(
+        SolutionStatus.MISMATCH,
+        f"the answer stands on the edge of {path.kinks[0]}: moved by {_BESIDE:g} of "
+        f"its size, {what}",
+    )
+
+
 def _infeasible(plan: Plan, path: Path) -> Found:
     """Return why a plan is infeasible."""
     if not np.isfinite(plan.cost) or not np.isfinite(plan.violation):
@@ -260,6 +310,13 @@ def _differences(
 
 def _ranked(plan: Plan, path: Path, settled: bool) -> Found:
     """Return whether a confirmed answer is a local optimum, and why not."""
+    touched = path.kinks
+    if touched and plan.polish_status is not None:
+        return Found(
+            SolutionStatus.FEASIBLE,
+            f"the path touches a kink or jump of {touched[0]}, where the conditions of "
+            "a smooth optimum say nothing",
+        )
     if plan.point is None or plan.polish_status is not PolishStatus.CONVERGED:
         if plan.polish_status is None:
             return Found(SolutionStatus.FEASIBLE, "it was searched, not polished")
@@ -268,13 +325,6 @@ def _ranked(plan: Plan, path: Path, settled: bool) -> Found:
             if plan.polish_status is not PolishStatus.CONVERGED
             else "the polish ended at a point that is not stationary",
         )  # fmt: skip
-    touched = path.kinks
-    if touched:
-        return Found(
-            SolutionStatus.FEASIBLE,
-            f"the path touches a kink or jump of {touched[0]}, where the conditions of "
-            "a smooth optimum say nothing",
-        )
     bent = curvature(plan.point)
     if bent is Curvature.POSITIVE:
         return Found(

@@ -33,6 +33,7 @@ from swarmstart.ocp.polish import (
 )
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.repair import ATTEMPTS, at_points, has_segments, needed, tightened
+from swarmstart.ocp.smoothing import PARTS, kink_sizes, smoothed
 from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.status import SolutionStatus
 
@@ -136,6 +137,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         if repair:
             solution, used = repaired(planner, solution, x0, known, rng=rng)
         solution = _settled(planner, used, solution, x0, known, rng)
+        solution = _followed_down(planner, solution, x0, known, rng)
     except KeyboardInterrupt:
         raise SolveInterrupted(solution) from None
     return solution
@@ -230,6 +232,43 @@ def _settled(
     found = verified(planner.problem, plan, x0, known, settled=is_settled)
     # A descent that the finer path does not confirm is none.
     return found if found.status.is_confirmed else solution
+
+
+def _followed_down(
+    planner: Planner,
+    solution: Solution,
+    x0: ArrayLike,
+    known: Known,
+    rng: np.random.Generator,
+) -> Solution:
+    """Return a better answer found by rounding the kinks of a problem, if it has any.
+
+    Args:
+        planner: The problem's planner.
+        solution: Its answer; unchanged if nothing better is found.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        rng: Source of all randomness.
+    """
+    problem, best = planner.problem, solution
+    if planner.polish is None or solution.status is SolutionStatus.CONVERGED:
+        return solution
+    sizes, at = kink_sizes(problem, x0, known), solution
+    for part in PARTS if sizes else ():
+        other = Planner(
+            smoothed(problem, sizes, part),
+            search=None,
+            polish=planner.polish,
+            backend="casadi",
+        )
+        near = part < PARTS[0]
+        plan = other.plan(x0, known=known, guess=at.controls, near=near, rng=rng)
+        effort = at.plan.evaluations + plan.evaluations
+        plan = _judged_by(planner, plan, effort, at, x0, known)
+        # Stationary for the rounded problem only.
+        at = verified(problem, replace(plan, point=None), x0, known)
+        best, _ = _better((best, planner), (at, planner))
+    return best
 
 
 def repaired(

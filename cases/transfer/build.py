@@ -8,7 +8,7 @@ each UAV in its goal at the end, with any speed and heading
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -30,9 +30,12 @@ from swarmstart.ocp import (
     Planner,
     Plant,
     Separation,
+    Solution,
     TerminalConstraint,
+    Trajectory,
     TrajectoryFamily,
     stack_models,
+    verified,
 )
 
 Array = NDArray[np.float64]
@@ -54,6 +57,14 @@ class TransferFlight(Flight):
     planner: Planner
     family: TrajectoryFamily
     goals: Array
+
+    def answer(self, trajectory: Trajectory) -> Solution:
+        """Return the plan that was flown, verified along its path; see Flight."""
+        plan = trajectory.decisions[0].plans[0]
+        if not plan.states.size:  # A record keeps none.
+            states = self.planner.fitness.states(plan.controls, self.x0)
+            plan = replace(plan, states=states)
+        return verified(self.planner.problem, plan, self.x0)
 
 
 def build(scenario: TransferScenario) -> TransferFlight:
@@ -148,8 +159,9 @@ def transfer_problem(
                 smooth_margin=scenario.margin_m,
                 along=scenario.along,
                 scale=METRE,
+                name=f"distance of UAV {i} and UAV {j}",
             )
-            for a, b in itertools.combinations(positions, 2)
+            for (i, a), (j, b) in itertools.combinations(enumerate(positions, 1), 2)
         ],
         terminal=[
             TerminalConstraint(

@@ -11,7 +11,7 @@ from swarmstart.cases.planar import POSITION, by_uav, pair_distances, smallest
 from swarmstart.cases.transfer.build import TransferFlight
 from swarmstart.cases.transfer.names import MEASURES
 from swarmstart.cases.transfer.scenario import TransferScenario
-from swarmstart.ocp import PolishStatus, Trajectory, interpolate, verified
+from swarmstart.ocp import PolishStatus, Trajectory, interpolate
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ def measure(
 ) -> Mapping[str, Measure]:
     """Return all measures of MEASURES by name, null where one is not defined."""
     plan = trajectory.decisions[0].plans[0]
-    solution = verified(flight.planner.problem, plan, flight.x0)
+    solution = flight.answer(trajectory)
     uavs = len(flight.goals)
     flown = by_uav(trajectory.dense_states, uavs)
     path = interpolate(flight.plant, trajectory)
