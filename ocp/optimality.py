@@ -73,6 +73,11 @@ class NlpPoint:
     limits: Limits
 
 
+def is_stationary(point: NlpPoint) -> bool:
+    """Return whether the first-order conditions hold."""
+    return stationarity(point) <= STATIONARY_WITHIN
+
+
 def stationarity(point: NlpPoint) -> float:
     """Return the residual of the first-order conditions; infinity if not finite.
 

@@ -3,7 +3,8 @@
 The NLP (transcription.py) need not measure constraints as the search does: it sees
 smooth rows at points. So its answer is evaluated like any individual, and returned only
 if it is better by (violation, cost) on that same evaluator. Whether it is a stationary
-point is judged by our own numbers (optimality.py), whatever the solver says of itself.
+point is judged by our own numbers (optimality.py), whatever the solver says of itself,
+before an answer is called a local optimum.
 
 From a good start, one that is feasible to 1e-3 and comes from a search or an earlier
 answer, IPOPT begins with a small barrier and small pushes: with its defaults it moves
@@ -26,11 +27,7 @@ from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls
 from swarmstart.ocp.integrators import require_count
 from swarmstart.ocp.interrupts import noticed
-from swarmstart.ocp.optimality import (
-    STATIONARY_WITHIN,
-    NlpPoint,
-    stationarity,
-)
+from swarmstart.ocp.optimality import NlpPoint, is_stationary
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.transcription import multiple_shooting
 
@@ -179,7 +176,7 @@ class Polished:
         status: How the solver ended.
         iterations: The solver's iterations.
         evaluations: Evaluations of the objective by the solver.
-        point: The solver's answer in the NLP's numbers; None if it is not stationary.
+        point: The solver's answer in the NLP's numbers; None if it did not converge.
     """
 
     controls: Array
@@ -292,9 +289,10 @@ class Polisher:
             if np.isfinite(better).all()
             else (np.inf, np.inf)
         )
-        status, stationary = self._judged(stats, point)
+        status = self._judged(stats, point)
+        ended = status is PolishStatus.CONVERGED
         improved = is_better(after, before, tolerance=problem.tolerance) or (
-            stationary and _pays_for_violation(point, before, after, problem.tolerance)
+            ended and _pays_for_violation(point, before, after, problem.tolerance)
         )
         cost, violation = after if improved else before
         if status is PolishStatus.CONVERGED and not improved:
@@ -308,24 +306,18 @@ class Polisher:
             status=status,
             iterations=int(stats.get("iter_count", 0)),
             evaluations=int(stats.get("n_call_nlp_f", 0)),
-            point=point if stationary and status is PolishStatus.CONVERGED else None,
+            point=point if status is PolishStatus.CONVERGED else None,
         )
 
-    def _judged(
-        self, stats: Mapping[str, Any], point: NlpPoint
-    ) -> tuple[PolishStatus, bool]:
-        """Return how the solver ended, and whether its answer is stationary.
-
-        Of a solver other than IPOPT the flag is not looked at.
-        """
-        stationary = stationarity(point) <= STATIONARY_WITHIN
+    def _judged(self, stats: Mapping[str, Any], point: NlpPoint) -> PolishStatus:
+        """Return how the solver ended; of a solver other than IPOPT, by its answer."""
         if self._options.plugin == "ipopt":
-            status = _IPOPT_STATUS.get(
+            return _IPOPT_STATUS.get(
                 str(stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
             )
-            return status, stationary
-        ended = PolishStatus.CONVERGED if stationary else PolishStatus.NUMERICAL_FAILURE
-        return ended, stationary
+        if is_stationary(point):
+            return PolishStatus.CONVERGED
+        return PolishStatus.NUMERICAL_FAILURE
 
     def _solve(
         self,

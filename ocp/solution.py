@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.advice import Found, advice_for, stiffness
 from swarmstart.ocp.fitness import NOTHING, Arguments, Known, shared_arguments
-from swarmstart.ocp.optimality import Curvature, curvature
+from swarmstart.ocp.optimality import Curvature, curvature, is_stationary
 from swarmstart.ocp.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.planner import Plan
 from swarmstart.ocp.polish import PolishStatus
@@ -318,7 +318,10 @@ def _ranked(plan: Plan, path: Path, settled: bool) -> Found:
             f"the path touches a kink or jump of {touched[0]}, where the conditions of "
             "a smooth optimum say nothing",
         )
-    if plan.point is None or plan.polish_status is not PolishStatus.CONVERGED:
+    point = plan.point
+    if point is not None and not is_stationary(point):
+        point = None
+    if point is None or plan.polish_status is not PolishStatus.CONVERGED:
         if plan.polish_status is None:
             return Found(SolutionStatus.FEASIBLE, "it was searched, not polished")
         return Found(
@@ -326,7 +329,7 @@ def _ranked(plan: Plan, path: Path, settled: bool) -> Found:
             if plan.polish_status is not PolishStatus.CONVERGED
             else "the polish ended at a point that is not stationary",
         )  # fmt: skip
-    bent = curvature(plan.point)
+    bent = curvature(point)
     if bent is Curvature.POSITIVE:
         return Found(
             SolutionStatus.CONVERGED, "stationary, with positive second derivatives"

@@ -34,6 +34,11 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
+_UNROLLED = 100_000
+"""Operations of an NLP with its derivatives up to which it is written out, which makes
+short horizons quicker to iterate; longer ones would take too long to build."""
+
+
 class Limits(NamedTuple):
     """Bounds of an NLP's variables and constraints."""
 
@@ -53,13 +58,15 @@ class NonlinearProgram:
         derivatives: "grad_f", "jac_g" and "hess_lag", as nlpsol's IPOPT takes them.
         interval: One interval.
         end: The end of the horizon.
+        unit: Of the cost, as `OptimalControlProblem.costs` gives it.
     """
 
     problem: OptimalControlProblem
-    nlp: dict[str, ca.MX]
+    nlp: dict[str, ca.MX] | dict[str, ca.SX]
     derivatives: dict[str, ca.Function]
     interval: Part
     end: Part
+    unit: float
 
     def arguments(
         self, x0: Array, parameters: Array, signals: Array, sizes: Sizes
@@ -72,8 +79,8 @@ class NonlinearProgram:
             signals: ca.vec of the signals.
             sizes: The sizes.
         """
-        cost = sizes.cost / self.problem.costs()[0]
-        shared = [parameters, sizes.states, sizes.controls, [cost]]
+        cost = [sizes.cost / self.unit]
+        shared = [parameters, sizes.states, sizes.controls, cost]
         weights = [row_weights(part, sizes) for part in (self.interval, self.end)]
         return np.concatenate([x0 / sizes.states, *shared, *weights, signals])
 
@@ -129,19 +136,33 @@ def multiple_shooting(problem: OptimalControlProblem) -> NonlinearProgram:
     interval, end = interval_part(problem), end_part(problem)
     mapped = _Mapped(problem, interval, end)
     cost, g, end_cost, end_g = mapped.applied(interval.value, end.value)
-    nlp = {
+    nlp: dict[str, ca.MX] | dict[str, ca.SX] = {
         "x": mapped.w,
         "p": mapped.q,
         "f": ca.sum2(cost) + end_cost,
         "g": ca.vertcat(ca.vec(g - mapped.next_states()), end_g),
     }
+    derivatives = _derivatives(mapped, interval, end)
+    operations = sum(part.n_instructions() for part in interval[:3])
+    if operations * problem.intervals <= _UNROLLED:
+        nlp = _without_calls(nlp)
+        derivatives = {name: f.expand() for name, f in derivatives.items()}
     return NonlinearProgram(
         problem=problem,
         nlp=nlp,
-        derivatives=_derivatives(mapped, interval, end),
+        derivatives=derivatives,
         interval=interval,
         end=end,
+        unit=problem.costs()[0],
     )
+
+
+def _without_calls(nlp: dict[str, ca.MX] | dict[str, ca.SX]) -> dict[str, ca.SX]:
+    """Return an NLP as one expression, without calls of the stage."""
+    both = ca.Function("nlp", [nlp["x"], nlp["p"]], [nlp["f"], nlp["g"]]).expand()
+    w, q = (ca.SX.sym(name, both.numel_in(i)) for i, name in enumerate("wq"))
+    f, g = both(w, q)
+    return {"x": w, "p": q, "f": f, "g": g}
 
 
 class _Mapped:
