@@ -115,7 +115,6 @@ class Checker:
         excess, above = self._path.excess(
             points.states, points.controls, p, points.signals
         )
-        excess[np.ix_(self._free, points.times == 0.0)] = -np.inf
         for start in outside:
             row = self._path.number(start)
             limit = start.amount * (1 + self._problem.path_tolerance)
@@ -123,6 +122,8 @@ class Checker:
             first_kept = int(np.argmin(bad)) if not bad.all() else bad.size
             if (excess[row, :first_kept] <= limit).all():
                 excess[row, :first_kept] = -np.inf
+        # No control can keep them at the start: `outside` tells of these.
+        excess[np.ix_(self._free, points.times == 0.0)] = -np.inf
         return self._path.worst(excess, above, points.times, sizes)
 
     def at_end(self, x: Array, p: Array, s: Array, sizes: Sizes) -> list[Excess]:
