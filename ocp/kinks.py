@@ -26,6 +26,8 @@ _TWO = {
     ca.OP_NE: "if",
 }
 _STEPS = {ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil"}
+_WRAPS = {ca.OP_FMOD: ("fmod", 0.0), ca.OP_REMAINDER: ("remainder", 0.5)}
+"""What jumps when a ratio passes whole numbers, or half way between them."""
 _TOUCHES = 1e-6
 """A side nearer to zero than this part of its largest value counts as at the switch."""
 
@@ -61,7 +63,9 @@ class Kinks:
         low, high = by_interval.min(axis=2), by_interval.max(axis=2)
         near = _TOUCHES * np.abs(sides).max(axis=1, initial=0)[:, None]
         crossed = ((low <= near) & (high >= -near)).any(axis=1)
-        stepped = (np.floor(low) != np.floor(high)).any(axis=1)
+        # A side that rests on a whole number is at its step; one that leaves it is not.
+        room = np.where(high - low <= near, near, 0.0)
+        stepped = (np.floor(low - room) != np.floor(high + room)).any(axis=1)
         active = np.where(self.steps, stepped, crossed)
         return tuple(n for n, a in zip(self.names, active, strict=True) if a)
 
@@ -107,6 +111,7 @@ def _switch(node: ca.SX, of: list[ca.SX]) -> tuple[str, ca.SX, bool] | None:
         return _STEPS[operation], of[0], True
     if operation == ca.OP_COPYSIGN:
         return "copysign", of[1], False
-    if operation in (ca.OP_FMOD, ca.OP_REMAINDER):
-        return "fmod", of[0] / of[1], True
+    if operation in _WRAPS:
+        name, shift = _WRAPS[operation]
+        return name, of[0] / of[1] + shift, True
     return None
