@@ -100,6 +100,12 @@ class Sizing:
             signals: At the nodes, shape (ns, nodes).
             guess: Controls, shape (nu, N), which give sizes to unbounded controls.
         """
+        with np.errstate(over="ignore", invalid="ignore"):  # No size, but no error.
+            return self._found(x0, parameters, signals, guess)
+
+    def _found(
+        self, x0: Array, parameters: Array, signals: Array, guess: ArrayLike | None
+    ) -> Sizes:
         first, last = signals[:, 0], signals[:, -1]
         states = self._first_states(x0, parameters, last)
         controls = self._first_controls(guess)
