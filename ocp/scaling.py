@@ -114,8 +114,10 @@ class Sizing:
         states = self._without_tiny(at, states, controls, None)
         if guess is not None:
             _, expected = self._filled(at, states, controls, None)
-            guessed = np.abs(np.asarray(guess, dtype=np.float64)).max(axis=1, initial=0)
+            given = np.asarray(guess, dtype=np.float64)
+            guessed = np.abs(given).max(axis=1, initial=0)
             tiny = guessed < _NEGLIGIBLE * expected
+            guess = np.where(tiny[:, None], 0.0, given)
             controls = np.where((controls > 0) | tiny, controls, guessed)
             states = self._without_tiny(at, states, controls, guess)
         filled = self._filled(at, states, controls, guess)
