@@ -1,4 +1,4 @@
-"""Natural sizes: the same problem in other units, and numbers that are rounding only."""
+"""Natural sizes: the same problem in other units, and numbers that mean zero."""
 
 from dataclasses import replace
 
