@@ -115,15 +115,15 @@ class Checker:
         excess, above = self._path.excess(
             points.states, points.controls, p, points.signals
         )
-        excess[np.ix_(self._free, points.times == 0.0)] = -np.inf
-        later = np.flatnonzero(points.times > 0.0)
         for start in outside:
             row = self._path.number(start)
             limit = start.amount * (1 + self._problem.path_tolerance)
-            bad = excess[row, later] > self._problem.path_tolerance * start.scale
-            first = later[: int(np.argmin(bad)) if not bad.all() else bad.size]
-            if (excess[row, first] <= limit).all():
-                excess[row, first] = -np.inf
+            bad = excess[row] > self._problem.path_tolerance * start.scale
+            first_kept = int(np.argmin(bad)) if not bad.all() else bad.size
+            if (excess[row, :first_kept] <= limit).all():
+                excess[row, :first_kept] = -np.inf
+        # No control can keep them at the start: `outside` tells of these.
+        excess[np.ix_(self._free, points.times == 0.0)] = -np.inf
         return self._path.worst(excess, above, points.times, sizes)
 
     def slack(self, points: "Points", p: Array) -> dict[tuple[int, int], float]:

@@ -26,8 +26,10 @@ _TWO = {
     ca.OP_NE: "if",
 }
 _STEPS = {ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil"}
+_WRAPS = {ca.OP_FMOD: ("fmod", 0.0), ca.OP_REMAINDER: ("remainder", 0.5)}
+"""What jumps when a ratio passes whole numbers, or half way between them."""
 _TOUCHES = 1e-4
-"""A side nearer to zero than this part of its largest value counts as at the switch."""
+"""A side nearer to zero than this part of its size counts as at the switch."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -36,7 +38,8 @@ class Kinks:
 
     Attributes:
         names: Of each switch, for messages.
-        sides: (x, u, p, s) -> the side of each switch, shape (n, 1).
+        sides: (x, u, p, s, sizes of x, sizes of u) -> the side of each switch, and
+            how far it moves with these sizes, each (n, 1).
         steps: Whether a switch is at every whole number, as of floor; shape (n,).
     """
 
@@ -44,7 +47,7 @@ class Kinks:
     sides: ca.Function
     steps: NDArray[np.bool_]
 
-    def touched(self, sides: Array, intervals: int) -> tuple[str, ...]:
+    def touched(self, sides: Array, reach: Array, intervals: int) -> tuple[str, ...]:
         """Return the names of the switches at which a path is, or which it crosses.
 
         A control that jumps over a switch from one interval to the next does not touch
@@ -53,15 +56,21 @@ class Kinks:
         Args:
             sides: Along the path, in order of time, with the same number of points in
                 each interval; shape (n, points).
+            reach: How far each moves with the sizes, shape (n, points). A side that is
+                small all along is near its switch, not small by its nature.
             intervals: Number of intervals.
         """
         if not self.names:
             return ()
         by_interval = sides.reshape(len(self.names), intervals, -1)
         low, high = by_interval.min(axis=2), by_interval.max(axis=2)
-        near = _TOUCHES * np.abs(sides).max(axis=1, initial=0)[:, None]
+        moves = np.where(np.isfinite(reach), reach, 0.0)
+        sizes = np.maximum(np.abs(sides), moves).max(axis=1, initial=0)
+        near = _TOUCHES * sizes[:, None]
         crossed = ((low <= near) & (high >= -near)).any(axis=1)
-        stepped = (np.floor(low) != np.floor(high)).any(axis=1)
+        # A side that rests on a whole number is at its step; one that leaves it is not.
+        room = np.where(high - low <= near, near, 0.0)
+        stepped = (np.floor(low - room) != np.floor(high + room)).any(axis=1)
         active = np.where(self.steps, stepped, crossed)
         return tuple(n for n, a in zip(self.names, active, strict=True) if a)
 
@@ -87,11 +96,13 @@ def kinks_of(problem: OptimalControlProblem) -> Kinks:
             found[f"{switch[0]} {switch[1]}"] = switch
         stack += dependencies
     switches = [s for s in found.values() if not s[1].is_constant()]
+    sides = ca.vertcat(ca.SX(0, 1), *[s for _, s, _ in switches])
+    moving = [ca.SX.sym("size", v.numel()) for v in symbols[:2]]
+    slopes = ca.jacobian(sides, ca.vertcat(*symbols[:2]))
+    reach = ca.fabs(slopes) @ ca.vertcat(*moving)
     return Kinks(
         names=tuple(f"{name}({shortened(side)})" for name, side, _ in switches),
-        sides=ca.Function(
-            "sides", symbols, [ca.vertcat(ca.SX(0, 1), *[s for _, s, _ in switches])]
-        ),
+        sides=ca.Function("sides", [*symbols, *moving], [sides, ca.densify(reach)]),
         steps=np.array([step for *_, step in switches], dtype=bool),
     )
 
@@ -107,6 +118,7 @@ def _switch(node: ca.SX, of: list[ca.SX]) -> tuple[str, ca.SX, bool] | None:
         return _STEPS[operation], of[0], True
     if operation == ca.OP_COPYSIGN:
         return "copysign", of[1], False
-    if operation in (ca.OP_FMOD, ca.OP_REMAINDER):
-        return "fmod", of[0] / of[1], True
+    if operation in _WRAPS:
+        name, shift = _WRAPS[operation]
+        return name, of[0] / of[1] + shift, True
     return None

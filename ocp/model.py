@@ -42,6 +42,8 @@ class Model:
         """Check the symbols against each other and fill in the names."""
         for role in ("states", "controls", "parameters"):
             require_symbols(role, getattr(self, role))
+        if not self.nx:
+            raise InvalidProblemError("states must hold at least one symbol, got none")
         ode = as_column("ode", self.ode)
         if ode.numel() != self.nx:
             raise InvalidProblemError(

@@ -115,23 +115,32 @@ class Tracer:
             cost=float(spent) + end,
             magnitude=float(magnitude) + abs(end),
             outside=tuple(outside),
-            kinks=self._touched(states, controls, p, s),
+            kinks=self._touched(Points(times, states, controls, s), p, sizes),
             broken=tuple(sorted(broken, key=lambda e: -e.relative)),
             not_finite=first_not_finite(problem, times, states),
         )
 
-    def _touched(
-        self, states: Array, controls: Array, p: Array, s: Array
-    ) -> tuple[str, ...]:
-        """Return the kinks that the path touches, both ends of each interval seen."""
+    def _touched(self, path: Points, p: Array, sizes: Sizes) -> tuple[str, ...]:
+        """Return the kinks that the path touches, both ends of each interval seen.
+
+        Args:
+            path: All its points, with one column of controls for each interval.
+            p: Parameters, shape (np,).
+            sizes: The sizes.
+        """
+        states, controls = path.states, path.controls
         if not self._kinks.names or not np.isfinite(states).all():
             return ()
         m, N = self._steps, self._problem.intervals
         columns = (np.arange(N)[:, None] * m + np.arange(m + 1)).ravel()
         u = np.repeat(controls, m + 1, axis=1)
         many = np.tile(p[:, None], (1, columns.size))
-        sides = self._kinks.sides(states[:, columns], u, many, s[:, columns])
-        return self._kinks.touched(np.array(sides), N)
+        sides, reach = self._kinks.sides(
+            states[:, columns], u, many, path.signals[:, columns],
+            *(np.tile(v[:, None], (1, columns.size))
+              for v in (sizes.states, sizes.controls)),
+        )  # fmt: skip
+        return self._kinks.touched(np.array(sides), np.array(reach), N)
 
     def _summed(
         self, states: Array, controls: Array, p: Array, s: Array

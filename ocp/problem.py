@@ -62,6 +62,8 @@ Array = NDArray[np.float64]
 STATE_BOUNDS = "bounds of the states"
 """Name of the path constraint that bounds of the states are."""
 Quadrature = Literal["integral", "left", "right"]
+_LARGEST_POWER = 1000
+"""Of two: what is taken out of costs must itself be a number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,6 +215,10 @@ class OptimalControlProblem:
         other, end = without_power_of_two(self.terminal_cost)
         if self.stage_cost.is_zero():
             power = other
+        if self.terminal_cost.is_zero():
+            other = power
+        if max(abs(power), abs(other), abs(other - power)) > _LARGEST_POWER:
+            return 1.0, self.stage_cost, self.terminal_cost
         return 2.0**power, stage, 2.0 ** (other - power) * end
 
     @property

@@ -12,9 +12,10 @@ With the horizon T, the initial state x0 and f the right-hand side, the size of
                   |df_i/du_j|) of the known states
     a row         its limit, but at least a thousandth of the size of its expression; of
                   a limit that is zero, the size of the expression: its value at x0, or
-                  if that is zero, around it
+                  if that is nothing beside it, around it
     the cost      T |stage cost| + |terminal cost|, the largest at those points
 
+A start, a target or a guess that is nothing beside what the dynamics say is zero.
 All of these are homogeneous: numbers in units that are a power of two larger give sizes
 that are larger by exactly that power.
 """
@@ -33,7 +34,7 @@ Array = NDArray[np.float64]
 _PARTS = (0.618, -0.382)
 """Moves around the start, in parts of the sizes: no half turn of an angle by chance."""
 _NEGLIGIBLE = 1e-6
-"""A start or target below this part of what the dynamics say is no size."""
+"""Below this part of what the dynamics say, a start, target or guess is no size."""
 _LIMIT_SHARE = 1e-3
 """A limit that is not zero counts with at least this part of its expression's size."""
 
@@ -100,16 +101,27 @@ class Sizing:
             signals: At the nodes, shape (ns, nodes).
             guess: Controls, shape (nu, N), which give sizes to unbounded controls.
         """
+        with np.errstate(over="ignore", invalid="ignore"):  # No size, but no error.
+            return self._found(x0, parameters, signals, guess)
+
+    def _found(
+        self, x0: Array, parameters: Array, signals: Array, guess: ArrayLike | None
+    ) -> Sizes:
         first, last = signals[:, 0], signals[:, -1]
-        states = self._first_states(x0, parameters, last)
-        controls = self._first_controls(guess)
         at = _Point(x0, parameters, first)
-        filled, moved = self._filled(at, states, controls, guess)
-        tiny = self._negligible(at, filled, moved, states, guess)
-        if tiny.any():  # As good as zero: a start of 1e-300 is no size.
-            states = np.where(tiny, 0.0, states)
-            filled, moved = self._filled(at, states, controls, guess)
-        states, controls = filled, moved
+        states = self._first_states(x0, parameters, last)
+        controls = self._first_controls()
+        states = self._without_tiny(at, states, controls, None)
+        if guess is not None:
+            _, expected = self._filled(at, states, controls, None)
+            given = np.asarray(guess, dtype=np.float64)
+            guessed = np.abs(given).max(axis=1, initial=0)
+            tiny = guessed < _NEGLIGIBLE * expected
+            guess = np.where(tiny[:, None], 0.0, given)
+            controls = np.where((controls > 0) | tiny, controls, guessed)
+            states = self._without_tiny(at, states, controls, guess)
+        filled = self._filled(at, states, controls, guess)
+        states, controls = (np.where(sizes > 0, sizes, 1.0) for sizes in filled)
         values = self._around(at, states, controls, guess)
         stage, end = (
             float(np.nan_to_num(np.abs(v), nan=0, posinf=0).max()) for v in values[1:3]
@@ -157,50 +169,45 @@ class Sizing:
         target = np.array(self._target(parameters, signals)).ravel()
         return np.maximum(np.maximum(width, np.abs(x0)), np.abs(np.nan_to_num(target)))
 
-    def _first_controls(self, guess: ArrayLike | None) -> Array:
-        """Return sizes by bounds or guess; 0 if these say nothing."""
+    def _first_controls(self) -> Array:
+        """Return sizes by bounds; 0 if these say nothing."""
         lower, upper = self._problem.control_limits
         size = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
         bound = np.maximum(
             *(np.where(np.isfinite(b), abs(b), 0) for b in (lower, upper))
         )
-        size = np.where(size > 0, size, bound)
-        if guess is not None:
-            guessed = np.abs(np.asarray(guess, dtype=np.float64)).max(axis=1, initial=0)
-            size = np.where(size > 0, size, guessed)
-        return np.asarray(size)
+        return np.where(size > 0, size, bound)
 
     def _filled(
         self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
     ) -> tuple[Array, Array]:
-        """Return the sizes with those that are 0 found from the dynamics; 1 if not."""
+        """Return the sizes with those that are 0 found from the dynamics; 0 if not."""
         T, nx = self._problem.horizon, states.size
         for _ in range(2 * (nx + controls.size)):
             if states.all() and controls.all():
                 break
             rates = np.abs(self._around(at, states, controls, guess)[0])
-            rates = np.nan_to_num(rates, nan=0, posinf=0).max(axis=1, initial=0)
-            found = np.where(states > 0, states, T * rates)
+            reach = np.nan_to_num(T * rates, nan=0, posinf=0).max(axis=1, initial=0)
+            found = np.where(states > 0, states, reach)
             if np.array_equal(found, states):
                 both = self._needed(at, np.concatenate([states, controls]))
                 found, controls = both[:nx], both[nx:]
                 if np.array_equal(found, states) and not controls.all():
                     break
             states = found
-        return np.where(states > 0, states, 1.0), np.where(controls > 0, controls, 1.0)
+        return states, controls
 
-    def _negligible(
-        self,
-        at: "_Point",
-        states: Array,
-        controls: Array,
-        direct: Array,
-        guess: ArrayLike | None,
-    ) -> NDArray[np.bool_]:
-        """Return which direct sizes are nothing beside what the dynamics say."""
+    def _without_tiny(
+        self, at: "_Point", direct: Array, known: Array, guess: ArrayLike | None
+    ) -> Array:
+        """Return sizes of states, 0 for what is nothing beside what the dynamics say.
+
+        A start of 1e-300 is as good as zero.
+        """
         T = self._problem.horizon
+        states, controls = self._filled(at, direct, known, guess)
         rates = np.abs(self._around(at, states, controls, guess)[0])
-        reach = T * np.nan_to_num(rates, nan=0, posinf=0).max(axis=1, initial=0)
+        reach = np.nan_to_num(T * rates, nan=0, posinf=0).max(axis=1, initial=0)
         both = np.concatenate([states, controls])
         need = np.array(
             [
@@ -209,7 +216,7 @@ class Sizing:
             ]
         )
         derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
-        return np.asarray((direct > 0) & (direct < _NEGLIGIBLE * derived))
+        return np.where(direct < _NEGLIGIBLE * derived, 0.0, direct)
 
     def _needed(self, at: "_Point", sizes: Array) -> Array:
         """Return sizes of states and controls, one step back from known rates."""
@@ -255,7 +262,7 @@ class Sizing:
         for known, limit, value in zip(self._known, self._limits, values, strict=True):
             size = np.abs(np.nan_to_num(value, nan=0, posinf=0, neginf=0))
             at_start, around = size[:, :3].max(axis=1), size.max(axis=1, initial=0)
-            natural = np.where(at_start > 0, at_start, around)
+            natural = np.where(at_start > _NEGLIGIBLE * around, at_start, around)
             found = np.where(
                 limit > 0, np.maximum(limit, _LIMIT_SHARE * natural), natural
             )

@@ -22,13 +22,13 @@ import numpy as np
 from swarmstart.ocp.constraints import Measure, Rows
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.limits import (
-    Array,
     Limit,
     require_choice,
     require_distance,
     scales_given,
+    vector_of,
 )
-from swarmstart.ocp.model import as_column
+from swarmstart.ocp.model import as_column, shortened
 
 Along = Literal["points", "segments"]
 
@@ -63,7 +63,7 @@ class Separation:
 
     def __post_init__(self) -> None:
         """Check the distances and the options."""
-        object.__setattr__(self, "relative", as_column("relative", self.relative))
+        object.__setattr__(self, "relative", _position(self.relative))
         require_distance("distance", self.distance, self.margin, self.smooth_margin)
         require_choice("along", self.along, get_args(Along))
         require_choice("measure", self.measure, get_args(Measure))
@@ -122,7 +122,7 @@ class Connection:
 
     def __post_init__(self) -> None:
         """Check the distances."""
-        object.__setattr__(self, "relative", as_column("relative", self.relative))
+        object.__setattr__(self, "relative", _position(self.relative))
         require_distance("distance", self.distance, self.margin)
         require_distance("distance less margin", self.distance - self.margin)
         scale = self.distance if self.scale is None else self.scale
@@ -179,7 +179,14 @@ def disc(  # noqa: PLR0913 - the options of Separation
     """
     require_distance("radius", radius, margin, smooth_margin)
     position = as_column("position", position)
-    fixed: Array = np.asarray(centre, dtype=np.float64)
+    try:
+        fixed = vector_of(centre)
+    except (TypeError, ValueError) as error:
+        raise InvalidProblemError(
+            f"centre must be {position.numel()} numbers, got {shortened(centre)}"
+        ) from error
+    if not np.isfinite(fixed).all():
+        raise InvalidProblemError(f"centre must be finite, got {fixed}")
     if fixed.shape not in ((), (position.numel(),)):
         raise InvalidProblemError(
             f"centre must have shape ({position.numel()},), got {fixed.shape}"
@@ -194,6 +201,18 @@ def disc(  # noqa: PLR0913 - the options of Separation
         scale=scale,
         name=name,
     )
+
+
+def _position(relative: ca.SX) -> ca.SX:
+    """Return a relative position as a column.
+
+    Raises:
+        InvalidProblemError: If it is none, or empty.
+    """
+    column = as_column("relative", relative)
+    if not column.numel():
+        raise InvalidProblemError("relative must have at least one row, got none")
+    return column
 
 
 def nearest_on_segment(a: ca.SX, b: ca.SX, *, shortest: float) -> ca.SX:

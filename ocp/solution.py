@@ -148,7 +148,7 @@ def verified(
     stiff = None
     if not status.is_confirmed:
         stiff = stiffness(problem, path, parameters)
-    every = len(path.times) // (problem.nodes - 1)
+    every = (path.times.size - 1) // (problem.nodes - 1)
     return Solution(
         status=status,
         reason=reason,

@@ -140,7 +140,7 @@ def multiple_shooting(problem: OptimalControlProblem) -> NonlinearProgram:
         "x": mapped.w,
         "p": mapped.q,
         "f": ca.sum2(cost) + end_cost,
-        "g": ca.vertcat(ca.vec(g - mapped.next_states()), end_g),
+        "g": mapped.rows_of(g, end_g),
     }
     derivatives = _derivatives(mapped, interval, end)
     operations = sum(part.n_instructions() for part in interval[:3])
@@ -212,9 +212,10 @@ class _Mapped:
         found = [mapped(*self._stage, *stage_more), end(*self._end, *end_more)]
         return [out for part in found for out in _several(part)]
 
-    def next_states(self) -> ca.MX:
-        """Return what the g of each interval is compared with, (rows, N)."""
-        return ca.vertcat(self.x, ca.MX.zeros(self.rows - self.nx, self.N))
+    def rows_of(self, g: ca.MX, end_g: ca.MX) -> ca.MX:
+        """Return the g of the NLP: defects and rows; one that is always 0 counts."""
+        reached = ca.vertcat(self.x, ca.MX.zeros(self.rows - self.nx, self.N))
+        return ca.densify(ca.vertcat(ca.vec(g - reached), end_g))
 
     def place(self, k: int) -> list[int]:
         """Return the numbers in w of an interval's z; -1 for the initial state."""
@@ -237,7 +238,7 @@ def _derivatives(mapped: _Mapped, interval: Part, end: Part) -> dict[str, ca.Fun
     places = [np.array(mapped.place(k)) for k in range(N)]
     last = np.array(mapped.place(N)[:nx])  # The state after the last interval.
     f = ca.sum2(cost) + end_cost
-    g_all = ca.vertcat(ca.vec(g - mapped.next_states()), end_g)
+    g_all = mapped.rows_of(g, end_g)
 
     def gradient_entries(k: int) -> tuple[Index, Index]:
         return places[k], np.zeros_like(places[k])

@@ -25,6 +25,9 @@ def without_power_of_two(expression: ca.SX) -> tuple[int, ca.SX]:
     if operation == ca.OP_TWICE:
         power, rest = without_power_of_two(expression.dep(0))
         return power + 1, rest
+    if operation == ca.OP_NEG:
+        power, rest = without_power_of_two(expression.dep(0))
+        return power, -rest
     if operation in (ca.OP_ADD, ca.OP_SUB):
         return _of_sum(expression)
     return 0, expression

@@ -1,0 +1,119 @@
+"""Perturbed starts lead down from a saddle, and nowhere from a flat minimum."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmstart.ocp import (
+    Bounds,
+    IpoptOptions,
+    Model,
+    OptimalControlProblem,
+    Plan,
+    Planner,
+    SolutionStatus,
+    Source,
+    solve,
+)
+from swarmstart.ocp.fitness import NOTHING
+from swarmstart.ocp.optimality import Curvature, curvature
+from swarmstart.ocp.perturbation import STARTS, settled
+
+Array = NDArray[np.float64]
+X, U = ca.SX.sym("x"), ca.SX.sym("u")
+
+
+def scalar(cost: ca.SX, end: ca.SX) -> OptimalControlProblem:
+    """x' = u over 1 s, |u| <= 2."""
+    return OptimalControlProblem(
+        Model(states=X, controls=U, ode=U),
+        horizon=1.0,
+        intervals=3,
+        stage_cost=cost,
+        terminal_cost=end,
+        bounds=Bounds(controls=(-2, 2)),
+    )
+
+
+def planned(problem: OptimalControlProblem) -> tuple[Planner, Plan]:
+    """Return the plan where the polish ends from no control at all, from 0."""
+    planner = Planner(problem, search=None, polish=IpoptOptions(), backend="casadi")
+    return planner, planner.plan([0.0], rng=np.random.default_rng(0))
+
+
+def looked_at(problem: OptimalControlProblem, seed: int = 0) -> tuple[Plan, Plan, bool]:
+    planner, plan = planned(problem)
+    rng = np.random.default_rng(seed)
+    after, is_settled = settled(planner, plan, [0.0], NOTHING, rng=rng)
+    return plan, after, is_settled
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_saddle_is_left_downhill(seed: int) -> None:
+    """u = 0 is stationary for u^2 / 9 + 4 cos x(1); the minimum lies at a bound."""
+    plan, after, is_settled = looked_at(scalar(U**2 / 9, 4 * ca.cos(X)), seed)
+    assert plan.point is not None
+    assert curvature(plan.point) is Curvature.NEGATIVE
+    np.testing.assert_allclose(plan.controls, 0, atol=1e-6)
+    assert is_settled
+    # With equal parts u: the least of u^2 / 9 + 4 cos u within |u| <= 2.
+    np.testing.assert_allclose(np.abs(after.controls), 2, atol=1e-6)
+    assert after.cost == pytest.approx(4 / 9 + 4 * np.cos(2))
+    assert after.source is Source.POLISH
+    assert after.evaluations > plan.evaluations
+    assert after.states[0, -1] == pytest.approx(after.controls.mean())
+
+
+def test_strict_minimum_costs_no_evaluation() -> None:
+    plan, after, is_settled = looked_at(scalar((U - 1) ** 2, X**2))
+    assert is_settled
+    assert after is plan
+
+
+def test_flat_minimum_is_settled_by_all_starts() -> None:
+    """Only the sum of the controls counts: singular, but nothing is better."""
+    plan, after, is_settled = looked_at(scalar(ca.SX(0), (X - 0.5) ** 2))
+    assert plan.point is not None
+    assert curvature(plan.point) is Curvature.FLAT
+    assert is_settled
+    np.testing.assert_array_equal(after.controls, plan.controls)
+    assert after.evaluations >= plan.evaluations + STARTS
+
+
+def test_flat_point_that_is_no_minimum_is_left() -> None:
+    """To second order x^3 is flat at 0: it falls on one side."""
+    plan, after, _ = looked_at(scalar(U**4 / 100, X**3))
+    np.testing.assert_allclose(plan.controls, 0, atol=1e-2)
+    assert after.cost < -1
+
+
+def test_plan_that_is_not_stationary_is_not_settled() -> None:
+    planner, plan = planned(scalar((U - 1) ** 2, X**2))
+    other = replace(plan, point=None)
+    same = settled(planner, other, [0.0], NOTHING, rng=np.random.default_rng(0))
+    assert same == (other, False)
+    searching = Planner(planner.problem, search=None, backend="casadi")
+    rng = np.random.default_rng(0)
+    assert settled(searching, plan, [0.0], NOTHING, rng=rng) == (plan, False)
+
+
+def test_solve_says_local_optimum_of_what_is_settled_only() -> None:
+    def status(problem: OptimalControlProblem) -> tuple[SolutionStatus, str]:
+        found = solve(problem, [0], search=None, backend="casadi", seed=0)
+        return found.status, found.reason
+
+    flat = status(scalar(ca.SX(0), (X - 0.5) ** 2))
+    assert flat[0] is SolutionStatus.CONVERGED
+    assert "no perturbed start" in flat[1]
+    strict = status(scalar((U - 1) ** 2, X**2))
+    assert strict == (
+        SolutionStatus.CONVERGED, "stationary, with positive second derivatives"
+    )  # fmt: skip
+    saddle = solve(
+        scalar(U**2 / 9, 4 * ca.cos(X)), [0], search=None, backend="casadi", seed=0
+    )
+    assert saddle.status is SolutionStatus.CONVERGED
+    np.testing.assert_allclose(np.abs(saddle.controls), 2, atol=1e-6)

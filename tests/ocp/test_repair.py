@@ -1,0 +1,285 @@
+"""Margins for what an answer breaks between the checks, and answers that keep clear."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from swarmstart.ocp import (
+    Bounds,
+    Connection,
+    Constraint,
+    Model,
+    OptimalControlProblem,
+    PathConstraint,
+    Planner,
+    Separation,
+    Solution,
+    SolutionStatus,
+    Source,
+    TerminalConstraint,
+    disc,
+    solve,
+    verified,
+)
+from swarmstart.ocp.checking import Excess
+from swarmstart.ocp.fitness import NOTHING
+from swarmstart.ocp.repair import (
+    at_points,
+    has_segments,
+    needed,
+    tightened,
+)
+from swarmstart.ocp.separation import Along
+
+Array = NDArray[np.float64]
+X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
+DISCS = ((2.0, 0.3, 0.9), (4.2, -0.6, 1.0), (6.2, 0.5, 1.0), (8.2, -0.3, 0.9))
+
+
+def moving(*constraints: Constraint, **stated: object) -> OptimalControlProblem:
+    """A point that moves to the right at 1 m/s for 4 s, up with its control."""
+    given = {"intervals": 4, "stage_cost": U**2, **stated}
+    return OptimalControlProblem(
+        Model(states=X, controls=U, ode=ca.vertcat(1, U)),
+        horizon=4.0,
+        constraints=constraints,
+        **given,  # type: ignore[arg-type]
+    )
+
+
+def excess(
+    constraint: int, amount: float, *, row: int = 0, above: bool = False
+) -> Excess:
+    return Excess(
+        name="row", amount=amount, scale=2.0, time=1.0, constraint=constraint, row=row,
+        above=above,
+    )  # fmt: skip
+
+
+def margin(amount: float) -> float:
+    """5 % more than was measured, and half of what a path may break."""
+    return 1.05 * amount + 1e-4 * 2.0 / 2
+
+
+@given(amount=st.floats(1e-6, 10))
+def test_separation_gets_a_margin_in_search_and_nlp(amount: float) -> None:
+    stated = Separation(relative=X, distance=3.0, margin=0.5, smooth_margin=0.25)
+    (tight,) = tightened(moving(stated), [excess(0, amount)]).constraints
+    assert isinstance(tight, Separation)
+    assert tight.distance == 3
+    assert tight.margin == pytest.approx(0.5 + margin(amount))
+    assert tight.smooth_margin == pytest.approx(0.25 + margin(amount))
+
+
+@given(amount=st.floats(1e-6, 10))
+def test_connection_keeps_half_of_its_distance(amount: float) -> None:
+    stated = Connection(relative=X, distance=3.0, margin=1.0)
+    (tight,) = tightened(moving(stated), [excess(0, amount)]).constraints
+    assert isinstance(tight, Connection)
+    assert tight.margin == pytest.approx(1 + min(margin(amount), 1.0))
+
+
+@given(amount=st.floats(1e-6, 10), above=st.booleans(), row=st.integers(0, 2))
+def test_path_constraint_gets_one_limit_moved_but_not_past_the_middle(
+    amount: float, above: bool, row: int
+) -> None:
+    lower, upper = np.array([-np.inf, -1, 0]), np.array([5, 2, np.inf])
+    stated = PathConstraint(expression=ca.vertcat(X, U), lower=lower, upper=upper)
+    broken = excess(1, amount, row=row, above=above)
+    if not np.isfinite((upper if above else lower)[row]):
+        return  # What has no limit is not broken.
+    problem = moving(disc(X, centre=[9, 9], radius=1), stated)
+    other, tight = tightened(problem, [broken]).constraints
+    assert other is problem.constraints[0]
+    assert isinstance(tight, PathConstraint)
+    moved = margin(amount) if row != 1 else min(margin(amount), 1.5)
+    expected_lower, expected_upper = lower.copy(), upper.copy()
+    if above:
+        expected_upper[row] -= moved
+    else:
+        expected_lower[row] += moved
+    np.testing.assert_allclose(np.asarray(tight.lower), expected_lower)
+    np.testing.assert_allclose(np.asarray(tight.upper), expected_upper)
+    assert np.asarray(stated.upper)[1] == 2
+
+
+def test_equality_cannot_be_tightened() -> None:
+    stated = PathConstraint(expression=X[0], lower=1, upper=1)
+    (tight,) = tightened(moving(stated), [excess(0, 0.1, above=True)]).constraints
+    assert isinstance(tight, PathConstraint)
+    assert (np.asarray(tight.lower), np.asarray(tight.upper)) == (1, 1)
+
+
+@pytest.mark.parametrize(("row", "state"), [(0, 0), (1, 2)])
+def test_bounds_of_states_move_for_the_state_of_the_row(row: int, state: int) -> None:
+    """Bounds are the rows of the bounded states, after all other constraints."""
+    x = ca.SX.sym("x", 3)
+    problem = OptimalControlProblem(
+        Model(states=x, controls=U, ode=ca.vertcat(U, U, U)),
+        horizon=1.0,
+        intervals=2,
+        bounds=Bounds(
+            controls=(-1, 1), states=([-5, -np.inf, -7], [np.inf, np.inf, 7]),
+            state_scale=[1, 2, 3],
+        ),
+        constraints=[x[0] <= 9],
+    )  # fmt: skip
+    tight = tightened(problem, [excess(1, 0.1, row=row)])
+    expected = problem.state_limits[0].copy()
+    expected[state] += margin(0.1)
+    np.testing.assert_allclose(tight.state_limits[0], expected)
+    np.testing.assert_array_equal(tight.state_limits[1], problem.state_limits[1])
+    np.testing.assert_array_equal(np.asarray(tight.bounds.state_scale), [1, 2, 3])
+    np.testing.assert_array_equal(tight.control_limits[0], [-1])
+    assert problem.state_limits[0][0] == -5
+
+
+def test_margins_add_up_over_attempts() -> None:
+    stated = Separation(relative=X, distance=3.0)
+    once = tightened(moving(stated), [excess(0, 0.1)])
+    (twice,) = tightened(once, [excess(0, 0.2)]).constraints
+    assert isinstance(twice, Separation)
+    assert twice.margin == pytest.approx(margin(0.1) + margin(0.2))
+
+
+def evaluated(problem: OptimalControlProblem, controls: list[float]) -> Solution:
+    planner = Planner(problem, search=None, backend="casadi")
+    plan = planner.evaluated(np.array([controls]), [0, 0], source=Source.GUESS)
+    return verified(problem, plan, [0, 0])
+
+
+def test_needed_is_what_the_path_breaks_of_path_constraints() -> None:
+    """Past discs 1 m apart, a hair and more; the end is nothing for a margin."""
+    discs = [
+        disc(X, centre=[1.5, 0.3], radius=0.4),  # Cut by 0.1.
+        disc(X, centre=[2.5, 0.39999], radius=0.4),  # By 1e-5, below the tolerance.
+        disc(X, centre=[3.5, -0.1], radius=0.4),  # By 0.3.
+    ]
+    problem = moving(
+        *discs, terminal=[TerminalConstraint(expression=X[1], lower=5, upper=6)]
+    )
+    found = needed(problem, evaluated(problem, [0.0] * 4), [0, 0], NOTHING)
+    assert [e.constraint for e in found] == [2, 0]
+    np.testing.assert_allclose([e.amount for e in found], [0.3, 0.1], atol=1e-2)
+
+
+def test_needed_leaves_out_what_is_not_a_number() -> None:
+    problem = moving(PathConstraint(expression=ca.sqrt(X[0] - 1.5), upper=9))
+    found = needed(problem, evaluated(problem, [0.0] * 4), [0, 0], NOTHING)
+    assert found == []
+
+
+def test_chords_of_segments_count_as_far_as_they_cut() -> None:
+    """Up and down around the disc: the path has a corner at the node, no chord more."""
+    stated = disc(X, centre=[1.5, -0.1], radius=0.4, along="segments", margin=0.05)
+    problem = moving(stated, checks=1)
+    found = needed(problem, evaluated(problem, [0.0] * 4), [0, 0], NOTHING)
+    chord, path = sorted(found, key=lambda e: -e.amount)
+    assert chord.name.startswith("the chord of")
+    assert chord.amount == pytest.approx(0.35)  # The margin of the search included.
+    assert path.amount == pytest.approx(0.3, abs=1e-3)
+    assert (chord.constraint, chord.row, chord.time) == (0, 0, 2.0)
+    assert len(needed(moving(replace(stated, along="points")),
+                      evaluated(problem, [0.0] * 4), [0, 0], NOTHING)) == 1  # fmt: skip
+
+
+def test_points_take_the_place_of_segments_with_the_margin_of_the_nlp() -> None:
+    stated = [
+        disc(X, centre=[1, 1], radius=1, along="segments", margin=5, smooth_margin=0.5),
+        X[0] <= 9,
+    ]
+    problem = moving(*stated)
+    assert has_segments(problem)
+    points = at_points(problem)
+    assert not has_segments(points)
+    first = points.constraints[0]
+    assert isinstance(first, Separation)
+    assert (first.margin, first.smooth_margin) == (0.5, 0.5)
+    assert points.constraints[1] is problem.constraints[1]
+
+
+def four_discs(intervals: int, along: Along = "points") -> OptimalControlProblem:
+    """Unit speed among four discs, from the origin to (10, 0), the time free."""
+    x, u = ca.SX.sym("x", 3), ca.SX.sym("u", 2)
+    w, T = u[0], u[1]
+    return OptimalControlProblem(
+        Model(states=x, controls=u, ode=T * ca.vertcat(ca.cos(x[2]), ca.sin(x[2]), w)),
+        horizon=1.0,
+        intervals=intervals,
+        stage_cost=T + 0.1 * T * w**2,
+        bounds=Bounds(controls=([-3, 10], [3, 20])),
+        constraints=[
+            disc(x[:2], centre=[a, b], radius=r, along=along) for a, b, r in DISCS
+        ],
+        terminal=[x[:2] - ca.vertcat(10, 0)],
+        substeps=6,
+    )
+
+
+def clearance(solution: Solution) -> float:
+    x, y = solution.path.states[:2]
+    return min(float(np.hypot(x - a, y - b).min()) - r for a, b, r in DISCS)
+
+
+@pytest.mark.parametrize(
+    ("intervals", "along", "seed"),
+    [
+        (8, "points", 1),
+        (8, "segments", 0),
+        (12, "points", 1),
+        (20, "points", 1),
+        (20, "segments", 0),
+        (40, "points", 0),
+    ],
+)
+def test_repaired_answers_keep_clear_of_four_discs_on_the_path(
+    intervals: int, along: Along, seed: int
+) -> None:
+    found = solve(
+        four_discs(intervals, along),
+        [0, 0, 0],
+        search="lshade",
+        budget=3000,
+        repair=True,
+        backend="casadi",
+        seed=seed,
+    )
+    assert found.status.is_confirmed
+    assert clearance(found) >= -1e-4  # The path tolerance, of radii of one.
+    assert found.path.broken == () or found.path.broken[0].relative <= 1e-4
+
+
+def test_without_repair_the_same_answer_is_called_broken() -> None:
+    """And the advice says by how much."""
+    asked = {"search": "lshade", "budget": 3000, "backend": "casadi", "seed": 1}
+    cut = solve(four_discs(8), [0, 0, 0], **asked)  # type: ignore[arg-type]
+    assert cut.status is SolutionStatus.BROKEN
+    assert clearance(cut) == pytest.approx(-max(e.amount for e in cut.path.broken))
+    assert f"a margin of {cut.path.broken[0].amount:.2g}" in cut.advice
+    clear = solve(four_discs(8), [0, 0, 0], repair=True, **asked)  # type: ignore[arg-type]
+    assert clear.status.is_confirmed
+    assert clear.cost > cut.cost
+
+
+@pytest.mark.parametrize("polish", [None, "ipopt"])
+def test_answer_of_a_search_alone_is_repaired_too(polish: str | None) -> None:
+    """Over a bump between two checks, whose feet the checks see."""
+    bump = PathConstraint(
+        expression=X[1] - 0.5 * ca.sin(np.pi * X[0]) ** 2, lower=-0.01
+    )
+    problem = moving(
+        bump, bounds=Bounds(controls=(-1, 1)), stage_cost=(X[1] - 0.1) ** 2
+    )
+    asked = {"search": "lshade", "budget": 1000, "polish": polish, "seed": 0}
+    cut = solve(problem, [0, 0.6], backend="casadi", **asked)  # type: ignore[arg-type]
+    assert cut.status is SolutionStatus.BROKEN
+    clear = solve(problem, [0, 0.6], repair=True, backend="casadi", **asked)  # type: ignore[arg-type]
+    assert clear.status.is_confirmed
+    x, y = clear.path.states
+    assert (y - 0.5 * np.sin(np.pi * x) ** 2).min() >= -0.01 - 1e-3
+    assert clear.plan.evaluations > cut.plan.evaluations

@@ -1,0 +1,256 @@
+"""Natural sizes: the same problem in other units, and numbers that mean zero."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from swarmstart.ocp import (
+    Bounds,
+    Model,
+    OptimalControlProblem,
+    PathConstraint,
+    SolutionStatus,
+    disc,
+    solve,
+)
+from swarmstart.ocp.scaling import Sizes, Sizing
+
+Array = NDArray[np.float64]
+NONE = np.empty(0)
+
+
+def sizes_of(
+    problem: OptimalControlProblem, x0: list[float], guess: Array | None = None
+) -> Sizes:
+    return Sizing(problem)(
+        np.array(x0, dtype=np.float64), NONE, np.empty((0, problem.nodes)), guess
+    )
+
+
+def in_units(states: Array, controls: Array, cost: float) -> OptimalControlProblem:
+    """A unicycle with drag among a disc, a bound and a target, in other units.
+
+    What has units enters as a number times its unit; `states` and `controls` are the
+    sizes of the old units in the new ones.
+    """
+    z, v = ca.SX.sym("z", 4), ca.SX.sym("v", 2)
+    x, u = z / states, v / controls
+    ode = ca.vertcat(u[0] - x[0] ** 2, u[1], x[0] * ca.cos(x[1]), x[0] * ca.sin(x[1]))
+    model = Model(states=z, controls=v, ode=states * ode)
+    inf = np.inf
+    return OptimalControlProblem(
+        model,
+        horizon=4.0,
+        intervals=5,
+        stage_cost=cost * (ca.sumsqr(u) + x[3] ** 2),
+        terminal_cost=cost * x[0],
+        bounds=Bounds(
+            controls=(
+                np.array([-1.0, -inf]) * controls,
+                np.array([3.0, inf]) * controls,
+            ),
+            states=(np.array([0.5, -inf, -inf, -5]) * states, inf),
+        ),
+        constraints=[disc(x[2:], centre=[3, 0], radius=1), x[0] * x[3] >= 0],
+        terminal=[z[2] - 7 * states[2]],
+    )
+
+
+powers = st.integers(-30, 30).map(lambda k: 2.0**k)
+
+
+@given(
+    states=st.lists(powers, min_size=4, max_size=4).map(np.array),
+    controls=st.lists(powers, min_size=2, max_size=2).map(np.array),
+    cost=powers,
+    guessed=st.booleans(),
+)
+@settings(max_examples=25, deadline=None)
+def test_larger_units_give_sizes_that_are_smaller_by_exactly_that(
+    states: Array, controls: Array, cost: float, guessed: bool
+) -> None:
+    start = np.array([2.0, 0.3, 0.0, 0.0])
+    guess = np.full((2, 5), 0.25) if guessed else None
+    plain = sizes_of(in_units(np.ones(4), np.ones(2), 1.0), [*start], guess)
+    moved = None if guess is None else guess * controls[:, None]
+    other = sizes_of(in_units(states, controls, cost), [*start * states], moved)
+    np.testing.assert_array_equal(other.states, plain.states * states)
+    np.testing.assert_array_equal(other.controls, plain.controls * controls)
+    assert other.cost == plain.cost * cost
+    # The disc and the product are stated in the old units.
+    by_row = [np.ones(1), np.ones(1), states[[0, 3]], states[[2]]]
+    for found, expected, unit in zip(other.rows, plain.rows, by_row, strict=True):
+        np.testing.assert_array_equal(found, expected * unit)
+
+
+@given(time=powers)
+@settings(max_examples=10, deadline=None)
+def test_unit_of_time_changes_no_size_but_that_of_rates(time: float) -> None:
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+
+    def posed(unit: float) -> OptimalControlProblem:
+        return OptimalControlProblem(
+            Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
+            horizon=3.0 * unit,
+            intervals=3,
+            stage_cost=u**2,
+            terminal=[x[0] - 5],
+        )
+
+    plain, other = sizes_of(posed(1.0), [0, 0]), sizes_of(posed(time), [0, 0])
+    np.testing.assert_array_equal(other.states * [1, time], plain.states)
+    np.testing.assert_array_equal(other.controls * time**2, plain.controls)
+
+
+def pushed(model: Model, **changes: object) -> OptimalControlProblem:
+    """A double integrator from rest to a place, pushed by at most 2."""
+    stated = OptimalControlProblem(
+        model,
+        horizon=3.0,
+        intervals=6,
+        stage_cost=model.controls**2,
+        bounds=Bounds(controls=(-2, 2)),
+    )
+    return replace(stated, **changes)  # type: ignore[arg-type]
+
+
+def test_sizes_come_from_bounds_start_and_target(double_integrator: Model) -> None:
+    x = double_integrator.states
+    bounds = Bounds(controls=(-1, 3), states=([-8, -np.inf], [2, 7]))
+    problem = pushed(double_integrator, bounds=bounds, terminal=[2 * x[1] - 6])
+    found = sizes_of(problem, [1, -2])
+    np.testing.assert_array_equal(found.states, [10, 3])  # A width and a target.
+    np.testing.assert_array_equal(found.controls, [4])
+    assert sizes_of(problem, [1, -5]).states[1] == 5
+    # The width of the range, the limit of what has one side, and the given offset.
+    np.testing.assert_array_equal(found.rows[0], [10, 7])
+    np.testing.assert_array_equal(found.rows[1], found.rows[1][0])
+
+
+def test_unknown_sizes_are_what_the_dynamics_make_of_known_ones(
+    double_integrator: Model,
+) -> None:
+    """Pushed by 2 at the most for 3 s: 6 m/s; in that time, 0.618 of it by 3 s."""
+    found = sizes_of(pushed(double_integrator), [0, 0])
+    assert found.states[1] == 2 * 3
+    assert found.states[0] == pytest.approx(0.618 * 6 * 3)
+    free = pushed(
+        double_integrator, bounds=Bounds(), terminal=[double_integrator.states[0] - 9]
+    )
+    found = sizes_of(free, [0, 0])
+    np.testing.assert_allclose(found.states, [9, 9 / 3])
+    np.testing.assert_allclose(found.controls, [9 / 3 / 3])
+
+
+def test_rows_are_as_large_as_their_limits_but_not_nothing(
+    double_integrator: Model,
+) -> None:
+    x = double_integrator.states
+    rows = [x[0], x[0], x[0] - 4, x[0]]
+    stated = PathConstraint(
+        expression=ca.vertcat(*rows),
+        upper=[5, 1e-12, 0, 30],
+        lower=[-np.inf, -np.inf, -np.inf, 10],
+    )
+    found = sizes_of(pushed(double_integrator, constraints=[stated]), [1, 0]).rows[0]
+    assert found[0] == 5
+    assert 1e-3 <= found[1] < 1e-1  # 1e-12 is nothing beside a position of metres.
+    assert found[2] == 3
+    assert found[3] == 20
+    given = replace(stated, scale=[1, 2, 3, 4])
+    found = sizes_of(pushed(double_integrator, constraints=[given]), [1, 0]).rows[0]
+    np.testing.assert_array_equal(found, [1, 2, 3, 4])
+
+
+@pytest.mark.parametrize("tiny", [1e-9, 1e-17, 1e-300, 5e-324])
+def test_number_that_is_zero_by_rounding_is_no_size(
+    double_integrator: Model, tiny: float
+) -> None:
+    x = double_integrator.states
+
+    def sizes(rounding: float, push: float, guess: float) -> Sizes:
+        problem = pushed(
+            double_integrator,
+            bounds=Bounds(controls=(-push, push), states=([0, -np.inf], np.inf)),
+            terminal=[x[0] - 5, x[1] - rounding],
+        )
+        return sizes_of(problem, [rounding, rounding], np.full((1, 6), guess))
+
+    for push in (2.0, np.inf):
+        exact = sizes(0.0, push, 0.0)
+        for found in (sizes(tiny, push, 0.0), sizes(tiny, push, tiny)):
+            np.testing.assert_allclose(found.states, exact.states, rtol=1e-6)
+            np.testing.assert_allclose(found.controls, exact.controls, rtol=1e-6)
+            for one, other in zip(found.rows[:2], exact.rows[:2], strict=True):
+                np.testing.assert_allclose(one, other, rtol=1e-6)
+
+
+def test_half_turn_that_rounds_the_target_is_solved(unicycle: Model) -> None:
+    """Sizes of 1e-14 for y once let IPOPT fail."""
+    x = unicycle.states
+    problem = OptimalControlProblem(
+        unicycle,
+        horizon=4.0,
+        intervals=8,
+        stage_cost=ca.sumsqr(unicycle.controls),
+        bounds=Bounds(controls=([-2, -1], [2, 1])),
+        terminal=[x[2] + 6, x[3] - 1e-14],
+    )
+    sizes = sizes_of(problem, [1, np.pi, 0, 1e-300])
+    assert sizes.states.min() > 0.1
+    found = solve(problem, [1, np.pi, 0, 1e-300], search=None, backend="casadi", seed=0)
+    assert found.status is SolutionStatus.CONVERGED
+    # Straight on, from 1 m/s, 6 m in 4 s: constant pushes by parts of 1/2 s.
+    np.testing.assert_allclose(found.controls[1], 0, atol=1e-6)
+
+
+@pytest.mark.parametrize("start", [[0.0, 0.0], [1e-3, 0.0], [1.0, 1.0]])
+@pytest.mark.parametrize("bounded", [True, False])
+def test_sizes_are_numbers_for_models_that_are_not(
+    start: list[float], bounded: bool
+) -> None:
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    model = Model(
+        states=x, controls=u, ode=ca.vertcat(ca.sqrt(x[1] - 1) + ca.log(x[0]), u / x[0])
+    )
+    problem = OptimalControlProblem(
+        model,
+        horizon=1.0,
+        intervals=2,
+        stage_cost=1 / x[0] + ca.log(-x[1]),
+        terminal_cost=ca.sqrt(-x[0]),
+        bounds=Bounds(controls=(-1, 1) if bounded else None),
+        constraints=[ca.log(x[0]) <= 0, 1 / x[1] >= 0],
+        terminal=[ca.sqrt(x[0])],
+    )
+    found = sizes_of(problem, start)
+    for size in (found.states, found.controls, [found.cost], *found.rows):
+        assert np.isfinite(size).all()
+        assert (np.asarray(size) > 0).all()
+
+
+@pytest.mark.parametrize("horizon", [1e-300, 1e200])
+def test_sizes_are_numbers_for_horizons_of_any_length(
+    double_integrator: Model, horizon: float
+) -> None:
+    found = sizes_of(pushed(double_integrator, horizon=horizon), [1, 0])
+    assert np.isfinite([*found.states, *found.controls, found.cost]).all()
+
+
+def test_cost_along_a_trajectory_is_the_sum_of_its_parts(
+    double_integrator: Model,
+) -> None:
+    """The signs differ, so that a sum of the costs themselves would be smaller."""
+    x, u = double_integrator.states, double_integrator.controls
+    problem = pushed(double_integrator, stage_cost=u, terminal_cost=-5 * x[0], checks=2)
+    controls = np.array([[1, -1, 1, -2, 1, 2.0]])
+    states = np.zeros((2, 13))
+    states[0, -1] = 3
+    nothing = np.empty((0, 13))
+    along = Sizing(problem).cost_along(states, controls, NONE, nothing)
+    assert along == pytest.approx(0.5 * 8 + 15)
