@@ -20,7 +20,7 @@ All of these are homogeneous: numbers in units that are a power of two larger gi
 that are larger by exactly that power.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -108,10 +108,14 @@ class Sizing:
         self, x0: Array, parameters: Array, signals: Array, guess: ArrayLike | None
     ) -> Sizes:
         first, last = signals[:, 0], signals[:, -1]
-        at = _Point(x0, parameters, first)
+        middle = _middle(*self._problem.control_limits)
+        slopes = np.abs(np.array(self._slopes(x0, middle, parameters, first)))
+        at = _Point(x0, parameters, first, slopes)
         states = self._first_states(x0, parameters, last)
         controls = self._first_controls()
         states = self._without_tiny(at, states, controls, None)
+        if controls.all():
+            guess = None  # The bounds say it all.
         if guess is not None:
             _, expected = self._filled(at, states, controls, None)
             given = np.asarray(guess, dtype=np.float64)
@@ -208,34 +212,40 @@ class Sizing:
         states, controls = self._filled(at, direct, known, guess)
         rates = np.abs(self._around(at, states, controls, guess)[0])
         reach = np.nan_to_num(T * rates, nan=0, posinf=0).max(axis=1, initial=0)
-        both = np.concatenate([states, controls])
-        need = np.array(
-            [
-                self._needed(at, np.where(np.arange(both.size) == i, 0.0, both))[i]
-                for i in range(states.size)
-            ]
-        )
+        needed = self._by_rate(at, states)[:, : states.size]
+        np.fill_diagonal(needed, np.inf)  # What others need of it.
+        need = needed.min(axis=0, initial=np.inf)
         derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
         return np.where(direct < _NEGLIGIBLE * derived, 0.0, direct)
 
     def _needed(self, at: "_Point", sizes: Array) -> Array:
         """Return sizes of states and controls, one step back from known rates."""
-        lower, upper = self._problem.control_limits
-        middle = _middle(lower, upper)
-        slopes = np.abs(
-            np.array(self._slopes(at.x0, middle, at.parameters, at.signals))
-        )
-        nx = slopes.shape[0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            needed = sizes[:nx, None] / (self._problem.horizon * slopes)
-        needed[~((needed > 0) & (needed < np.inf))] = np.inf
+        needed = self._by_rate(at, sizes[: at.x0.size])
         least = needed.min(axis=0, initial=np.inf)
         return np.where((sizes > 0) | ~np.isfinite(least), sizes, least)
+
+    def _by_rate(self, at: "_Point", states: Array) -> Array:
+        """Return what the rate of each state needs of each state and control.
+
+        Shape (nx, nx + nu), infinity where it needs nothing.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            needed = states[:, None] / (self._problem.horizon * at.slopes)
+        needed[~((needed > 0) & (needed < np.inf))] = np.inf
+        return np.asarray(needed)
 
     def _around(
         self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
     ) -> list[Array]:
         """Return all outputs at x0 and around it, each (rows, points)."""
+        key = states.tobytes() + controls.tobytes() + bytes([guess is None])
+        if key not in at.seen:
+            at.seen[key] = self._seen_around(at, states, controls, guess)
+        return at.seen[key]
+
+    def _seen_around(
+        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+    ) -> list[Array]:
         lower, upper = self._problem.control_limits
         middle = _middle(lower, upper)
         if guess is not None:
@@ -245,12 +255,13 @@ class Sizing:
             np.where(np.isfinite(bound), bound, middle + sign * controls)
             for bound, sign in ((lower, -1.0), (upper, 1.0))
         ]
-        moves = [part * states for part in _PARTS]
-        moves += [part * states * row for row in np.eye(states.size) for part in _PARTS]
-        points = [(at.x0, v) for v in (middle, *u)]
-        points += [(at.x0 + move, middle) for move in moves]
-        points += [(at.x0 + move, v) for move in moves[:2] for v in u]
-        x, v = (np.stack(column, axis=1) for column in zip(*points, strict=True))
+        alone = np.kron(np.diag(states), _PARTS)  # One state moved at a time.
+        both = np.outer(states, _PARTS)
+        moves = [np.zeros((states.size, 3)), alone, np.repeat(both, 3, axis=1)]
+        x = at.x0[:, None] + np.hstack(moves)
+        three = np.stack([middle, *u], axis=1)
+        still = np.repeat(middle[:, None], alone.shape[1], axis=1)
+        v = np.hstack([three, still, three, three])
         n = x.shape[1]
         p, s = (np.tile(c[:, None], (1, n)) for c in (at.parameters, at.signals))
         found = np.array(self._at(x, v, p, s))
@@ -273,11 +284,16 @@ class Sizing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Point:
-    """A place to look around: state, parameters and signals."""
+    """A place to look around: state, parameters, signals, and |df / d(x, u)|.
+
+    What was seen is kept: mostly the same is asked twice.
+    """
 
     x0: Array
     parameters: Array
     signals: Array
+    slopes: Array
+    seen: dict[bytes, list[Array]] = field(default_factory=dict)
 
 
 def _middle(lower: Array, upper: Array) -> Array:

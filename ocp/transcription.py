@@ -20,7 +20,7 @@ optimal control problems.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -62,7 +62,7 @@ class NonlinearProgram:
     """
 
     problem: OptimalControlProblem
-    nlp: dict[str, ca.MX] | dict[str, ca.SX]
+    nlp: dict[str, Any]  # Of CasADi's MX or, written out, SX.
     derivatives: dict[str, ca.Function]
     interval: Part
     end: Part
@@ -136,7 +136,7 @@ def multiple_shooting(problem: OptimalControlProblem) -> NonlinearProgram:
     interval, end = interval_part(problem), end_part(problem)
     mapped = _Mapped(problem, interval, end)
     cost, g, end_cost, end_g = mapped.applied(interval.value, end.value)
-    nlp: dict[str, ca.MX] | dict[str, ca.SX] = {
+    nlp: dict[str, Any] = {
         "x": mapped.w,
         "p": mapped.q,
         "f": ca.sum2(cost) + end_cost,
@@ -157,7 +157,7 @@ def multiple_shooting(problem: OptimalControlProblem) -> NonlinearProgram:
     )
 
 
-def _without_calls(nlp: dict[str, ca.MX] | dict[str, ca.SX]) -> dict[str, ca.SX]:
+def _without_calls(nlp: dict[str, Any]) -> dict[str, Any]:
     """Return an NLP as one expression, without calls of the stage."""
     both = ca.Function("nlp", [nlp["x"], nlp["p"]], [nlp["f"], nlp["g"]]).expand()
     w, q = (ca.SX.sym(name, both.numel_in(i)) for i, name in enumerate("wq"))

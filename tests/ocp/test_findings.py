@@ -479,7 +479,7 @@ def test_the_nlp_of_four_hundred_intervals_is_one_stage_function() -> None:
         f = ca.Function("f", [program.nlp["x"], program.nlp["p"]], [program.nlp["g"]])
         return int(f.n_instructions())
 
-    assert size(400) == size(20)
+    assert size(400) == size(100)
 
 
 INTERRUPTED = """
