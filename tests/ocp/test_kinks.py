@@ -47,6 +47,7 @@ def stated(
     cost: ca.SX = NOTHING,
     path: ca.SX = NOTHING,
     end: ca.SX = NOTHING,
+    goal: ca.SX = NOTHING,
 ) -> OptimalControlProblem:
     return OptimalControlProblem(
         Model(states=X, controls=U, ode=ca.vertcat(X[1] + ode, U)),
@@ -56,11 +57,11 @@ def stated(
         terminal_cost=X[0] + end,
         bounds=Bounds(controls=(-1, 1)),
         constraints=[PathConstraint(expression=X[0] + path, upper=9)],
-        terminal=[TerminalConstraint(expression=X[1] + end, lower=-9, upper=9)],
+        terminal=[TerminalConstraint(expression=X[1] + goal, lower=-9, upper=9)],
     )
 
 
-@pytest.mark.parametrize("place", ["ode", "cost", "path", "end"])
+@pytest.mark.parametrize("place", ["ode", "cost", "path", "end", "goal"])
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_operation_is_found_in_every_expression(name: str, place: str) -> None:
     kinks = kinks_of(stated(**{place: ca.sin(OPERATIONS[name](X[0] - X[1])) * X[1]}))

@@ -225,3 +225,13 @@ def test_ends_of_a_path_are_seen_on_the_side_of_each_interval() -> None:
     ).broken
     assert found.amount == pytest.approx(0.5)
     assert found.time == 4.0
+
+
+@pytest.mark.parametrize("quadrature", ["integral", "left", "right"])
+def test_magnitude_adds_what_the_cost_takes_off(
+    quadrature: Literal["integral", "left", "right"],
+) -> None:
+    problem = straight(stage_cost=U, terminal_cost=-5 * X[0], quadrature=quadrature)
+    path = traced(problem, np.array([[1.0, -1.0, 1.0, -1.0]]), [0, 0])
+    assert path.cost == pytest.approx(-20)
+    assert path.magnitude == pytest.approx(4 + 20)

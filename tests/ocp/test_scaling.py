@@ -98,13 +98,15 @@ def test_unit_of_time_changes_no_size_but_that_of_rates(time: float) -> None:
             Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
             horizon=3.0 * unit,
             intervals=3,
-            stage_cost=u**2,
+            stage_cost=x[0] ** 2 / unit,
+            terminal_cost=x[0] ** 2,
             terminal=[x[0] - 5],
         )
 
     plain, other = sizes_of(posed(1.0), [0, 0]), sizes_of(posed(time), [0, 0])
     np.testing.assert_array_equal(other.states * [1, time], plain.states)
     np.testing.assert_array_equal(other.controls * time**2, plain.controls)
+    assert other.cost == plain.cost
 
 
 def pushed(model: Model, **changes: object) -> OptimalControlProblem:
