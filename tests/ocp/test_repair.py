@@ -169,9 +169,10 @@ def test_needed_is_what_the_path_breaks_of_path_constraints() -> None:
 
 
 def test_needed_leaves_out_what_is_not_a_number() -> None:
-    problem = moving(PathConstraint(expression=ca.sqrt(X[0] - 1.5), upper=9))
-    found = needed(problem, evaluated(problem, [0.0] * 4), [0, 0], NOTHING)
-    assert found == []
+    problem = moving(PathConstraint(expression=ca.sqrt(2.5 - X[0]), upper=9))
+    lost = evaluated(problem, [0.0] * 4)
+    assert lost.path.broken[0].amount == np.inf
+    assert needed(problem, lost, [0, 0], NOTHING) == []
 
 
 def test_chords_of_segments_count_as_far_as_they_cut() -> None:
@@ -186,6 +187,16 @@ def test_chords_of_segments_count_as_far_as_they_cut() -> None:
     assert (chord.constraint, chord.row, chord.time) == (0, 0, 2.0)
     assert len(needed(moving(replace(stated, along="points")),
                       evaluated(problem, [0.0] * 4), [0, 0], NOTHING)) == 1  # fmt: skip
+
+
+def test_chord_is_that_of_the_control_of_its_own_interval() -> None:
+    """Past the origin at 0.1 m in the third interval alone."""
+    relative = ca.vertcat(X[0] - 2.5, U - 0.1)
+    problem = moving(Separation(relative=relative, distance=0.4, along="segments"))
+    found = needed(problem, evaluated(problem, [9, 9, 0, 9]), [0, 0], NOTHING)
+    (chord,) = [e for e in found if e.name.startswith("the chord of")]
+    assert chord.amount == pytest.approx(0.3)
+    assert chord.time == 3
 
 
 def test_points_take_the_place_of_segments_with_the_margin_of_the_nlp() -> None:
