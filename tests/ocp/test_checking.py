@@ -64,10 +64,8 @@ def test_worst_place_of_each_row_is_told_with_its_side_and_scale() -> None:
     stated = PathConstraint(
         expression=X, lower=[-1, -2], upper=[1, 2], scale=[0.5, 4], name="box"
     )
-    below, above = sorted(
-        along(posed(constraints=[stated]), [[0, 1.5, -3, 0], [0, 3, 6, -1]]),
-        key=lambda e: e.above,
-    )
+    # The worst first, in parts of the scales.
+    below, above = along(posed(constraints=[stated]), [[0, 1.5, -3, 0], [0, 3, 6, -1]])
     assert (below.amount, below.scale, below.relative) == (2, 0.5, 4)
     assert (below.time, below.row, below.above) == (2, 0, False)
     assert (above.amount, above.scale, above.relative) == (4, 4, 1)

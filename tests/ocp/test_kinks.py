@@ -38,22 +38,30 @@ NEXT_JUMP = {"floor": 1.0, "ceil": 1.0, "fmod": 1.0, "remainder": 0.5}
 """Where a whole number is crossed; all others switch at zero."""
 
 
+NOTHING = ca.SX(0)
+
+
 def stated(
-    *, ode: ca.SX = 0, cost: ca.SX = 0, path: ca.SX = 0, end: ca.SX = 0
+    *,
+    ode: ca.SX = NOTHING,
+    cost: ca.SX = NOTHING,
+    path: ca.SX = NOTHING,
+    end: ca.SX = NOTHING,
+    goal: ca.SX = NOTHING,
 ) -> OptimalControlProblem:
     return OptimalControlProblem(
         Model(states=X, controls=U, ode=ca.vertcat(X[1] + ode, U)),
         horizon=1.0,
         intervals=2,
         stage_cost=U**2 + cost,
-        terminal_cost=X[0] + (end if end is not None else 0),
+        terminal_cost=X[0] + end,
         bounds=Bounds(controls=(-1, 1)),
         constraints=[PathConstraint(expression=X[0] + path, upper=9)],
-        terminal=[TerminalConstraint(expression=X[1] + end, lower=-9, upper=9)],
+        terminal=[TerminalConstraint(expression=X[1] + goal, lower=-9, upper=9)],
     )
 
 
-@pytest.mark.parametrize("place", ["ode", "cost", "path", "end"])
+@pytest.mark.parametrize("place", ["ode", "cost", "path", "end", "goal"])
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_operation_is_found_in_every_expression(name: str, place: str) -> None:
     kinks = kinks_of(stated(**{place: ca.sin(OPERATIONS[name](X[0] - X[1])) * X[1]}))

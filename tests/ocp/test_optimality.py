@@ -176,7 +176,8 @@ def test_multiplier_of_a_limit_that_does_not_exist_counts_in_full() -> None:
     free = with_multipliers(point_at(scalar(U, 0), np.zeros((1, 3)), [1.0]))
     slope = np.array(free.program.derivatives["grad_f"](free.w, free.q)[1]).ravel()
     assert stationarity(free) > 1e-2
-    assert stationarity(replace(free, lam_x=-slope)) > 1e-2
+    nothing = np.zeros_like(free.lam_g)
+    assert stationarity(replace(free, lam_g=nothing, lam_x=-slope)) > 1e-2
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,15 @@ def test_saddle_is_left_downhill(seed: int) -> None:
     assert after.states[0, -1] == pytest.approx(after.controls.mean())
 
 
+def test_saddle_without_a_way_down_worth_it_is_not_settled() -> None:
+    """Beside a cost of 1e9, a fall of 4 is none; but a saddle is no minimum."""
+    plan, after, is_settled = looked_at(scalar(1e9 + U**2 / 9, 4 * ca.cos(X)))
+    assert plan.point is not None
+    assert curvature(plan.point) is Curvature.NEGATIVE
+    np.testing.assert_array_equal(after.controls, plan.controls)
+    assert not is_settled
+
+
 def test_strict_minimum_costs_no_evaluation() -> None:
     plan, after, is_settled = looked_at(scalar((U - 1) ** 2, X**2))
     assert is_settled

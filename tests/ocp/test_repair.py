@@ -112,7 +112,7 @@ def test_equality_cannot_be_tightened() -> None:
     stated = PathConstraint(expression=X[0], lower=1, upper=1)
     (tight,) = tightened(moving(stated), [excess(0, 0.1, above=True)]).constraints
     assert isinstance(tight, PathConstraint)
-    assert (np.asarray(tight.lower), np.asarray(tight.upper)) == (1, 1)
+    assert np.asarray(tight.lower) == np.asarray(tight.upper) == 1
 
 
 @pytest.mark.parametrize(("row", "state"), [(0, 0), (1, 2)])
@@ -127,7 +127,7 @@ def test_bounds_of_states_move_for_the_state_of_the_row(row: int, state: int) ->
             controls=(-1, 1), states=([-5, -np.inf, -7], [np.inf, np.inf, 7]),
             state_scale=[1, 2, 3],
         ),
-        constraints=[x[0] <= 9],
+        constraints=[x[0] <= 9],  # type: ignore[list-item]
     )  # fmt: skip
     tight = tightened(problem, [excess(1, 0.1, row=row)])
     expected = problem.state_limits[0].copy()
@@ -169,9 +169,10 @@ def test_needed_is_what_the_path_breaks_of_path_constraints() -> None:
 
 
 def test_needed_leaves_out_what_is_not_a_number() -> None:
-    problem = moving(PathConstraint(expression=ca.sqrt(X[0] - 1.5), upper=9))
-    found = needed(problem, evaluated(problem, [0.0] * 4), [0, 0], NOTHING)
-    assert found == []
+    problem = moving(PathConstraint(expression=ca.sqrt(2.5 - X[0]), upper=9))
+    lost = evaluated(problem, [0.0] * 4)
+    assert lost.path.broken[0].amount == np.inf
+    assert needed(problem, lost, [0, 0], NOTHING) == []
 
 
 def test_chords_of_segments_count_as_far_as_they_cut() -> None:
@@ -188,12 +189,21 @@ def test_chords_of_segments_count_as_far_as_they_cut() -> None:
                       evaluated(problem, [0.0] * 4), [0, 0], NOTHING)) == 1  # fmt: skip
 
 
+def test_chord_is_that_of_the_control_of_its_own_interval() -> None:
+    """Past the origin at 0.1 m in the third interval alone."""
+    relative = ca.vertcat(X[0] - 2.5, U - 0.1)
+    problem = moving(Separation(relative=relative, distance=0.4, along="segments"))
+    found = needed(problem, evaluated(problem, [9, 9, 0, 9]), [0, 0], NOTHING)
+    (chord,) = [e for e in found if e.name.startswith("the chord of")]
+    assert chord.amount == pytest.approx(0.3)
+    assert chord.time == 3
+
+
 def test_points_take_the_place_of_segments_with_the_margin_of_the_nlp() -> None:
-    stated = [
+    problem = moving(
         disc(X, centre=[1, 1], radius=1, along="segments", margin=5, smooth_margin=0.5),
-        X[0] <= 9,
-    ]
-    problem = moving(*stated)
+        PathConstraint(expression=X[0], upper=9),
+    )
     assert has_segments(problem)
     points = at_points(problem)
     assert not has_segments(points)

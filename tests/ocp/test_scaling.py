@@ -41,7 +41,7 @@ def in_units(states: Array, controls: Array, cost: float) -> OptimalControlProbl
     z, v = ca.SX.sym("z", 4), ca.SX.sym("v", 2)
     x, u = z / states, v / controls
     ode = ca.vertcat(u[0] - x[0] ** 2, u[1], x[0] * ca.cos(x[1]), x[0] * ca.sin(x[1]))
-    model = Model(states=z, controls=v, ode=states * ode)
+    model = Model(states=z, controls=v, ode=ode * states)
     inf = np.inf
     return OptimalControlProblem(
         model,
@@ -56,7 +56,7 @@ def in_units(states: Array, controls: Array, cost: float) -> OptimalControlProbl
             ),
             states=(np.array([0.5, -inf, -inf, -5]) * states, inf),
         ),
-        constraints=[disc(x[2:], centre=[3, 0], radius=1), x[0] * x[3] >= 0],
+        constraints=[disc(x[2:], centre=[3, 0], radius=1), x[0] * x[3] >= 0],  # type: ignore[list-item]
         terminal=[z[2] - 7 * states[2]],
     )
 
@@ -98,13 +98,15 @@ def test_unit_of_time_changes_no_size_but_that_of_rates(time: float) -> None:
             Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
             horizon=3.0 * unit,
             intervals=3,
-            stage_cost=u**2,
+            stage_cost=x[0] ** 2 / unit,
+            terminal_cost=x[0] ** 2,
             terminal=[x[0] - 5],
         )
 
     plain, other = sizes_of(posed(1.0), [0, 0]), sizes_of(posed(time), [0, 0])
     np.testing.assert_array_equal(other.states * [1, time], plain.states)
     np.testing.assert_array_equal(other.controls * time**2, plain.controls)
+    assert other.cost == plain.cost
 
 
 def pushed(model: Model, **changes: object) -> OptimalControlProblem:
@@ -225,13 +227,13 @@ def test_sizes_are_numbers_for_models_that_are_not(
         stage_cost=1 / x[0] + ca.log(-x[1]),
         terminal_cost=ca.sqrt(-x[0]),
         bounds=Bounds(controls=(-1, 1) if bounded else None),
-        constraints=[ca.log(x[0]) <= 0, 1 / x[1] >= 0],
+        constraints=[ca.log(x[0]) <= 0, 1 / x[1] >= 0],  # type: ignore[list-item]
         terminal=[ca.sqrt(x[0])],
     )
     found = sizes_of(problem, start)
-    for size in (found.states, found.controls, [found.cost], *found.rows):
-        assert np.isfinite(size).all()
-        assert (np.asarray(size) > 0).all()
+    every = np.concatenate([found.states, found.controls, [found.cost], *found.rows])
+    assert np.isfinite(every).all()
+    assert (every > 0).all()
 
 
 @pytest.mark.parametrize("horizon", [1e-300, 1e200])

@@ -42,7 +42,7 @@ def pendulum(units: Units) -> tuple[OptimalControlProblem, Array]:
     """Half a swing with a bounded torque."""
     z, v = ca.SX.sym("z", 2), ca.SX.sym("v")
     x, u = z / units.states, v / units.controls
-    ode = units.states * ca.vertcat(x[1], u - 9.81 * ca.sin(x[0]))
+    ode = ca.vertcat(x[1], u - 9.81 * ca.sin(x[0])) * units.states
     problem = OptimalControlProblem(
         Model(states=z, controls=v, ode=ode),
         horizon=1.5,
@@ -58,7 +58,7 @@ def unicycle(units: Units) -> tuple[OptimalControlProblem, Array]:
     """Around a disc, with the position in two different units."""
     z, v = ca.SX.sym("z", 3), ca.SX.sym("v", 2)
     x, u = z / units.states, v / units.controls
-    ode = units.states * ca.vertcat(u[0] * ca.cos(x[2]), u[0] * ca.sin(x[2]), u[1])
+    ode = ca.vertcat(u[0] * ca.cos(x[2]), u[0] * ca.sin(x[2]), u[1]) * units.states
     problem = OptimalControlProblem(
         Model(states=z, controls=v, ode=ode),
         horizon=4.0,
@@ -81,7 +81,7 @@ def double_integrator(units: Units) -> tuple[OptimalControlProblem, Array]:
     x, u = z / units.states, v / units.controls
     speed = 0.8 * units.states[1]
     problem = OptimalControlProblem(
-        Model(states=z, controls=v, ode=units.states * ca.vertcat(x[1], u)),
+        Model(states=z, controls=v, ode=ca.vertcat(x[1], u) * units.states),
         horizon=3.0,
         intervals=8,
         stage_cost=units.cost * u**2,
