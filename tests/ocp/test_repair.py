@@ -127,7 +127,7 @@ def test_bounds_of_states_move_for_the_state_of_the_row(row: int, state: int) ->
             controls=(-1, 1), states=([-5, -np.inf, -7], [np.inf, np.inf, 7]),
             state_scale=[1, 2, 3],
         ),
-        constraints=[x[0] <= 9],  # type: ignore[list-item]
+        constraints=[x[0] <= 9],
     )  # fmt: skip
     tight = tightened(problem, [excess(1, 0.1, row=row)])
     expected = problem.state_limits[0].copy()

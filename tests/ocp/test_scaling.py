@@ -56,7 +56,7 @@ def in_units(states: Array, controls: Array, cost: float) -> OptimalControlProbl
             ),
             states=(np.array([0.5, -inf, -inf, -5]) * states, inf),
         ),
-        constraints=[disc(x[2:], centre=[3, 0], radius=1), x[0] * x[3] >= 0],  # type: ignore[list-item]
+        constraints=[disc(x[2:], centre=[3, 0], radius=1), x[0] * x[3] >= 0],
         terminal=[z[2] - 7 * states[2]],
     )
 
@@ -227,7 +227,7 @@ def test_sizes_are_numbers_for_models_that_are_not(
         stage_cost=1 / x[0] + ca.log(-x[1]),
         terminal_cost=ca.sqrt(-x[0]),
         bounds=Bounds(controls=(-1, 1) if bounded else None),
-        constraints=[ca.log(x[0]) <= 0, 1 / x[1] >= 0],  # type: ignore[list-item]
+        constraints=[ca.log(x[0]) <= 0, 1 / x[1] >= 0],
         terminal=[ca.sqrt(x[0])],
     )
     found = sizes_of(problem, start)
