@@ -39,7 +39,8 @@ from swarmstart.heuristics.compiled_loop import call_kernel
 from swarmstart.heuristics.kernel import kernel
 from swarmstart.ocp import Plan, Planner, SearchSettings
 from swarmstart.ocp.fitness import Fitness, Known, Objective
-from swarmstart.ocp.polish import IpoptOptions, PolishStatus
+from swarmstart.ocp.polish import PolishStatus
+from swarmstart.ocp.polish_options import IpoptOptions
 
 Array = NDArray[np.float64]
 

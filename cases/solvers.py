@@ -36,9 +36,9 @@ from swarmstart.ocp import (
     verified,
 )
 from swarmstart.ocp.family import FamilySpace
+from swarmstart.ocp.improving import repaired
 from swarmstart.ocp.polish import is_better
 from swarmstart.ocp.search_space import ControlSpace, SearchSpace
-from swarmstart.ocp.solving import repaired
 
 IPOPT, MULTISTART = "ipopt", "multistart-ipopt"
 SEARCHED = tuple(name for name in SEARCHES if name != "none")

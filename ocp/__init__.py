@@ -25,13 +25,8 @@ from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.open_loop import OpenLoop
 from swarmstart.ocp.planner import Plan, Planner, SearchSettings, Source, WarmStart
-from swarmstart.ocp.polish import (
-    IpoptOptions,
-    NlpOptions,
-    Polished,
-    Polisher,
-    PolishStatus,
-)
+from swarmstart.ocp.polish import Polished, Polisher, PolishStatus
+from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.separation import Connection, Separation, disc
 from swarmstart.ocp.solution import Solution, verified

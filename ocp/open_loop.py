@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from swarmstart.ocp.controller import Decision
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING
+from swarmstart.ocp.improving import repaired
 from swarmstart.ocp.planner import Plan, Planner
 from swarmstart.ocp.solution import verified
-from swarmstart.ocp.solving import repaired
 
 Array = NDArray[np.float64]
 

@@ -28,7 +28,8 @@ from swarmstart.ocp.family import FamilySpace, TrajectoryFamily
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.optimality import NlpPoint
-from swarmstart.ocp.polish import Polisher, PolishOptions, PolishStatus
+from swarmstart.ocp.polish import Polisher, PolishStatus
+from swarmstart.ocp.polish_options import PolishOptions
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_space import ControlSpace, SearchSpace, Start
 

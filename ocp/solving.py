@@ -1,8 +1,7 @@
 """The one-call way through: search, polish, verify, and repair if that is asked for."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,48 +13,32 @@ from swarmstart.heuristics import (
     algorithm_of,
     generator_of,
 )
-from swarmstart.ocp.checking import Excess
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
+from swarmstart.ocp.improving import (
+    Answer,
+    followed_down,
+    repaired,
+    settled_answer,
+)
 from swarmstart.ocp.limits import require_choice
 from swarmstart.ocp.model import shortened
-from swarmstart.ocp.perturbation import settled
 from swarmstart.ocp.planner import (
-    Plan,
     Planner,
     PlanningInterrupted,
     SearchSettings,
 )
-from swarmstart.ocp.polish import (
+from swarmstart.ocp.polish_options import (
     IpoptOptions,
     NlpOptions,
     PolishOptions,
-    is_better,
 )
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.repair import (
-    ATTEMPTS,
-    Place,
-    added,
-    at_points,
-    finer_checks,
-    has_segments,
-    hurried,
-    needed,
-    place_of,
-    slack_at_checks,
-    tightened,
-    with_more_checks,
-)
-from swarmstart.ocp.smoothing import PARTS, kink_sizes, smoothed
 from swarmstart.ocp.solution import Solution, verified
-from swarmstart.ocp.status import SolutionStatus
 
 Array = NDArray[np.float64]
 EVALUATIONS = 20_000
 """Budget of a search that is given none."""
-_REPAIR_SHARE, _FEWEST = 0.1, 400
-"""Part of a search's budget that an attempt to repair has, and evaluations at least."""
 StartRule = Literal["must hold", "may violate"]
 SearchGiven = Algorithm | type[Algorithm] | str | None
 PolishGiven = PolishOptions | str | bool | None
@@ -153,8 +136,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         answer = Answer(solution, planner, known)
         if repair:
             answer = repaired(planner, solution, x0, known, rng=rng)
-        solution = _settled(planner, answer, x0, known, rng)
-        solution = _followed_down(planner, solution, x0, known, rng)
+        solution = settled_answer(planner, answer, x0, known, rng)
+        solution = followed_down(planner, solution, x0, known, rng)
     except KeyboardInterrupt:
         raise SolveInterrupted(solution) from None
     return solution
@@ -221,198 +204,3 @@ def _controls(guess: ArrayLike) -> Array:
             f"a guess must be numbers of shape (nu, N), got {shortened(guess)}"
         ) from error
     return np.atleast_2d(controls)
-
-
-class Answer(NamedTuple):
-    """An answer and what it is of, which may have margins and more checks.
-
-    Attributes:
-        solution: The answer, judged by the user's own problem.
-        planner: What made it.
-        known: Parameters and signals as its planner takes them.
-    """
-
-    solution: Solution
-    planner: Planner
-    known: Known
-
-
-def _settled(
-    planner: Planner,
-    answer: Answer,
-    x0: ArrayLike,
-    known: Known,
-    rng: np.random.Generator,
-) -> Solution:
-    """Return a stationary answer looked at from perturbed starts; others unchanged.
-
-    Args:
-        planner: The problem's planner.
-        answer: The answer.
-        x0: Initial state, shape (nx,).
-        known: Parameters and signals.
-        rng: Source of all randomness.
-    """
-    solution, used, given = answer
-    undecided = solution.status is SolutionStatus.FEASIBLE and not solution.path.kinks
-    if used.polisher is None or not undecided or solution.plan.point is None:
-        return solution
-    states = used.fitness.states(solution.controls, x0, given)
-    plan = replace(solution.plan, states=states)
-    plan, is_settled = settled(used, plan, x0, given, rng=rng)
-    plan = _judged_by(planner, plan, plan.evaluations, solution, x0, known)
-    found = verified(planner.problem, plan, x0, known, settled=is_settled)
-    # A descent that the finer path does not confirm is none.
-    return found if found.status.is_confirmed else solution
-
-
-def _followed_down(
-    planner: Planner,
-    solution: Solution,
-    x0: ArrayLike,
-    known: Known,
-    rng: np.random.Generator,
-) -> Solution:
-    """Return a better answer found by rounding the kinks of a problem, if it has any.
-
-    Args:
-        planner: The problem's planner.
-        solution: Its answer; unchanged if nothing better is found.
-        x0: Initial state, shape (nx,).
-        known: Parameters and signals.
-        rng: Source of all randomness.
-    """
-    problem, best = planner.problem, solution
-    if planner.polish is None or solution.status is SolutionStatus.CONVERGED:
-        return solution
-    sizes, at = kink_sizes(problem, x0, known), solution
-    for part in PARTS if sizes else ():
-        other = Planner(
-            smoothed(problem, sizes, part),
-            search=None,
-            polish=planner.polish,
-            backend="casadi",
-        )
-        near = part < PARTS[0]
-        plan = other.plan(x0, known=known, guess=at.controls, near=near, rng=rng)
-        effort = at.plan.evaluations + plan.evaluations
-        plan = _judged_by(planner, plan, effort, at, x0, known)
-        # Stationary for the rounded problem only.
-        at = verified(problem, replace(plan, point=None), x0, known)
-        best = _better(
-            Answer(best, planner, known), Answer(at, planner, known)
-        ).solution
-    return best
-
-
-def repaired(
-    planner: Planner,
-    solution: Solution,
-    x0: ArrayLike,
-    known: Known,
-    *,
-    rng: np.random.Generator,
-) -> Answer:
-    """Return an answer that keeps its constraints along the path, if one is found.
-
-    Args:
-        planner: The problem's planner.
-        solution: Its answer.
-        x0: Initial state, shape (nx,).
-        known: Parameters and signals.
-        rng: Source of all randomness.
-
-    Returns:
-        The answer, and what it is of.
-    """
-    problem = planner.problem
-    best, at = Answer(solution, planner, known), solution
-    by_points = planner.polish is not None and has_segments(problem)
-
-    def again(stated: OptimalControlProblem, at: Solution, checks: int = 1) -> Answer:
-        stated, given = with_more_checks(stated, known, checks)
-        other = Planner(
-            stated,
-            search=_shorter(planner.search) if planner.polish is None else None,
-            polish=planner.polish,
-            backend=planner.fitness.backend,
-        )
-        plan = other.plan(x0, known=given, guess=at.controls, rng=rng)
-        effort = at.plan.evaluations + plan.evaluations
-        judged = _judged_by(planner, plan, effort, at, x0, known)
-        return Answer(verified(problem, judged, x0, known), other, given)
-
-    if by_points:
-        found = again(at_points(problem), at)
-        best, at = _better(best, found), found.solution
-    margins: dict[Place, Excess] = {}
-    last: dict[Place, float] = {}
-    checks = 1
-    for attempt in range(ATTEMPTS):
-        excesses = needed(problem, at, x0, known)
-        if not excesses or not _worth_repairing(at, by_points):
-            break
-        more = finer_checks(problem, attempt)
-        slack = slack_at_checks(problem, at, x0, known, checks)
-        wanted = hurried(excesses, last, attempt)
-        margins = added(margins, wanted, slack, checks / more)
-        checks, shared = more, attempt > 0
-        tight = tightened(problem, [*margins.values()], for_all=shared)
-        found = again(at_points(tight) if by_points else tight, at, checks)
-        best, at = _better(best, found), found.solution
-        last = {place_of(excess): excess.amount for excess in excesses}
-    return best
-
-
-def _shorter(search: SearchSettings | None) -> SearchSettings | None:
-    """Return a search with a tenth of its budget: it begins at an answer."""
-    if search is None:
-        return None
-    budget = search.budget
-    evaluations, seconds = budget.evaluations, budget.seconds
-    if evaluations is not None:
-        evaluations = max(int(_REPAIR_SHARE * evaluations), _FEWEST)
-    if seconds is not None:
-        seconds = _REPAIR_SHARE * seconds
-    return replace(
-        search, budget=replace(budget, evaluations=evaluations, seconds=seconds)
-    )
-
-
-def _worth_repairing(solution: Solution, by_points: bool) -> bool:
-    """Return whether an answer only breaks what a margin could mend."""
-    broken = solution.status is SolutionStatus.BROKEN
-    return broken or (by_points and solution.status is SolutionStatus.INFEASIBLE)
-
-
-def _judged_by(
-    planner: Planner,
-    plan: Plan,
-    evaluations: int,
-    before: Solution,
-    x0: ArrayLike,
-    known: Known,
-) -> Plan:
-    """Return a plan made for a problem with margins as one of the planner's problem."""
-    judged = planner.evaluated(plan.controls, x0, known=known, source=plan.source)
-    return replace(
-        judged,
-        search_cost=before.plan.search_cost,
-        search_violation=before.plan.search_violation,
-        search_history=before.plan.search_history,
-        evaluations=evaluations,
-        polish_status=plan.polish_status,
-        point=plan.point,
-    )
-
-
-def _better(one: Answer, other: Answer) -> Answer:
-    """Return the better of two answers: confirmed before not, then by cost."""
-    first, second = one.solution, other.solution
-    if first.status.is_confirmed != second.status.is_confirmed:
-        return one if first.status.is_confirmed else other
-    if first.status.is_confirmed:
-        return other if second.cost < first.cost else one
-    values = [(s.cost, s.verified_violation) for s in (first, second)]
-    better = is_better(values[1], values[0], tolerance=first.problem.path_tolerance)
-    return other if better else one

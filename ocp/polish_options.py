@@ -1,0 +1,120 @@
+"""Options of the NLP solvers that polish.
+
+From a good start IPOPT begins with a small barrier and small pushes: with its defaults
+it moves away from what it is given before it comes back, if it does.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import casadi as ca
+
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.integrators import require_count
+
+_NEAR: Mapping[str, Any] = MappingProxyType(
+    {"mu_init": 1e-5, "bound_push": 1e-6, "bound_frac": 1e-6, "slack_bound_push": 1e-6,
+     "slack_bound_frac": 1e-6}
+)  # fmt: skip
+
+
+_QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "sqpmethod": {
+            "print_header": False,
+            "print_iteration": False,
+            "print_status": False,
+            "qpsol_options": {"printLevel": "none", "error_on_fail": False},
+        },
+        "fatrop": {"fatrop.print_level": 0},
+    }
+)
+"""What keeps the other solvers of CasADi from printing."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class IpoptOptions:
+    """What IPOPT is told.
+
+    Attributes:
+        max_iterations: Largest number of iterations.
+        tolerance: IPOPT's convergence tolerance `tol`; the NLP's numbers are near one.
+        max_seconds: Wall time after which it stops [s]; None means no limit.
+        options: Any other option of IPOPT by its own name, such as
+            {"mu_strategy": "adaptive"}; it wins over what is set here.
+    """
+
+    max_iterations: int = 300
+    tolerance: float = 1e-8
+    max_seconds: float | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise for values that IPOPT would refuse later."""
+        require_count("max_iterations", self.max_iterations)
+        if not self.tolerance > 0:
+            raise InvalidProblemError(
+                f"tolerance must be positive, got {self.tolerance}"
+            )
+        if self.max_seconds is not None and not self.max_seconds > 0:
+            raise InvalidProblemError(
+                f"max_seconds must be positive, got {self.max_seconds}"
+            )
+
+    @property
+    def plugin(self) -> str:
+        """The name of the solver in CasADi."""
+        return "ipopt"
+
+    def settings(self, *, near: bool) -> dict[str, Any]:
+        """Return the options as CasADi takes them.
+
+        Args:
+            near: Whether the start is good and to be kept near.
+        """
+        told: dict[str, Any] = {
+            "print_level": 0,
+            "sb": "yes",
+            "max_iter": self.max_iterations,
+            "tol": self.tolerance,
+            # By default IPOPT leaves bounds by 1e-8; brought back into them, its
+            # controls would break path constraints that are active.
+            "bound_relax_factor": 0.0,
+            # The NLP's numbers are near one by its own scaling.
+            **(_NEAR if near else {}),
+        }
+        if self.max_seconds is not None:
+            told["max_wall_time"] = self.max_seconds
+        told.update(self.options)
+        return {f"ipopt.{name}": value for name, value in told.items()}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NlpOptions:
+    """Another NLP solver of CasADi, such as sqpmethod or fatrop.
+
+    Attributes:
+        plugin: Its name in CasADi.
+        options: Options of the plug-in, as CasADi's `nlpsol` takes them.
+    """
+
+    plugin: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise if there is no such plug-in."""
+        if not isinstance(self.plugin, str) or not ca.has_nlpsol(self.plugin):
+            raise InvalidProblemError(
+                "plugin must be an NLP solver of CasADi that is installed, such as "
+                f"ipopt or sqpmethod, got {self.plugin!r}"
+            )
+
+    def settings(self, *, near: bool) -> dict[str, Any]:
+        """Return the options as CasADi takes them."""
+        del near
+        return {**_QUIET.get(self.plugin, {}), **self.options}
+
+
+PolishOptions = IpoptOptions | NlpOptions
