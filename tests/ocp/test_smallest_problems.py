@@ -87,10 +87,10 @@ def test_row_with_a_control_holds_as_the_only_interval_begins() -> None:
         {"constraints": [], "terminal": []},
         {"constraints": (), "terminal": ()},
         {"constraints": [PathConstraint(expression=X)]},
-        {"constraints": [PathConstraint(expression=[X, U], upper=[inf, inf])]},
-        {"constraints": [PathConstraint(expression=[])]},
+        {"constraints": [PathConstraint(expression=[X, U], upper=[inf, inf])]},  # type: ignore[arg-type]
+        {"constraints": [PathConstraint(expression=[])]},  # type: ignore[arg-type]
         {"terminal": [TerminalConstraint(expression=X, lower=-inf, upper=inf)]},
-        {"terminal": [TerminalConstraint(expression=[])]},
+        {"terminal": [TerminalConstraint(expression=[])]},  # type: ignore[arg-type]
         {"constraints": [PathConstraint(expression=ca.SX(1), upper=2)]},
         {"terminal": [ca.SX(0)]},  # Always kept: IPOPT once refused it.
     ],
