@@ -87,6 +87,14 @@ def test_scale_that_is_not_given_stays_open() -> None:
     np.testing.assert_array_equal(scales, [2, 2, 2])
 
 
+@pytest.mark.parametrize(
+    "limits", [(np.inf, np.inf), (-np.inf, -np.inf), (1, 0), (np.nan, 1), (0, np.nan)]
+)
+def test_refuses_limits_with_no_number_between(limits: tuple[float, float]) -> None:
+    with pytest.raises(InvalidProblemError, match="must have lower <= upper"):
+        limits_of("states", limits, 2)
+
+
 @pytest.mark.parametrize("scale", [0, -1, np.nan, np.inf, [1, 0]])
 def test_refuses_scales_that_are_not_positive(scale: object) -> None:
     with pytest.raises(InvalidProblemError, match="scale of the row must be positive"):

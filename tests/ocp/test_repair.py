@@ -168,6 +168,18 @@ def test_needed_is_what_the_path_breaks_of_path_constraints() -> None:
     np.testing.assert_allclose([e.amount for e in found], [0.3, 0.1], atol=1e-2)
 
 
+def test_margins_go_to_the_constraint_that_is_broken() -> None:
+    """A bound of the states is the last of the constraints, also as it is measured."""
+    box = Bounds(controls=(-9, 9), states=([-np.inf, -0.4], np.inf))
+    problem = moving(disc(X, centre=[9, 9], radius=1), bounds=box, intervals=2)
+    # Down for 2 s and up again, below the bound at 2 s: a check, but evaluated only.
+    found = needed(problem, evaluated(problem, [-0.25, 0.25]), [0, 0], NOTHING)
+    assert [(e.constraint, e.name) for e in found] == [(1, "the bound of state x_1")]
+    assert found[0].amount == pytest.approx(0.1)
+    tight = tightened(problem, found)
+    assert tight.state_limits[0][1] > -0.4 + 0.1
+
+
 def test_needed_leaves_out_what_is_not_a_number() -> None:
     problem = moving(PathConstraint(expression=ca.sqrt(2.5 - X[0]), upper=9))
     lost = evaluated(problem, [0.0] * 4)

@@ -74,6 +74,13 @@ def test_one_row_is_a_row(
     np.testing.assert_allclose(found.states[0, -1], end, atol=1e-6)
 
 
+def test_row_with_a_control_holds_as_the_only_interval_begins() -> None:
+    """u - x <= 1/4: at the start u alone, at the end 0, since x(1) = u."""
+    found = solved(posed(terminal_cost=-X, constraints=[U - X <= 0.25]), search=None)
+    assert found.status is SolutionStatus.CONVERGED
+    np.testing.assert_allclose(found.controls, 0.25, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     "stated",
     [

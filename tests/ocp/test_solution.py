@@ -1,6 +1,7 @@
 """What the finer grid says of a plan."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -10,6 +11,7 @@ from swarmstart.ocp import (
     Model,
     OptimalControlProblem,
     Planner,
+    PolishStatus,
     SolutionStatus,
     Source,
     verified,
@@ -86,3 +88,37 @@ def test_cost_that_is_not_finite_is_named(double_integrator: Model) -> None:
 def test_only_feasible_answers_that_agree_on_the_finer_grid_are_confirmed() -> None:
     confirmed = {status for status in SolutionStatus if status.is_confirmed}
     assert confirmed == {SolutionStatus.CONVERGED, SolutionStatus.FEASIBLE}
+
+
+def _at_speed_one(substeps: int) -> tuple[OptimalControlProblem, Planner]:
+    """A place that any integrator knows exactly, and a cost that waves along it."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u), horizon=1.0, intervals=2,
+        stage_cost=1 + ca.cos(12 * x), substeps=substeps,
+    )  # fmt: skip
+    return problem, Planner(problem, search=None, backend="casadi")
+
+
+def test_cost_alone_unmasks_a_coarse_grid() -> None:
+    for substeps, status in (
+        (1, SolutionStatus.MISMATCH), (8, SolutionStatus.FEASIBLE)
+    ):  # fmt: skip
+        problem, planner = _at_speed_one(substeps)
+        plan = planner.evaluated(np.ones((1, 2)), [0], source=Source.GUESS)
+        found = verified(problem, plan, [0])
+        assert found.status is status
+        # The integral of 1 + cos 12 t over 1 s.
+        assert found.verified_cost == pytest.approx(1 + np.sin(12) / 12, abs=1e-3)
+        if status is SolutionStatus.MISMATCH:
+            assert found.reason.startswith("the cost is")
+            assert "state" not in found.reason
+
+
+def test_solver_that_only_says_it_converged_is_not_believed() -> None:
+    problem, planner = _at_speed_one(8)
+    plan = planner.evaluated(np.ones((1, 2)), [0], source=Source.GUESS)
+    said = replace(plan, polish_status=PolishStatus.CONVERGED)
+    found = verified(problem, said, [0])
+    assert found.status is SolutionStatus.FEASIBLE
+    assert found.reason == "the polish ended at a point that is not stationary"
