@@ -81,6 +81,11 @@ class ControlSpace:
 
 def _control_box(fitness: Fitness) -> Box:
     problem = fitness.problem
+    if not problem.model.nu:
+        raise InvalidProblemError(
+            "a population search needs at least one control, got a model without any: "
+            "solve it with search=None"
+        )
     lower, upper = problem.control_limits
     if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
         raise InvalidProblemError(
