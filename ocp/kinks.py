@@ -28,7 +28,7 @@ _TWO = {
 _STEPS = {ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil"}
 _WRAPS = {ca.OP_FMOD: ("fmod", 0.0), ca.OP_REMAINDER: ("remainder", 0.5)}
 """What jumps when a ratio passes whole numbers, or half way between them."""
-_TOUCHES = 1e-4
+_TOUCHES = 1e-6
 """A side nearer to zero than this part of its size counts as at the switch."""
 
 

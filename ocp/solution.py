@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 TOLERANCE = 1e-3
 _BESIDE = 1e-8
 """How far neighbours are moved, in parts of the sizes."""
+_STEADY = 100
+"""Times as far, in parts of the cost's size, a cost may move that does not jump."""
 _NOTHING_MOVES = 1e-9
 """Of the natural size: below this part of it, a difference is no difference."""
 
@@ -233,7 +235,7 @@ def _same_beside(
     tolerance: float,
 ) -> Found:
     """Return MISMATCH if a neighbour's path is worth something else."""
-    allowed = tolerance * path.magnitude + _NOTHING_MOVES * sizes.cost
+    allowed = tolerance * path.magnitude + _STEADY * _BESIDE * sizes.cost
     changes = not abs(moved.cost - path.cost) <= allowed
     broken = [e for e in moved.broken if e.relative > 2 * problem.path_tolerance]
     if not (changes or broken):

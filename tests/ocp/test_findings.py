@@ -497,7 +497,7 @@ import swarmstart.ocp.{module} as module
 whole = module.{name}
 def told(*arguments, **options):
     def kill():
-        time.sleep(0.3)
+        time.sleep(3.0 if "{name}" == "minimize" else 0.3)
         print("sent", time.time(), flush=True)
         os.kill(os.getpid(), signal.SIGINT)
     threading.Thread(target=kill).start()
