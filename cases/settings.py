@@ -167,11 +167,17 @@ class IpoptPart(Part):
 
     max_iterations: int = Field(default=300, ge=1)
     tolerance: Positive = 1e-8
+    options: dict[str, bool | int | float | str] = Field(
+        default_factory=dict,
+        description="Other options of IPOPT by their own names, e.g. mu_strategy.",
+    )
 
-    def options(self) -> IpoptOptions:
+    def told(self) -> IpoptOptions:
         """Return the options as the polish takes them."""
         return IpoptOptions(
-            max_iterations=self.max_iterations, tolerance=self.tolerance
+            max_iterations=self.max_iterations,
+            tolerance=self.tolerance,
+            options=self.options,
         )
 
 
@@ -311,7 +317,7 @@ class Scenario(Part):
 
     def polish_options(self) -> IpoptOptions | None:
         """Return the polish as a planner takes it; None where it is `none`."""
-        return self.ipopt.options() if self.polish == "ipopt" else None
+        return self.ipopt.told() if self.polish == "ipopt" else None
 
     def search_settings(self) -> SearchSettings | None:
         """Return the search as a planner takes it; None where it is `none`."""

@@ -28,11 +28,13 @@ class Found:
         status: The status.
         reason: Why, with numbers.
         excess: The worst excess, if constraints are the reason.
+        unpolished: Whether no polish was asked for.
     """
 
     status: SolutionStatus
     reason: str
     excess: Excess | None = None
+    unpolished: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,7 @@ def advice_for(
         SolutionStatus.NOT_FINITE: _DEFINED,
         SolutionStatus.INFEASIBLE: _WEAKER,
     }
-    if found.status is SolutionStatus.FEASIBLE and "not polished" in found.reason:
+    if found.unpolished:
         return "polish='ipopt' would make it a local optimum"
     return told.get(found.status, "")
 

@@ -325,7 +325,8 @@ def _ranked(plan: Plan, path: Path, settled: bool) -> Found:
         point = None
     if point is None or plan.polish_status is not PolishStatus.CONVERGED:
         if plan.polish_status is None:
-            return Found(SolutionStatus.FEASIBLE, "it was searched, not polished")
+            why = "it was searched, not polished"
+            return Found(SolutionStatus.FEASIBLE, why, unpolished=True)
         return Found(
             SolutionStatus.FEASIBLE, f"the polish {plan.polish_status.value}"
             if plan.polish_status is not PolishStatus.CONVERGED
