@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.controller import Controller, Decision
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.fitness import numbers_of
 from swarmstart.ocp.integrators import held_step, require_count
-from swarmstart.ocp.model import Model
+from swarmstart.ocp.model import Model, shortened
 
 Array = NDArray[np.float64]
 
@@ -37,6 +38,11 @@ class Step:
     decision: Decision
     dense_states: Array
     seconds: float
+
+    def __repr__(self) -> str:
+        """Return number, mode and time of the step in one line."""
+        mode = self.decision.mode.value
+        return f"Step {self.number}: {mode}, decided in {self.seconds:.3g} s"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -60,6 +66,19 @@ class Trajectory:
     dense_states: Array
     decisions: tuple[Decision, ...]
     step_seconds: Array
+
+    def __repr__(self) -> str:
+        """Return length, sizes and how the plans went, in a few lines."""
+        plans = [plan for decision in self.decisions for plan in decision.plans]
+        feasible = sum(plan.feasible for plan in plans)
+        return "\n".join(
+            [
+                f"Trajectory of {len(self.decisions)} steps over {self.times[-1]:g} s: "
+                f"{self.states.shape[0]} states, {self.controls.shape[0]} controls",
+                f"  plans: {feasible} of {len(plans)} feasible",
+                f"  decisions: {float(np.median(self.step_seconds)):.3g} s (median)",
+            ]
+        )
 
 
 class Plant:
@@ -152,7 +171,18 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         InvalidProblemError: If x0 does not fit the plant, intervals differ, or the
             plant leaves the finite numbers.
     """
-    state = np.array(x0, dtype=np.float64)
+    if not isinstance(plant, Plant):
+        raise InvalidProblemError(
+            f"plant must be a swarmstart.Plant, got {shortened(plant)}"
+        )
+    if not (hasattr(controller, "decide") and hasattr(controller, "dt")):
+        raise InvalidProblemError(
+            "controller must have decide() and dt, such as RecedingHorizon, "
+            f"got {shortened(controller)}"
+        )
+    state = numbers_of("x0", x0)
+    if state.shape == (plant.model.nx, 1):
+        state = state[:, 0]
     if state.shape != (plant.model.nx,):
         raise InvalidProblemError(
             f"x0 must have shape ({plant.model.nx},), got {state.shape}"

@@ -29,6 +29,10 @@ Reference = Callable[[Array], Array]
 """Absolute times (n,) [s] -> known signals (nr, n)."""
 
 
+_SHOWN = 6
+"""Controls that a summary shows."""
+
+
 class Mode(Enum):
     """Which law made a decision."""
 
@@ -49,6 +53,15 @@ class Decision:
     control: Array
     plans: tuple[Plan, ...]
     mode: Mode = Mode.PLANNED
+
+    def __repr__(self) -> str:
+        """Return mode, control and number of plans in one line."""
+        control = ", ".join(f"{value:.4g}" for value in self.control[:_SHOWN])
+        more = ", ..." if self.control.size > _SHOWN else ""
+        plans = len(self.plans)
+        return (
+            f"Decision: {self.mode.value}, control ({control}{more}), {plans} plan(s)"
+        )
 
 
 class Controller(Protocol):

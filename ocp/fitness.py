@@ -241,7 +241,7 @@ def shared_arguments(
     Raises:
         InvalidProblemError: If a shape is not the problem's, or a value not finite.
     """
-    signals = _numbers("signals", known.signals)
+    signals = numbers_of("signals", known.signals)
     if problem.ns == 0 and signals.size == 0:
         signals = np.empty((0, problem.nodes))
     return (
@@ -297,7 +297,7 @@ def unflatten(vector: Array, rows: int) -> Array:
 
 def _shaped(role: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     """Return a checked copy: an objective outlives what its caller does to x0."""
-    array = _numbers(role, values)
+    array = numbers_of(role, values)
     if len(shape) == 1 and array.shape == (*shape, 1):
         array = array[:, 0]  # A column, as CasADi's DM is.
     if array.shape != shape:
@@ -307,7 +307,7 @@ def _shaped(role: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     return array
 
 
-def _numbers(role: str, values: ArrayLike) -> Array:
+def numbers_of(role: str, values: ArrayLike) -> Array:
     """Return numbers as an array; a copy.
 
     Raises:

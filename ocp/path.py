@@ -22,6 +22,8 @@ from swarmstart.ocp.scaling import Sizes
 
 Array = NDArray[np.float64]
 FINER = 10
+_SHOWN = 5
+"""Broken rows that a summary shows."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -50,6 +52,12 @@ class Path:
     broken: tuple[Excess, ...]
     kinks: tuple[str, ...]
     not_finite: tuple[float, str] | None
+
+    def __repr__(self) -> str:
+        """Return cost and what is broken, in a few lines."""
+        broken = [f"  {excess}" for excess in self.broken[:_SHOWN]]
+        head = f"Path of {self.times.size} points over {self.times[-1]:g} s"
+        return "\n".join([f"{head}: cost {self.cost:.9g}", *broken])
 
 
 class Tracer:

@@ -83,6 +83,13 @@ class Polished:
     evaluations: int
     point: NlpPoint | None = None
 
+    def __repr__(self) -> str:
+        """Return status, cost and effort in one line."""
+        return (
+            f"Polished: {self.status.value}, cost {self.cost:.9g}, violation "
+            f"{self.violation:.3g}, {self.iterations} iterations"
+        )
+
 
 class Polisher:
     """An NLP solver on the multiple-shooting NLP of one problem, built once."""

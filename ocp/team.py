@@ -84,6 +84,14 @@ class Team:
         models = [problem.model for problem in problems]
         self._splits = np.cumsum([m.nx for m in models])[:-1]
 
+    def __repr__(self) -> str:
+        """Return the number of agents and the order in which they plan."""
+        order = ", ".join(str(number) for number in self.order)
+        return (
+            f"Team of {len(self.agents)} agents that plan every {self.dt:g} s, "
+            f"in the order {order}"
+        )
+
     @property
     def dt(self) -> float:
         """Length of a control interval [s]."""

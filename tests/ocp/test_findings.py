@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 
 from swarmstart.heuristics import InvalidSettingsError
 from swarmstart.ocp import (
+    Agent,
     Bounds,
     Fitness,
     InvalidProblemError,
@@ -30,6 +31,7 @@ from swarmstart.ocp import (
     SearchSettings,
     SolutionStatus,
     Source,
+    Team,
     disc,
     simulate,
     solve,
@@ -452,6 +454,17 @@ def test_other_arguments_are_refused_in_one_sentence(
     assert re.search(message, str(told.value))
 
 
+def test_a_foreign_plant_or_controller_is_refused() -> None:
+    loop = RecedingHorizon(planner=Planner(line(), search=None))
+    plant, rng = Plant(line().model, dt=0.2, substeps=2), np.random.default_rng(0)
+    with pytest.raises(InvalidProblemError, match=r"plant must be a swarmstart\.Plant"):
+        simulate("plant", loop, [0, 0], steps=1, rng=rng)  # type: ignore[arg-type]
+    with pytest.raises(InvalidProblemError, match=r"controller must have decide\(\)"):
+        simulate(plant, "loop", [0, 0], steps=1, rng=rng)  # type: ignore[arg-type]
+    with pytest.raises(InvalidProblemError, match="x0 must be numbers"):
+        simulate(plant, loop, ["a", "b"], steps=1, rng=rng)
+
+
 def test_what_a_user_holds_prints_in_a_few_lines() -> None:
     problem = line()
     solution = solve(problem, [0, 0], budget=500, seed=0)
@@ -461,6 +474,20 @@ def test_what_a_user_holds_prints_in_a_few_lines() -> None:
         repr(solution): 12,
         repr(solution.plan): 2,
     }
+    model = problem.model
+    loop = RecedingHorizon(
+        planner=Planner(problem, search=search_settings("lshade", 500, None))
+    )
+    team = Team([Agent(controller=loop)], order=[0])
+    flown = simulate(
+        Plant(model, dt=problem.dt, substeps=5),
+        team,
+        [0.0, 0.0],
+        steps=2,
+        rng=np.random.default_rng(0),
+    )
+    shown |= {repr(flown): 3, repr(team): 1, repr(flown.decisions[0]): 1}
+    shown |= {repr(solution.path): 8}
     for text, lines in shown.items():
         assert text.count("\n") < lines
         assert "array" not in text and "SX(" not in text
