@@ -31,7 +31,7 @@ class Mapped:
         """
         model, N, checks = problem.model, problem.intervals, problem.checks
         self.nx, self.nu, self.N = model.nx, model.nu, N
-        self.rows = interval.value.numel_out(1)
+        self.rows = interval.value.numel_out(0)
         self.w = ca.MX.sym("w", (model.nu + model.nx) * N)
         weights = [len(part.rows.places) for part in (interval, end)]
         shared = interval.value.numel_in(1) - weights[0]
@@ -103,8 +103,10 @@ def derivatives_of(mapped: Mapped, interval: Part, end: Part) -> dict[str, ca.Fu
         interval: One interval.
         end: The end of the horizon.
     """
-    found = mapped.applied(interval.slopes, end.slopes)
-    cost, slope, g, jac, end_cost, end_slope, end_g, end_jac = found
+    cost, slope, end_cost, end_slope = mapped.applied(
+        interval.cost_slope, end.cost_slope
+    )
+    g, jac, end_g, end_jac = mapped.applied(interval.slopes, end.slopes)
     w, q = mapped.w, mapped.q
     f, rows = ca.sum2(cost) + end_cost, mapped.rows_of(g, end_g)
     gradient = _gradient(mapped, slope, end_slope)
@@ -141,15 +143,15 @@ def _jacobian(
 ) -> ca.MX:
     """Return the Jacobian of all rows; states are taken off the next ones' rows."""
     N, nx, places, last = mapped.N, mapped.nx, mapped.places(), mapped.last()
-    rows, columns = _triplet(interval.slopes, 3)
-    end_rows, end_columns = _triplet(end.slopes, 3)
+    rows, columns = _triplet(interval.slopes, 1)
+    end_rows, end_columns = _triplet(end.slopes, 1)
     following = [np.array(mapped.place(k + 1)[:nx]) for k in range(N)]
     entries = [(rows + k * mapped.rows, places[k][columns]) for k in range(N)]
     entries.append((end_rows + N * mapped.rows, last[end_columns]))
     entries += [(np.arange(nx) + k * mapped.rows, following[k]) for k in range(N)]
     values = ca.vertcat(
-        _nonzeros(interval.slopes.sparsity_out(3), blocks[0], N),
-        _nonzeros(end.slopes.sparsity_out(3), blocks[1], 1),
+        _nonzeros(interval.slopes.sparsity_out(1), blocks[0], N),
+        _nonzeros(end.slopes.sparsity_out(1), blocks[1], 1),
         -ca.MX.ones(nx * N),
     )
     return _assembled((size, mapped.w.numel()), entries, values)

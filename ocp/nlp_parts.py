@@ -39,14 +39,18 @@ class Part(NamedTuple):
     """A part of the NLP with its derivatives by its own variables z.
 
     Attributes:
-        value: (z, shared, s) -> (cost, g).
-        slopes: (z, shared, s) -> (cost, its gradient, g, its Jacobian).
+        cost: (z, shared, s) -> cost.
+        value: (z, shared, s) -> g.
+        cost_slope: (z, shared, s) -> (cost, its gradient).
+        slopes: (z, shared, s) -> (g, its Jacobian).
         curvature: (z, shared, s, lam_f, lam_g) -> upper triangle of the Hessian of
             lam_f cost + lam_g' g.
         rows: The rows with limits among g, the last ones.
     """
 
+    cost: ca.Function
     value: ca.Function
+    cost_slope: ca.Function
     slopes: ca.Function
     curvature: ca.Function
     rows: LimitedRows
@@ -150,12 +154,10 @@ def _part(
     lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", g.numel())
     lagrangian = lam_f * cost + ca.dot(lam_g, g)
     return Part(
-        ca.Function("value", arguments, ca.cse([cost, g])),
-        ca.Function(
-            "slopes",
-            arguments,
-            ca.cse([cost, ca.gradient(cost, z), g, ca.jacobian(g, z)]),
-        ),
+        ca.Function("cost", arguments, ca.cse([cost])),
+        ca.Function("value", arguments, ca.cse([g])),
+        ca.Function("cost_slope", arguments, ca.cse([cost, ca.gradient(cost, z)])),
+        ca.Function("slopes", arguments, ca.cse([g, ca.jacobian(g, z)])),
         ca.Function(
             "curvature",
             [*arguments, lam_f, lam_g],

@@ -148,7 +148,7 @@ class _Stages:
         program = point.program
         problem = program.problem
         nx, nu, N = problem.model.nx, problem.model.nu, problem.intervals
-        rows = program.interval.value.numel_out(1)
+        rows = program.interval.value.numel_out(0)
         both = point.w.reshape((nu + nx, N), order="F")
         start = point.q[:nx]
         x = np.hstack([start[:, None], both[nu:, :-1]])
@@ -195,7 +195,7 @@ def _derivatives(
     """Return the Hessian of the Lagrangian and the Jacobian of g of a part."""
     upper = np.array(part.curvature(*at, 1.0, lam))
     hessian = upper + np.triu(upper, 1).T
-    return hessian, np.array(part.slopes(*at)[3])
+    return hessian, np.array(part.slopes(*at)[1])
 
 
 def _distance(point: NlpPoint) -> Array:

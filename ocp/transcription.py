@@ -135,7 +135,8 @@ def multiple_shooting(problem: OptimalControlProblem) -> NonlinearProgram:
     """
     interval, end = interval_part(problem), end_part(problem)
     mapped = Mapped(problem, interval, end)
-    cost, g, end_cost, end_g = mapped.applied(interval.value, end.value)
+    cost, end_cost = mapped.applied(interval.cost, end.cost)
+    g, end_g = mapped.applied(interval.value, end.value)
     nlp: dict[str, Any] = {
         "x": mapped.w,
         "p": mapped.q,
@@ -143,7 +144,7 @@ def multiple_shooting(problem: OptimalControlProblem) -> NonlinearProgram:
         "g": mapped.rows_of(g, end_g),
     }
     derivatives = derivatives_of(mapped, interval, end)
-    operations = sum(part.n_instructions() for part in interval[:3])
+    operations = sum(part.n_instructions() for part in interval[:5])
     if operations * problem.intervals <= _UNROLLED:
         nlp = _without_calls(nlp)
         derivatives = {name: f.expand() for name, f in derivatives.items()}
