@@ -7,6 +7,7 @@ import numpy as np
 from swarmstart.tests.adversary.case import Case
 from swarmstart.tests.adversary.problems import (
     bang_bang,
+    between_checks,
     box_constrained,
     free_end_time,
     linear_quadratic,
@@ -29,6 +30,7 @@ CLASSES: dict[str, Callable[[], list[Case]]] = {
         nonsmooth,
         path_constrained,
         multimodal,
+        between_checks,
         free_end_time,
         stiff,
     )

@@ -8,6 +8,7 @@ from swarmstart.tests.adversary.case import UNITS, Case, in_units
 from swarmstart.tests.adversary.catalogue import chosen
 from swarmstart.tests.adversary.claims import claimed
 from swarmstart.tests.adversary.judge import judge
+from swarmstart.tests.adversary.problems import between_checks
 
 COUNT = 30
 BACKENDS = ("auto", "casadi")
@@ -30,3 +31,16 @@ def test_no_claim_is_false_and_most_answers_are_right(cases: list[Case]) -> None
     sys.stdout.write(f"{share:.0%} of {solvable} solved; missed: {missed}\n")
     assert not false
     assert share >= LEAST_SHARE
+
+
+def test_no_answer_is_confirmed_that_cuts_a_bound_between_checks() -> None:
+    """Such answers are what these problems have: most must be refused."""
+    cut = between_checks.cases()[:8]
+    false, refused = [], 0
+    for number, case in enumerate(cut):
+        stated = in_units(case, UNITS[number % len(UNITS)])
+        claim = claimed(stated, backend=BACKENDS[number % len(BACKENDS)])
+        false += [f"{case.name}: {f}" for f in judge(stated.truth, claim).faults]
+        refused += not claim.is_confirmed
+    assert not false
+    assert refused >= len(cut) // 2

@@ -92,7 +92,7 @@ def _lower_speed(rng: np.random.Generator) -> Linear:
     )  # fmt: skip
 
 
-def _wall(rng: np.random.Generator) -> Linear:
+def wall(rng: np.random.Generator) -> Linear:
     """Draw a body thrown at a wall, to be caught before it and brought back."""
     speed, wall = rng.uniform(0.8, 1.2), rng.uniform(0.12, 0.16)
     return Linear(
@@ -109,7 +109,7 @@ LINEAR: dict[str, Callable[[np.random.Generator], Linear]] = {
     "tracking above a bound": _tracking,
     "motor": _motor,
     "lowest speed": _lower_speed,
-    "wall": _wall,
+    "wall": wall,
 }
 
 
@@ -181,6 +181,6 @@ def cases() -> list[Case]:
 
     made = list(drawn_cases(GENERATED, draw))
     for number in range(COARSE):
-        linear = replace(_wall(rng), intervals=8)
+        linear = replace(wall(rng), intervals=8)
         made.append(linear_case(KIND, f"wall, seen once an interval {number}", linear))
     return made + [braking(power, optimum=least) for power, least in POWERS.items()]
