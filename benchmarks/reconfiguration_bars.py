@@ -101,11 +101,16 @@ BARS: list[Bar] = [
         ("cost_rises", ">=", 1), seeds=1,
     ),
     *_bars(
-        "swap of 5", Job("swap_5"), ("cost", "<=", 0.390), ("violation", "<=", 1e-4)
+        "swap of 5, at the checks", Job("swap_5", ("repair=false",)),
+        ("cost", "<=", 0.390), ("violation", "<=", 1e-4),
     ),
     *_bars(
-        "swap of 8", Job("swap_8"), ("cost", "<=", 1.51), ("violation", "<=", 1e-4),
-        seeds=5,
+        "swap of 8, at the checks", Job("swap_8", ("repair=false",)),
+        ("cost", "<=", 1.51), ("violation", "<=", 1e-4), seeds=5,
+    ),
+    *_bars(
+        "swap of 5, on the path", Job("swap_5"), ("confirmed", ">=", 1),
+        ("min_distance_m", ">=", 4.9995),
     ),
     *_bars(
         "a hundred", Job("formation_100"), ("min_distance_m", ">=", 5),

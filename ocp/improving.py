@@ -174,8 +174,11 @@ def repaired(
         slack = slack_at_checks(problem, at, x0, known, checks)
         wanted = hurried(excesses, last, attempt)
         margins = added(margins, wanted, slack, checks / more)
-        checks, shared = more, attempt > 0
-        tight = tightened(problem, [*margins.values()], for_all=shared)
+        least = max(e.relative for e in wanted) * (checks / more) ** 2
+        tight = tightened(
+            problem, [*margins.values()], for_all=least if attempt > 0 else 0.0
+        )
+        checks = more
         found = again(at_points(tight) if by_points else tight, at, checks)
         best, at = _better(best, found), found.solution
         last = {place_of(excess): excess.amount for excess in excesses}

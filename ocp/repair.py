@@ -146,19 +146,19 @@ def tightened(
     problem: OptimalControlProblem,
     excesses: Sequence[Excess],
     *,
-    for_all: bool = False,
+    for_all: float = 0.0,
 ) -> OptimalControlProblem:
     """Return a problem whose constraints have margins for what was measured.
 
     Args:
         problem: The problem.
         excesses: What its answer breaks, or the margins that are wanted.
-        for_all: Whether all distances get the largest margin: what one pair gives
-            way, the next may take.
+        for_all: Least margin of all distances, in parts of their scales: what one
+            pair gives way, the next may take.
     """
     constraints = list(problem.stated)
     if for_all:
-        excesses = _shared_by_distances(constraints, excesses)
+        excesses = _shared_by_distances(constraints, excesses, for_all)
     lower, upper = (limits.copy() for limits in problem.state_limits)
     for excess in excesses:
         margin = _MORE * excess.amount + problem.path_tolerance * excess.scale / 2
@@ -231,18 +231,18 @@ def has_segments(problem: OptimalControlProblem) -> bool:
 
 
 def _shared_by_distances(
-    constraints: Sequence[Constraint], excesses: Sequence[Excess]
+    constraints: Sequence[Constraint], excesses: Sequence[Excess], least: float
 ) -> list[Excess]:
-    """Return margins with the largest one, in parts of the scale, for all distances."""
-    worst = max(excesses, key=lambda excess: excess.relative)
-    distances = {
-        number: replace(
-            worst, amount=worst.relative * scale, scale=scale, constraint=number
-        )
-        for number, c in enumerate(constraints)
-        if isinstance(c, Separation)
-        for scale in [float(np.asarray(c.scale)[0])]
-    }
+    """Return margins, those of distances at least a part of their scales."""
+    own = {excess.constraint: excess for excess in excesses}
+    distances = {}
+    for number, c in enumerate(constraints):
+        if isinstance(c, Separation):
+            scale = float(np.asarray(c.scale)[0])
+            amount = max(own[number].amount if number in own else 0.0, least * scale)
+            distances[number] = replace(
+                excesses[0], amount=amount, scale=scale, constraint=number, row=0
+            )
     others = [e for e in excesses if e.constraint not in distances]
     return [*others, *distances.values()]
 
