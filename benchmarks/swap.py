@@ -194,7 +194,7 @@ UAVs on a circle of 25 m, headed for its centre, change places in 10 s: the inte
 The tables have the distance kept at 40 checks and nothing repaired; between the checks
 it falls to 4.95 m and 4.98 m. `swarmstart run` repairs the plan, so that 5 m hold along
 the whole path: the best known cost of 0.3865 becomes 0.3894 (seeds 0 to 9), that of
-1.4952 becomes 1.5117 (seeds 0 to 4). The repaired plans keep 5.004 m and 5.018 m. The
+1.4952 becomes 1.5117 (seeds 0 to 4). The repaired plans keep 5.004 m and 5.017 m. The
 bars of [reconfiguration_bars.md](reconfiguration_bars.md) were set without repair: that
 of `swap_5`, 0.39, holds with it; that of `swap_8`, 1.51, is missed by 0.002. With 80 or
 160 checks the repaired plan of `swap_8` costs 1.5012 (seed 0).

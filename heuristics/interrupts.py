@@ -43,20 +43,32 @@ def replaced_handlers(replacement: Callable[[Handler], Handler]) -> Iterator[Non
             signal.signal(number, handler)
 
 
+class _Noting:
+    """A handler that notes signals in place of another one."""
+
+    def __init__(self, handler: Handler, noted: list[Callable[[], object]]) -> None:
+        self._handler, self._noted = handler, noted
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Note a signal."""
+        self._noted.append(functools.partial(self._handler, number, frame))
+
+
 @contextlib.contextmanager
 def put_off() -> Iterator[None]:
     """Run the handlers of signals that come meanwhile at the end.
 
+    Within itself it does nothing: the outermost one notes.
+
     Yields:
         Nothing.
     """
+    if isinstance(signal.getsignal(signal.SIGINT), _Noting):
+        yield
+        return
     noted: list[Callable[[], object]] = []
-
-    def noting(handler: Handler) -> Handler:
-        return lambda *signalled: noted.append(functools.partial(handler, *signalled))
-
     try:
-        with replaced_handlers(noting):
+        with replaced_handlers(lambda handler: _Noting(handler, noted)):
             yield
     finally:
         for handle in noted:

@@ -45,9 +45,11 @@ def cases() -> list[Case]:
         linear = replace(linear, intervals=int(rng.integers(4, 8)))
         name = f"{'ceiling' if number % 2 else 'wall'} {number}"
         try:
-            made.append(linear_case(KIND, name, linear, is_counted=False))
+            case = linear_case(KIND, name, linear, is_counted=False)
         except UnsolvedError:
             continue
+        # Its optimum holds at many points of the path, but not at all of them.
+        made.append(replace(case, best=None))
         if len(made) == GENERATED:
             break
     return made
