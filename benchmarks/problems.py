@@ -81,7 +81,8 @@ def five_uavs(substeps: int = 1) -> Instance:
 
     Signals are the leader's x and y. Cost, summed over the steps: speed and heading
     errors, squared distances from the slots, squared controls; at the end ten times the
-    squared errors. Violation: the excess over the smallest distance of each pair.
+    squared errors. Violation: what each pair misses of the smallest distance, in metres
+    (`scale` 1), as the rivals written by hand sum it.
     """
     model = stack_models([unicycle()] * UAVS)
     leader = ca.SX.sym("leader", 2)
@@ -96,7 +97,9 @@ def five_uavs(substeps: int = 1) -> Instance:
         bounds=Bounds(controls=(_limits(-1, UAVS), _limits(1, UAVS))),
         constraints=[
             Separation(
-                relative=_position(model, i) - _position(model, j), distance=DISTANCE
+                relative=_position(model, i) - _position(model, j),
+                distance=DISTANCE,
+                scale=1.0,
             )
             for i, j in pairs
         ],
