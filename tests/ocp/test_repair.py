@@ -29,9 +29,13 @@ from swarmstart.ocp import (
 from swarmstart.ocp.checking import Excess
 from swarmstart.ocp.fitness import NOTHING
 from swarmstart.ocp.repair import (
+    added,
     at_points,
     has_segments,
+    hurried,
     needed,
+    place_of,
+    slack_at_checks,
     tightened,
 )
 from swarmstart.ocp.separation import Along
@@ -166,6 +170,53 @@ def test_needed_is_what_the_path_breaks_of_path_constraints() -> None:
     found = needed(problem, evaluated(problem, [0.0] * 4), [0, 0], NOTHING)
     assert [e.constraint for e in found] == [2, 0]
     np.testing.assert_allclose([e.amount for e in found], [0.3, 0.1], atol=1e-2)
+
+
+def test_margin_begins_where_the_checks_are() -> None:
+    """Between two checks, each 0.5 m away, the disc of 0.2 m is passed through.
+
+    The checks have 0.3 m to spare: a margin below it would leave them as they are. Of
+    twice as many checks, the nearest is at the centre, 0.2 m inside.
+    """
+    problem = moving(disc(X, centre=[2.5, 0.0], radius=0.2))
+    answer = evaluated(problem, [0.0] * 4)
+    for times, room in ((1, 0.3), (2, -0.2)):
+        slack = slack_at_checks(problem, answer, [0, 0], NOTHING, times)
+        assert slack[0, 0] == pytest.approx(room)
+    slack = slack_at_checks(problem, answer, [0, 0], NOTHING, 1)
+    (found,) = needed(problem, answer, [0, 0], NOTHING)
+    (wanted,) = added({}, [found], slack, 1.0).values()
+    assert wanted.amount == pytest.approx(0.3 + 0.2)
+
+
+def test_margins_fall_with_the_square_of_the_distance_of_checks() -> None:
+    first, other = excess(0, 0.1), excess(1, 0.4)
+    before = added({}, [first], {}, 1.0)
+    now = added(before, [other, excess(0, 0.3)], {}, 0.5)
+    assert now[place_of(first)].amount == pytest.approx((0.1 + 0.3) / 4)
+    assert now[place_of(other)].amount == pytest.approx(0.4 / 4)
+
+
+def test_margin_with_little_effect_grows_by_the_secant() -> None:
+    """From 0.4 to 0.1: three quarters of the margin arrived; 0.1 / (3 / 4) is left."""
+    row = excess(0, 0.1)
+    for attempt, haste in ((0, 1.0), (1, 1.25), (2, 1.5)):
+        (again,) = hurried([row], {place_of(row): 0.4}, attempt)
+        assert again.amount == pytest.approx(haste * 0.1 / 0.75)
+    (worse,) = hurried([row], {place_of(row): 0.05}, 0)
+    assert worse.amount == pytest.approx(0.1 / 0.25)  # No effect: not believed.
+
+
+def test_all_distances_share_the_least_margin() -> None:
+    """5 % of its own distance for a pair that nothing broke; a larger one stays."""
+    near, far = (Separation(relative=X, distance=d) for d in (1.0, 4.0))
+    line = PathConstraint(expression=X[1], lower=-3.0)
+    problem = moving(near, far, line)
+    tight = tightened(problem, [excess(0, 0.3)], for_all=0.05).constraints
+    margins = [c.margin for c in tight if isinstance(c, Separation)]
+    assert margins == pytest.approx([1.05 * 0.3 + 0.5e-4, 1.05 * 0.05 * 4 + 2e-4])
+    (same,) = [c for c in tight if isinstance(c, PathConstraint)]
+    assert same.lower == pytest.approx([-3.0])
 
 
 def test_margins_go_to_the_constraint_that_is_broken() -> None:
