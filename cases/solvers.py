@@ -16,7 +16,7 @@ import time as clock
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -232,9 +232,10 @@ def _many_starts(
     """Return the best of IPOPT from random points until the budget is spent."""
     del solver
     problem = posed.problem
-    options = _ipopt(budget, 1.0)
-    planner = Planner(problem, search=None, polish=options, backend=scenario.backend)
-    polish = Polisher(planner.fitness, options)
+    planner = Planner(
+        problem, search=None, polish=_ipopt(budget, 1.0), backend=scenario.backend
+    )
+    polish = cast(Polisher, planner.polisher)
     space: SearchSpace = (
         ControlSpace(planner.fitness)
         if posed.family is None
