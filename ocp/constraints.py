@@ -98,8 +98,32 @@ class Bounds:
     state_scale: Limit | None = None
 
 
+class _Limited:
+    """How the value of an expression is measured against its limits."""
+
+    __slots__ = ()
+    lower: Limit
+    upper: Limit
+
+    def rows(self, value: ca.SX) -> Rows:
+        """Return the value and its limits."""
+        return Rows(value, np.asarray(self.lower), np.asarray(self.upper))
+
+    def smooth(self, value: ca.SX) -> Rows:
+        """Return the value and its limits."""
+        return self.rows(value)
+
+    def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
+        """Return the excess of each row at the check's end."""
+        return row_excess(self.rows(end))
+
+    def indicated(self, excess: ca.SX) -> ca.SX:
+        """Return 1 for each row beyond its limits."""
+        return excess > 0
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class PathConstraint:
+class PathConstraint(_Limited):
     """lower <= expression <= upper at the start and at the end of every check.
 
     Attributes:
@@ -125,25 +149,9 @@ class PathConstraint:
         _set_limits(self, "path constraint")
         require_choice("measure", self.measure, get_args(Measure))
 
-    def rows(self, value: ca.SX) -> Rows:
-        """Return the value and its limits."""
-        return Rows(value, np.asarray(self.lower), np.asarray(self.upper))
-
-    def smooth(self, value: ca.SX) -> Rows:
-        """Return the value and its limits."""
-        return self.rows(value)
-
-    def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return the excess of each row at the check's end."""
-        return row_excess(self.rows(end))
-
-    def indicated(self, excess: ca.SX) -> ca.SX:
-        """Return 1 for each row beyond its limits."""
-        return excess > 0
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class TerminalConstraint:
+class TerminalConstraint(_Limited):
     """lower <= expression <= upper at the end of the horizon; equality by default.
 
     Attributes:
@@ -165,22 +173,6 @@ class TerminalConstraint:
     def __post_init__(self) -> None:
         """Bring the limits into the shape of the expression."""
         _set_limits(self, "terminal constraint")
-
-    def rows(self, value: ca.SX) -> Rows:
-        """Return the value and its limits."""
-        return Rows(value, np.asarray(self.lower), np.asarray(self.upper))
-
-    def smooth(self, value: ca.SX) -> Rows:
-        """Return the value and its limits."""
-        return self.rows(value)
-
-    def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return the excess of each row at the end."""
-        return row_excess(self.rows(end))
-
-    def indicated(self, excess: ca.SX) -> ca.SX:
-        """Return 1 for each row beyond its limits."""
-        return excess > 0
 
 
 def row_excess(rows: Rows) -> ca.SX:
