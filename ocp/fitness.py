@@ -208,8 +208,7 @@ class Arguments:
         """Return the natural sizes for an initial state; see scaling.py."""
         problem = self._problem
         state, parameters, flat = shared_arguments(problem, x0, known)
-        signals = flat.reshape((problem.ns, problem.nodes), order="F")
-        return self._sizing(state, parameters, signals, guess)
+        return self._sizing(state, parameters, at_nodes(problem, flat), guess)
 
     def sizes_along(
         self, controls: Array, states: Array, x0: ArrayLike, known: Known
@@ -224,7 +223,7 @@ class Arguments:
         """
         problem = self._problem
         _, parameters, flat = shared_arguments(problem, x0, known)
-        signals = flat.reshape((problem.ns, problem.nodes), order="F")
+        signals = at_nodes(problem, flat)
         natural = self.sizes(x0, known, controls)
         along = self._sizing.cost_along(states, controls, parameters, signals)
         if not np.isfinite(along):
@@ -251,6 +250,11 @@ def shared_arguments(
     )
 
 
+def at_nodes(problem: OptimalControlProblem, flat: Array) -> Array:
+    """Return the signals at the nodes, shape (ns, nodes), of ca.vec of them."""
+    return flat.reshape((problem.ns, problem.nodes), order="F")
+
+
 def replay(
     problem: OptimalControlProblem,
     controls: Array,
@@ -269,8 +273,7 @@ def replay(
         known: Parameters and signals.
     """
     x, p, flat = Arguments(problem)(x0, known)
-    signals = flat.reshape((problem.ns, problem.nodes), order="F")
-    checks = problem.checks
+    signals, checks = at_nodes(problem, flat), problem.checks
     interval, states = stage(problem), [x[:, None]]
     cost = violation = 0.0
     for k in range(problem.intervals):

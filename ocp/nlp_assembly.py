@@ -16,6 +16,15 @@ from swarmstart.ocp.problem import OptimalControlProblem
 Index = NDArray[np.int64]
 
 
+def argument_sizes(
+    problem: OptimalControlProblem, interval: Part, end: Part
+) -> list[int]:
+    """Return the lengths of x0, shared, both parts' weights and signals in q."""
+    weights = [len(part.rows.places) for part in (interval, end)]
+    shared = interval.value.numel_in(1) - weights[0]
+    return [problem.model.nx, shared, *weights, problem.ns * problem.nodes]
+
+
 class Mapped:
     """Symbols of the NLP, and the functions of its parts applied to them."""
 
@@ -33,9 +42,7 @@ class Mapped:
         self.nx, self.nu, self.N = model.nx, model.nu, N
         self.rows = interval.value.numel_out(0)
         self.w = ca.MX.sym("w", (model.nu + model.nx) * N)
-        weights = [len(part.rows.places) for part in (interval, end)]
-        shared = interval.value.numel_in(1) - weights[0]
-        sizes = [model.nx, shared, *weights, problem.ns * problem.nodes]
+        sizes = argument_sizes(problem, interval, end)
         self.q = ca.MX.sym("q", sum(sizes))
         x0, known, inside, at_end, flat = ca.vertsplit(
             self.q, [0, *np.cumsum(sizes).tolist()]

@@ -29,6 +29,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.fitness import at_nodes
+from swarmstart.ocp.nlp_assembly import argument_sizes
 from swarmstart.ocp.nlp_parts import Part
 from swarmstart.ocp.transcription import Limits, NonlinearProgram
 
@@ -104,10 +106,8 @@ def stationarity(point: NlpPoint) -> float:
 
 def _slack(lam: Array, value: Array, lower: Array, upper: Array) -> float:
     """Return the largest |multiplier| times the distance to its limit, at most one."""
-    with np.errstate(invalid="ignore"):
-        room = np.where(lam > 0, upper - value, value - lower)
     # A multiplier of a limit that does not exist counts in full.
-    lost = np.abs(lam) * np.minimum(np.abs(room), 1.0)
+    lost = np.abs(lam) * np.minimum(_room(lam, value, lower, upper), 1.0)
     return float(np.max(np.where(lam == 0, 0.0, lost), initial=0))
 
 
@@ -153,9 +153,10 @@ class _Stages:
         start = point.q[:nx]
         x = np.hstack([start[:, None], both[nu:, :-1]])
         z = np.vstack([x, both[:nu]])
-        shared, inside, at_end, signals = _split(program, point.q)
+        sizes = argument_sizes(problem, program.interval, program.end)
+        _, shared, inside, at_end, signals = np.split(point.q, np.cumsum(sizes)[:-1])
         checks = problem.checks
-        s = signals.reshape((problem.ns, problem.nodes), order="F")
+        s = at_nodes(problem, signals)
         known = np.concatenate([shared, inside])
         lam = point.lam_g[: rows * N].reshape((rows, N), order="F")
         self.hessian, self.dynamics, self.active = [], [], []
@@ -177,16 +178,8 @@ class _Stages:
         )
         self.held_controls = at_bound[:nu].T
         self.held_states = at_bound[nu:].T.astype(np.float64)
-        sizes = [np.abs(H).max(initial=0) for H in (*self.hessian, self.end_hessian)]
-        self.largest = float(max(sizes))
-
-
-def _split(program: NonlinearProgram, q: Array) -> list[Array]:
-    """Return the shared arguments, both parts' weights and the signals of q."""
-    nx = program.problem.model.nx
-    weights = [len(part.rows.places) for part in (program.interval, program.end)]
-    shared = program.interval.value.numel_in(1) - weights[0]
-    return np.split(q[nx:], np.cumsum([shared, *weights]))
+        entries = [np.abs(H).max(initial=0) for H in (*self.hessian, self.end_hessian)]
+        self.largest = float(max(entries))
 
 
 def _derivatives(
@@ -206,6 +199,7 @@ def _distance(point: NlpPoint) -> Array:
 
 
 def _room(lam: Array, value: Array, lower: Array, upper: Array) -> Array:
+    """Return how far values are from the limits that their multipliers pull to."""
     with np.errstate(invalid="ignore"):
         return np.abs(np.where(lam > 0, upper - value, value - lower))
 

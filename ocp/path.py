@@ -96,7 +96,7 @@ class Tracer:
         problem, m = self._problem, self._steps
         u = np.repeat(controls, m, axis=1)
         times = np.linspace(0.0, problem.horizon, u.shape[1] + 1)
-        s = _between(problem, signals, times)
+        s = signals_between(problem, signals, times)
         start = np.concatenate([x0, [0.0, 0.0]])
         many = np.tile(p[:, None], (1, u.shape[1]))
         both = np.array(self._fine(start, u, many, s[:, :-1], s[:, 1:]))
@@ -193,8 +193,16 @@ def _fine_step(problem: OptimalControlProblem, h: float) -> ca.Function:
     return ca.Function("fine", [y, u, p, before, after], ca.cse([stepped]))
 
 
-def _between(problem: OptimalControlProblem, signals: Array, times: Array) -> Array:
-    """Return the signals at times, linear between the nodes, shape (ns, n)."""
+def signals_between(
+    problem: OptimalControlProblem, signals: Array, times: Array
+) -> Array:
+    """Return the signals at some times, shape (ns, n), linear between the nodes.
+
+    Args:
+        problem: The problem.
+        signals: At its nodes, shape (ns, nodes).
+        times: Shape (n,) [s].
+    """
     rows = [np.interp(times, problem.times, row) for row in signals]
     return np.array(rows).reshape(problem.ns, times.size)
 

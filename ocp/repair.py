@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.checking import Checker, Excess, Points
 from swarmstart.ocp.constraints import Bounds, Constraint, PathConstraint
-from swarmstart.ocp.fitness import Known, shared_arguments
+from swarmstart.ocp.fitness import Known, at_nodes, shared_arguments
+from swarmstart.ocp.path import signals_between
 from swarmstart.ocp.problem import OptimalControlProblem, label
 from swarmstart.ocp.separation import Connection, Separation
 from swarmstart.ocp.solution import Solution
@@ -97,15 +98,13 @@ def slack_at_checks(
     """
     path, checks = solution.path, problem.intervals * problem.checks * times
     _, p, flat = shared_arguments(problem, x0, known)
-    signals = flat.reshape((problem.ns, problem.nodes), order="F")
     columns = np.linspace(0, path.times.size - 1, checks + 1).astype(int)[1:]
     at = path.times[columns]
-    rows = [np.interp(at, problem.times, row) for row in signals]
     points = Points(
         at,
         path.states[:, columns],
         path.controls[:, columns - 1],
-        np.array(rows).reshape(problem.ns, at.size),
+        signals_between(problem, at_nodes(problem, flat), at),
     )
     return Checker(problem).slack(points, p)
 
@@ -205,9 +204,7 @@ def with_more_checks(
     )
     shape = (problem.ns, problem.nodes)
     given = np.asarray(known.signals, dtype=np.float64).reshape(shape)
-    rows = [np.interp(finer.times, problem.times, row) for row in given]
-    signals = np.array(rows).reshape(problem.ns, finer.nodes)
-    return finer, Known(known.parameters, signals)
+    return finer, Known(known.parameters, signals_between(problem, given, finer.times))
 
 
 def at_points(problem: OptimalControlProblem) -> OptimalControlProblem:
@@ -283,7 +280,7 @@ def _cut_by_chords(
     """Return what the chords of separations along segments cut, at the worst."""
     found = []
     _, p, flat = shared_arguments(problem, x0, known)
-    x, s = solution.plan.states, flat.reshape((problem.ns, problem.nodes), order="F")
+    x, s = solution.plan.states, at_nodes(problem, flat)
     columns = np.arange(problem.nodes - 1) // problem.checks
     u, many = solution.controls[:, columns], np.tile(p[:, None], (1, columns.size))
     start, end = (

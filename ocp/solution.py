@@ -22,7 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.advice import Found, advice_for, stiffness
-from swarmstart.ocp.fitness import NOTHING, Arguments, Known, shared_arguments
+from swarmstart.ocp.fitness import (
+    NOTHING,
+    Arguments,
+    Known,
+    at_nodes,
+    shared_arguments,
+)
 from swarmstart.ocp.optimality import Curvature, curvature, is_stationary
 from swarmstart.ocp.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.planner import Plan
@@ -132,7 +138,7 @@ def verified(
             point that is flat to second order is a local optimum, too.
     """
     state, parameters, flat = shared_arguments(problem, x0, known)
-    signals = flat.reshape((problem.ns, problem.nodes), order="F")
+    signals = at_nodes(problem, flat)
     sizes = Arguments(problem).sizes(x0, known, plan.controls)
     trace = Tracer(problem)
     path = trace(plan.controls, state, parameters, signals, sizes)
