@@ -35,7 +35,6 @@ class Budget:
         seconds: Wall time in s, above 0, after which no generation is started (the
             first always is); None means no limit. It includes the compilation of the
             kernels, a few seconds once per machine.
-
         target: Cost at which the search stops, once a feasible point has it; None means
             none.
         stagnation: Generations without a better point after which it stops, at least 1;

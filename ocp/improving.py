@@ -78,7 +78,9 @@ def settled_answer(
     states = used.fitness.states(solution.controls, x0, given)
     plan = replace(solution.plan, states=states)
     plan, is_settled = settled(used, plan, x0, given, rng=rng)
-    plan = _judged_by(planner, plan, plan.evaluations, solution, x0, known)
+    plan = replace(
+        _judged_by(planner, plan, solution, x0, known), evaluations=plan.evaluations
+    )
     found = verified(planner.problem, plan, x0, known, settled=is_settled)
     # A descent that the finer path does not confirm is none.
     return found if found.status.is_confirmed else solution
@@ -113,13 +115,10 @@ def followed_down(
         )
         near = part < PARTS[0]
         plan = other.plan(x0, known=known, guess=at.controls, near=near, rng=rng)
-        effort = at.plan.evaluations + plan.evaluations
-        plan = _judged_by(planner, plan, effort, at, x0, known)
+        plan = _judged_by(planner, plan, at, x0, known)
         # Stationary for the rounded problem only.
         at = verified(problem, replace(plan, point=None), x0, known)
-        best = _better(
-            Answer(best, planner, known), Answer(at, planner, known)
-        ).solution
+        best = at if _is_better_answer(at, best) else best
     return best
 
 
@@ -156,13 +155,13 @@ def repaired(
             backend=planner.fitness.backend,
         )
         plan = other.plan(x0, known=given, guess=at.controls, rng=rng)
-        effort = at.plan.evaluations + plan.evaluations
-        judged = _judged_by(planner, plan, effort, at, x0, known)
+        judged = _judged_by(planner, plan, at, x0, known)
         return Answer(verified(problem, judged, x0, known), other, given)
 
     if by_points:
         found = again(at_points(problem), at)
-        best, at = _better(best, found), found.solution
+        at = found.solution
+        best = found if _is_better_answer(at, best.solution) else best
     margins: dict[Place, Excess] = {}
     last: dict[Place, float] = {}
     checks = 1
@@ -180,7 +179,8 @@ def repaired(
         )
         checks = more
         found = again(at_points(tight) if by_points else tight, at, checks)
-        best, at = _better(best, found), found.solution
+        at = found.solution
+        best = found if _is_better_answer(at, best.solution) else best
         last = {place_of(excess): excess.amount for excess in excesses}
     return best
 
@@ -209,31 +209,31 @@ def _worth_repairing(solution: Solution, by_points: bool) -> bool:
 def _judged_by(
     planner: Planner,
     plan: Plan,
-    evaluations: int,
     before: Solution,
     x0: ArrayLike,
     known: Known,
 ) -> Plan:
-    """Return a plan made for a problem with margins as one of the planner's problem."""
+    """Return a plan made for a changed problem as one of the planner's problem.
+
+    It goes on from an answer before it: the evaluations of both count.
+    """
     judged = planner.evaluated(plan.controls, x0, known=known, source=plan.source)
     return replace(
         judged,
         search_cost=before.plan.search_cost,
         search_violation=before.plan.search_violation,
         search_history=before.plan.search_history,
-        evaluations=evaluations,
+        evaluations=before.plan.evaluations + plan.evaluations,
         polish_status=plan.polish_status,
         point=plan.point,
     )
 
 
-def _better(one: Answer, other: Answer) -> Answer:
-    """Return the better of two answers: confirmed before not, then by cost."""
-    first, second = one.solution, other.solution
-    if first.status.is_confirmed != second.status.is_confirmed:
-        return one if first.status.is_confirmed else other
-    if first.status.is_confirmed:
-        return other if second.cost < first.cost else one
-    values = [(s.cost, s.verified_violation) for s in (first, second)]
-    better = is_better(values[1], values[0], tolerance=first.problem.path_tolerance)
-    return other if better else one
+def _is_better_answer(one: Solution, other: Solution) -> bool:
+    """Return whether an answer is better: confirmed before not, then by cost."""
+    if one.status.is_confirmed != other.status.is_confirmed:
+        return one.status.is_confirmed
+    if one.status.is_confirmed:
+        return one.cost < other.cost
+    values = [(s.cost, s.verified_violation) for s in (one, other)]
+    return is_better(*values, tolerance=one.problem.path_tolerance)

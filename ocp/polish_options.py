@@ -82,7 +82,6 @@ class IpoptOptions:
             # By default IPOPT leaves bounds by 1e-8; brought back into them, its
             # controls would break path constraints that are active.
             "bound_relax_factor": 0.0,
-            # The NLP's numbers are near one by its own scaling.
             **(_NEAR if near else {}),
         }
         if self.max_seconds is not None:

@@ -81,14 +81,14 @@ class NonlinearProgram:
         """
         cost = [sizes.cost / self.unit]
         shared = [parameters, sizes.states, sizes.controls, cost]
-        weights = [row_weights(part, sizes) for part in (self.interval, self.end)]
+        weights = [_part_weights(part, sizes) for part in (self.interval, self.end)]
         return np.concatenate([x0 / sizes.states, *shared, *weights, signals])
 
     def limits(self, sizes: Sizes) -> Limits:
         """Return the bounds of variables and constraints, divided by the sizes."""
         problem, N = self.problem, self.problem.intervals
         inside, at_end = (
-            row_weights(part, sizes) for part in (self.interval, self.end)
+            _part_weights(part, sizes) for part in (self.interval, self.end)
         )
         bounds = [
             np.tile(np.concatenate([u / sizes.controls, x / sizes.states]), N)
@@ -121,7 +121,7 @@ class NonlinearProgram:
         return both[:nu] * sizes.controls[:, None], both[nu:] * sizes.states[:, None]
 
 
-def row_weights(part: Part, sizes: Sizes) -> Array:
+def _part_weights(part: Part, sizes: Sizes) -> Array:
     """Return 1 / size of each constraint row of a part."""
     rows = [1 / sizes.rows[constraint][row] for constraint, row in part.rows.places]
     return np.array(rows, dtype=np.float64)
