@@ -33,7 +33,12 @@ from swarmstart.terminal_set.choice import (
     log_volume,
     proven_level,
 )
-from swarmstart.terminal_set.decrease import Change, continuous_change, held_change
+from swarmstart.terminal_set.decrease import (
+    Change,
+    MovingCentreError,
+    continuous_change,
+    held_change,
+)
 from swarmstart.terminal_set.design import (
     ForeignCertificateError,
     InvalidReserveError,
@@ -43,6 +48,7 @@ from swarmstart.terminal_set.design import (
     sampled_terminal_set,
 )
 from swarmstart.terminal_set.ellipsoid import Ellipsoid, InvalidPlaneError
+from swarmstart.terminal_set.evidence import Proof, Refutation
 from swarmstart.terminal_set.intervals import (
     IntervalEvaluation,
     UnknownIntervalOperationError,
@@ -72,9 +78,9 @@ from swarmstart.terminal_set.prerequisites import (
     HeldTooLongError,
     NotAnEquilibriumError,
 )
-from swarmstart.terminal_set.proof import Proof, prove_level
+from swarmstart.terminal_set.proof import prove_level
 from swarmstart.terminal_set.reference import Reference
-from swarmstart.terminal_set.refutation import Refutation, refuted_level
+from swarmstart.terminal_set.refutation import refuted_level
 from swarmstart.terminal_set.reliability import UnreliableSolutionError
 from swarmstart.terminal_set.stability import (
     NotStabilisableError,
@@ -98,6 +104,7 @@ __all__ = [
     "InvalidPlaneError",
     "InvalidReserveError",
     "InvalidShapeError",
+    "MovingCentreError",
     "NoProvenSetError",
     "NotAnEquilibriumError",
     "NotFiniteError",

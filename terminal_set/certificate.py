@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.terminal_set.arrays import FloatArray, finite_array
-from swarmstart.terminal_set.proof import Proof
+from swarmstart.terminal_set.evidence import Proof, Refutation
 from swarmstart.terminal_set.reference import Reference
-from swarmstart.terminal_set.refutation import Refutation
 from swarmstart.terminal_set.tape import tape_of
 
 FORMAT = "swarmstart terminal set certificate"

@@ -38,6 +38,7 @@ from swarmstart.terminal_set.design import (
     continuous_terminal_set,
     sampled_terminal_set,
 )
+from swarmstart.terminal_set.evidence import Refutation
 from swarmstart.terminal_set.growth import prove_growth
 from swarmstart.terminal_set.held_motion import HeldMotion
 from swarmstart.terminal_set.intervals import interval_function
@@ -48,7 +49,7 @@ from swarmstart.terminal_set.prerequisites import (
     require_stable_hold,
 )
 from swarmstart.terminal_set.reference import Reference
-from swarmstart.terminal_set.refutation import Refutation, refuted_level
+from swarmstart.terminal_set.refutation import refuted_level
 from swarmstart.terminal_set.taylor import IntervalMaker
 
 SHRUNK = 1 - 1e-9

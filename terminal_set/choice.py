@@ -23,9 +23,10 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.design import TerminalSet
 from swarmstart.terminal_set.ellipsoid import Ellipsoid
+from swarmstart.terminal_set.evidence import Proof, Refutation
 from swarmstart.terminal_set.intervals import interval_function
-from swarmstart.terminal_set.proof import Proof, prove_level
-from swarmstart.terminal_set.refutation import Refutation, refuted_level
+from swarmstart.terminal_set.proof import prove_level
+from swarmstart.terminal_set.refutation import refuted_level
 from swarmstart.terminal_set.taylor import IntervalMaker
 
 SHARE = 0.92

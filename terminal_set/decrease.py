@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.arrays import (
     FloatArray,
     InvalidShapeError,
@@ -26,6 +27,25 @@ from swarmstart.terminal_set.arrays import (
     positive_definite,
 )
 from swarmstart.terminal_set.design import TerminalSet
+
+
+@dataclass(eq=False)
+class MovingCentreError(SwarmstartError, ValueError):
+    """A motion that should leave the deviation 0 where it is does not.
+
+    Attributes:
+        motion: The motion at e = 0.
+    """
+
+    motion: FloatArray
+
+    def __str__(self) -> str:
+        """Say what the motion is there."""
+        found = ", ".join(f"{entry:.6g}" for entry in self.motion)
+        return (
+            f"the motion must be 0 at e = 0, got ({found}): it is that of a deviation, "
+            "less the reference's own"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -44,6 +64,7 @@ class Change:
         NotFiniteError: P or Q_m holds NaN or infinity.
         AsymmetricMatrixError: P is not symmetric.
         IndefiniteMatrixError: P is not positive definite.
+        MovingCentreError: The motion is not 0 at 0, or is no number there.
     """
 
     motion: ca.Function
@@ -58,6 +79,10 @@ class Change:
         sizes = {self.motion.size_in(0), self.motion.size_out(0)}
         if sizes != {(len(P), 1)}:
             raise InvalidShapeError("the motion", max(sizes), (len(P), 1))
+        at_centre = np.array(self.motion(0)).ravel()
+        # Every proof takes c as of second order there.
+        if not np.all(at_centre == 0):
+            raise MovingCentreError(at_centre)
         Q_m = finite_array("Q_m", self.Q_m, P.shape)
         e = ca.SX.sym("e", len(P))
         moved = self.motion(e)
@@ -119,7 +144,9 @@ def _change(
     e = ca.SX.sym("e", len(terminal_set.P))
     x_ref, u_ref = ca.DM(terminal_set.x_ref), ca.DM(terminal_set.u_ref)
     u = u_ref - ca.DM(terminal_set.K) @ e
-    moved = function(x_ref + e, u) - function(x_ref, u_ref)
+    moved = function(x_ref + e, u)
+    # The same operations on the same numbers: exactly 0 at 0.
+    moved -= ca.substitute(moved, e, ca.DM.zeros(e.shape))
     return Change(
         motion=ca.Function("motion", [e], [moved], ["e"], ["moved"]),
         P=terminal_set.P,

@@ -26,7 +26,6 @@ horizon nonlinear model predictive control scheme with guaranteed stability, Aut
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -39,6 +38,7 @@ from swarmstart.terminal_set.arrays import (
     columns_of,
     finite_array,
 )
+from swarmstart.terminal_set.certificate import Certificate
 from swarmstart.terminal_set.ellipsoid import Ellipsoid
 from swarmstart.terminal_set.level import (
     level_from_inputs,
@@ -50,9 +50,6 @@ from swarmstart.terminal_set.lqr import continuous_lqr, sampled_lqr
 from swarmstart.terminal_set.lyapunov import continuous_lyapunov, sampled_lyapunov
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.stability import CONTINUOUS, SAMPLED, growth
-
-if TYPE_CHECKING:
-    from swarmstart.terminal_set.certificate import Certificate
 
 
 @dataclass(eq=False)

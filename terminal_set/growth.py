@@ -28,8 +28,9 @@ from swarmstart.terminal_set.enclosure import (
     quadratic_bound,
     undecided,
 )
+from swarmstart.terminal_set.evidence import Proof
 from swarmstart.terminal_set.intervals import interval_function
-from swarmstart.terminal_set.proof import Limits, Proof, radius_of, search_ball
+from swarmstart.terminal_set.proof import Limits, radius_of, search_ball
 from swarmstart.terminal_set.taylor import IntervalMaker, TaylorForm
 
 Array = NDArray[np.float64]

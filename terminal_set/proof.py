@@ -27,6 +27,7 @@ from swarmstart.terminal_set.arrays import (
 )
 from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.enclosure import DecreaseBounds, Undecided
+from swarmstart.terminal_set.evidence import Proof
 from swarmstart.terminal_set.intervals import interval_function
 from swarmstart.terminal_set.taylor import IntervalMaker
 
@@ -35,26 +36,6 @@ Array = NDArray[np.float64]
 CHUNK = 8192
 COVER = 1e-9
 """By which part the ball is larger than sqrt(alpha), at least: T'PT = I to rounding."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Proof:
-    """How a proof went.
-
-    Attributes:
-        proven: Whether c < 0 everywhere in the ellipsoid but at its centre.
-        alpha: The level.
-        boxes: How many were looked at.
-        seconds: Wall time [s].
-        counterexample: A deviation with c >= 0 or at which c is no number, shape (nx,),
-            where one was met; None otherwise.
-    """
-
-    proven: bool
-    alpha: float
-    boxes: int
-    seconds: float
-    counterexample: FloatArray | None = None
 
 
 def prove_level(
@@ -86,7 +67,7 @@ def prove_level(
     began = clock.perf_counter()
     bounds = DecreaseBounds(change, intervals)
     radius = radius_of(alpha, bounds.defect)
-    if not np.isfinite(float(change.function(0))) or not np.isfinite(radius):
+    if not np.isfinite(radius):
         seconds = clock.perf_counter() - began
         return Proof(proven=False, alpha=alpha, boxes=0, seconds=seconds)
 

@@ -15,17 +15,15 @@ local.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import casadi as ca
 import numpy as np
 
 from swarmstart.terminal_set.arrays import (
     FloatArray,
     NotPositiveError,
-    finite_array,
 )
 from swarmstart.terminal_set.decrease import Change
+from swarmstart.terminal_set.evidence import Refutation
 
 RAYS = 4000
 RADII = 60
@@ -36,25 +34,6 @@ MOST_ROUNDS = 4
 """Of repeated rays: each looks 500 times nearer at the most."""
 INSIDE = 1e-9
 """How much a point is pushed outwards where c, at the NLP's answer, is below 0."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Refutation:
-    """A deviation at which e'Pe does not decrease.
-
-    Attributes:
-        alpha: e'Pe there: no level from it on is one.
-        e: The deviation, shape (nx,), read-only.
-        change: c(e) >= 0 there.
-    """
-
-    alpha: float
-    e: FloatArray
-    change: float
-
-    def __post_init__(self) -> None:
-        """Copy and lock."""
-        object.__setattr__(self, "e", finite_array("e", self.e, (None,)))
 
 
 def refuted_level(

@@ -15,7 +15,8 @@ from swarmstart.terminal_set import (
     sampled_terminal_set,
 )
 from swarmstart.terminal_set.decrease import Change, continuous_change, held_change
-from swarmstart.terminal_set.refutation import Refutation, refuted_level
+from swarmstart.terminal_set.evidence import Refutation
+from swarmstart.terminal_set.refutation import refuted_level
 
 Array = NDArray[np.float64]
 
