@@ -3,8 +3,9 @@
     python -m swarmstart.terminal_set.check FILE [--seconds 600]
 
 Everything a certificate labels proven is proven again by branch and bound in the ball
-arithmetic of python-flint; what it labels measured is sampled. The wording of the
-file's statements is not judged: the lines printed say what was.
+arithmetic of python-flint; what it labels measured is sampled. Of the file's statements
+only those in the words of the format are taken: the lines printed say what each came
+to. Nothing of the file is printed unescaped.
 
 Exit codes: 0 all of it was proven again; 2 the file or the call cannot be used; 3
 refused: a statement is false or the file was changed; 4 undecided in the time given; 5
@@ -14,20 +15,26 @@ the file cannot be read; 130 interrupted.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
+import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from swarmstart.terminal_set.checker.certificate_file import (
     Certificate,
-    CertificateFileError,
-    DigestError,
     read_certificate,
 )
+from swarmstart.terminal_set.checker.deadline import Deadline, TimeIsUpError
+from swarmstart.terminal_set.checker.file_content import (
+    CertificateFileError,
+    DigestError,
+)
 from swarmstart.terminal_set.checker.findings import Finding, Verdict
+from swarmstart.terminal_set.checker.output import write_line
 
 if TYPE_CHECKING:
     from swarmstart.terminal_set.checker.decrease import Outcome
@@ -49,9 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         import flint
     except ImportError:
-        sys.stderr.write(
+        _complain(
             "python-flint is needed to check a certificate: "
-            "pip install 'swarmstart[test]'\n"
+            "pip install 'swarmstart[test]'",
         )
         return UNUSABLE
     before = flint.ctx.prec
@@ -59,8 +66,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _check(options.file, options.seconds)
     except KeyboardInterrupt:
-        sys.stderr.write("interrupted\n")
+        _complain("interrupted")
         return INTERRUPTED
+    except OSError as error:
+        _complain(f"the report cannot be written: {error.strerror}")
+        if sys.stdout is not None:
+            # What is left in its buffer must not fail again when the process ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return UNREADABLE
     finally:
         flint.ctx.prec = before
 
@@ -69,26 +82,26 @@ def _check(file: Path, seconds: float) -> int:
     try:
         certificate = read_certificate(file)
     except OSError as error:
-        sys.stderr.write(f"{file} cannot be read: {error.strerror}\n")
+        _complain(f"{file} cannot be read: {error.strerror}")
         return UNREADABLE
     except CertificateFileError as error:
-        sys.stderr.write(f"{file} cannot be used: {error}\n")
+        _complain(f"{file} cannot be used: {error}")
         return UNUSABLE
     except DigestError as error:
-        sys.stdout.write(f"refused: {error}\nverdict: refused\n")
+        write_line(sys.stdout, f"refused: {error}")
+        write_line(sys.stdout, "verdict: refused")
         return REFUSED
     verdicts = set()
     for finding in findings(certificate, seconds=seconds):
         verdicts.add(finding.verdict)
-        sys.stdout.write(f"{finding.verdict.value}: {finding.text}\n")
-        sys.stdout.flush()
+        write_line(sys.stdout, f"{finding.verdict.value}: {finding.text}")
     if Verdict.REFUSED in verdicts:
-        sys.stdout.write("verdict: refused\n")
+        write_line(sys.stdout, "verdict: refused")
         return REFUSED
     if Verdict.UNDECIDED in verdicts:
-        sys.stdout.write(f"verdict: undecided within {seconds:g} s\n")
+        write_line(sys.stdout, f"verdict: undecided within {seconds:g} s")
         return UNDECIDED
-    sys.stdout.write("verdict: everything labelled proven was proven again\n")
+    write_line(sys.stdout, "verdict: everything labelled proven was proven again")
     return PROVED
 
 
@@ -99,47 +112,54 @@ def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
 
     Args:
         certificate: What the file states.
-        seconds: Time for the proofs [s].
+        seconds: Time for all of it [s].
 
     Yields:
         One finding a statement.
     """
+    try:
+        yield from _findings(certificate, Deadline.after(seconds))
+    except TimeIsUpError:
+        text = "the rest: time was up before it could be judged"
+        yield Finding(Verdict.UNDECIDED, text)
+
+
+def _findings(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]:
     from swarmstart.terminal_set.checker import closed_form
 
-    deadline = time.monotonic() + seconds
     matrices = closed_form.check_matrices(certificate)
     yield from matrices
     if any(finding.verdict is Verdict.REFUSED for finding in matrices):
         return
     refused = False
-    for finding in _quick_findings(certificate):
+    for finding in _quick_findings(certificate, deadline):
         refused = refused or finding.verdict is Verdict.REFUSED
         yield finding
     if not refused:
         yield from _proofs(certificate, deadline)
 
 
-def _quick_findings(certificate: Certificate) -> Iterator[Finding]:
+def _quick_findings(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]:
     from swarmstart.terminal_set.checker import closed_form, falsification
 
-    yield closed_form.check_equilibrium(certificate)
+    yield closed_form.check_equilibrium(certificate, deadline)
     yield from closed_form.check_bounds(certificate)
-    yield falsification.check_refuted(certificate)
-    failed = falsification.find_counterexample(certificate)
+    yield falsification.check_refuted(certificate, deadline)
+    failed = falsification.find_counterexample(certificate, deadline)
     if failed is not None:
         yield failed
     if certificate.dt is not None:
-        yield falsification.check_integrator(certificate)
+        yield falsification.check_integrator(certificate, deadline)
         if certificate.growth is None:
             yield Finding(Verdict.SKIPPED, "nothing is stated between samples")
         else:
-            sampled = falsification.check_growth_by_samples(certificate)
+            sampled = falsification.check_growth_by_samples(certificate, deadline)
             # Where it is labelled proven, the proof's line replaces that of samples.
             if sampled.verdict is Verdict.REFUSED or not certificate.growth_proven:
                 yield sampled
 
 
-def _proofs(certificate: Certificate, deadline: float) -> Iterator[Finding]:
+def _proofs(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]:
     from swarmstart.terminal_set.checker import ellipsoid_statements as statements
 
     level = f"0 < V(e) <= {certificate.alpha:.6g}"
@@ -164,6 +184,11 @@ def _judged(outcome: Outcome, text: str, start: float) -> Finding:
     return Finding(Verdict.UNDECIDED, f"{text} ({effort}; {outcome.remark})")
 
 
+def _complain(text: str) -> None:
+    with contextlib.suppress(OSError):
+        write_line(sys.stderr, text)
+
+
 def _seconds(text: str) -> float:
     seconds = float(text)
     if not 0.0 < seconds < math.inf:
@@ -171,8 +196,18 @@ def _seconds(text: str) -> float:
     return seconds
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that escapes what it quotes, such as the name of a second file."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print usage and message, and exit."""
+        self.print_usage(sys.stderr)
+        _complain(f"{self.prog}: error: {message}")
+        raise SystemExit(UNUSABLE)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="python -m swarmstart.terminal_set.check",
         description="Check a certificate of a terminal set.",
         epilog="exit codes: 0 proven again, 2 unusable, 3 refused, 4 undecided, "
@@ -180,7 +215,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("file", type=Path, help="the certificate (JSON)")
     parser.add_argument(
-        "--seconds", type=_seconds, default=600.0, help="time for the proofs [600]"
+        "--seconds", type=_seconds, default=600.0, help="time for all of it [600]"
     )
     return parser
 

@@ -1,27 +1,28 @@
-"""A certificate file: read as data, its digest compared, its shape judged.
+"""What a certificate file states: its shape judged, entry by entry.
 
-The digest is SHA-256 of all keys but "sha256" as JSON with sorted keys, no spaces and
-ASCII only. It finds accidents and careless edits; whoever recomputes it still has to
-get past the proof.
+Every entry is a number, a list or one of a few known words; nothing is run, and text
+that could say more than is proven (`statements.py`) is refused.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-FORMAT = "swarmstart terminal set certificate"
+from swarmstart.terminal_set.checker.file_content import (
+    read_content,
+    unusable,
+)
+from swarmstart.terminal_set.checker.statements import expected_statements
+
 LONGEST_TAPE = 100_000  # instructions; larger files are not worth minutes of parsing
 MOST_SUBSTEPS = 10_000
 MOST_STATES = 50
 UNARY = frozenset("neg sq twice inv fabs sqrt sin cos tan exp log atan tanh".split())
 BINARY = frozenset("add sub mul div pow fmin fmax".split())
-GROUNDS = ("proven", "closed form", "measured")
 _KEYS = frozenset(
     "format version sha256 dynamics reference bounds K P alpha dt substeps Q_m margins "
     "refuted design proof statements".split()
@@ -31,14 +32,6 @@ Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]
 Instruction = tuple[str, tuple[int, ...], float]
 T = TypeVar("T")
-
-
-class CertificateFileError(ValueError):
-    """The file is no certificate that can be judged."""
-
-
-class DigestError(ValueError):
-    """The file is not what its digest says: it was changed after it was written."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -75,7 +68,6 @@ class Certificate:
         growth: Bound of V between samples, relative to V; None: none stated.
         growth_proven: Whether `growth` is labelled proven.
         refuted: Level and point of a counterexample; None: none known.
-        statements: Number of statements, whose wording is for the reader.
     """
 
     tape: tuple[Instruction, ...]
@@ -93,7 +85,6 @@ class Certificate:
     growth: float | None
     growth_proven: bool
     refuted: Refuted | None
-    statements: int
 
     @property
     def nx(self) -> int:
@@ -107,7 +98,7 @@ class Certificate:
 
 
 def read_certificate(path: Path) -> Certificate:
-    """Read, compare the digest, judge the shape.
+    """Read a certificate, compare its digest, judge its shape.
 
     Args:
         path: The file.
@@ -120,85 +111,29 @@ def read_certificate(path: Path) -> Certificate:
         CertificateFileError: If it is no certificate that can be judged.
         DigestError: If it was changed after it was written.
     """
-    try:
-        content = json.loads(
-            path.read_bytes().decode(),
-            parse_constant=_refuse_constant,
-            object_pairs_hook=_without_repetition,
-        )
-    except (ValueError, RecursionError) as error:
-        raise CertificateFileError(f"the file is not valid JSON: {error}") from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise CertificateFileError(f'the file is no "{FORMAT}"')
-    _compare_digest(content)
-    return _certificate(content)
-
-
-def digest(content: dict[str, object]) -> str:
-    """SHA-256 of everything but the digest itself.
-
-    Args:
-        content: The file as a mapping.
-
-    Returns:
-        64 hexadecimal digits.
-    """
-    rest = {key: value for key, value in content.items() if key != "sha256"}
-    text = json.dumps(
-        rest, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False
-    )
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _refuse_constant(name: str) -> float:
-    raise ValueError(f"{name} is no number")
-
-
-def _without_repetition(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    names = [name for name, _ in pairs]
-    if len(set(names)) < len(names):
-        raise ValueError("a key is given twice")
-    return dict(pairs)
-
-
-def _compare_digest(content: dict[str, object]) -> None:
-    stated = content.get("sha256")
-    if not isinstance(stated, str):
-        raise _unusable("sha256", "64 hexadecimal digits", stated)
-    try:
-        computed = digest(content)
-    except (ValueError, RecursionError) as error:
-        raise CertificateFileError(f"a number is not finite: {error}") from error
-    if stated != computed:
-        raise DigestError(f"the file's digest is {stated}, its content's is {computed}")
-
-
-def _unusable(where: str, expected: str, found: object) -> CertificateFileError:
-    shown = repr(found)
-    shown = shown if len(shown) <= 60 else shown[:57] + "..."  # noqa: PLR2004
-    return CertificateFileError(f"{where}: expected {expected}, found {shown}")
+    return _certificate(read_content(path))
 
 
 def _mapping(value: object, where: str, keys: set[str]) -> dict[str, object]:
     if not isinstance(value, dict):
-        raise _unusable(where, "an object", value)
+        raise unusable(where, "an object", value)
     for key in sorted(keys - set(value)):
-        raise _unusable(where, f'the key "{key}"', "none")
+        raise unusable(where, f'the key "{key}"', "none")
     for key in sorted(set(value) - keys):
-        raise _unusable(where, "only the keys " + ", ".join(sorted(keys)), key)
+        raise unusable(where, "only the keys " + ", ".join(sorted(keys)), key)
     return value
 
 
 def _number(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _unusable(where, "a number", value)
+        raise unusable(where, "a number", value)
     try:
         number = float(value)
     except OverflowError:
-        raise _unusable(where, "a finite number", value) from None
+        raise unusable(where, "a finite number", value) from None
     # An integer past 2^53 would be another number than the one that was written.
     if not math.isfinite(number) or number != value:
-        raise _unusable(where, "a finite number of double precision", value)
+        raise unusable(where, "a finite number of double precision", value)
     return number
 
 
@@ -206,29 +141,29 @@ def _at_least(value: object, where: str, least: float, *, strict: bool) -> float
     number = _number(value, where)
     if number < least or (strict and number == least):
         sign = "above" if strict else "of at least"
-        raise _unusable(where, f"a number {sign} {least:g}", value)
+        raise unusable(where, f"a number {sign} {least:g}", value)
     return number
 
 
 def _integer(value: object, where: str, least: int, most: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
-        raise _unusable(where, "an integer", value)
+        raise unusable(where, "an integer", value)
     if not least <= value <= most:
-        raise _unusable(where, f"an integer from {least} to {most}", value)
+        raise unusable(where, f"an integer from {least} to {most}", value)
     return value
 
 
 def _list(value: object, where: str, length: int | None) -> list[object]:
     if not isinstance(value, list):
-        raise _unusable(where, "a list", value)
+        raise unusable(where, "a list", value)
     if length is not None and len(value) != length:
-        raise _unusable(where, f"a list of {length}", f"{len(value)} entries")
+        raise unusable(where, f"a list of {length}", f"{len(value)} entries")
     return value
 
 
 def _text(value: object, where: str) -> str:
     if not isinstance(value, str):
-        raise _unusable(where, "a text", value)
+        raise unusable(where, "a text", value)
     return value
 
 
@@ -257,13 +192,13 @@ def _instruction(value: object, *, number: int, nx: int, nu: int) -> Instruction
     counts = {"const": 1, "x": 1, "u": 1}
     counts |= dict.fromkeys(UNARY, 1) | dict.fromkeys(BINARY, 2)
     if operation not in counts:
-        raise _unusable(f"{where}[0]", "a known operation", operation)
+        raise unusable(f"{where}[0]", "a known operation", operation)
     _list(parts, where, counts[operation] + 1)
     if operation == "const":
         return operation, (), _number(parts[1], f"{where}[1]")
     most = {"x": nx, "u": nu}.get(operation, number) - 1
     if most < 0:
-        raise _unusable(where, "an operation on an earlier instruction", operation)
+        raise unusable(where, "an operation on an earlier instruction", operation)
     operands = tuple(
         _integer(part, f"{where}[{i}]", 0, most)
         for i, part in enumerate(parts[1:], start=1)
@@ -274,13 +209,13 @@ def _instruction(value: object, *, number: int, nx: int, nu: int) -> Instruction
 def _certificate(content: dict[str, object]) -> Certificate:
     _mapping(content, "the file", set(_KEYS))
     if _integer(content["version"], "version", 0, 10**9) != 1:
-        raise _unusable("version", "1", content["version"])
+        raise unusable("version", "1", content["version"])
     dynamics = _mapping(content["dynamics"], "dynamics", {"nx", "nu", "tape", "xdot"})
     nx = _integer(dynamics["nx"], "dynamics.nx", 1, MOST_STATES)
     nu = _integer(dynamics["nu"], "dynamics.nu", 1, MOST_STATES)
     tape = _list(dynamics["tape"], "dynamics.tape", None)
     if not 1 <= len(tape) <= LONGEST_TAPE:
-        raise _unusable("dynamics.tape", f"1 to {LONGEST_TAPE} instructions", len(tape))
+        raise unusable("dynamics.tape", f"1 to {LONGEST_TAPE} instructions", len(tape))
     instructions = tuple(
         _instruction(entry, number=i, nx=nx, nu=nu) for i, entry in enumerate(tape)
     )
@@ -294,7 +229,7 @@ def _certificate(content: dict[str, object]) -> Certificate:
         content["margins"], held=dt is not None
     )
     _check_remarks(content, nx=nx, nu=nu)
-    return Certificate(
+    certificate = Certificate(
         tape=instructions,
         xdot=xdot,
         x_ref=_vector(reference["x"], "reference.x", nx),
@@ -310,8 +245,9 @@ def _certificate(content: dict[str, object]) -> Certificate:
         growth=growth,
         growth_proven=growth_proven,
         refuted=_refuted(content["refuted"], nx=nx),
-        statements=_statements(content["statements"]),
     )
+    _check_statements(content["statements"], certificate=certificate)
+    return certificate
 
 
 def _bounds(value: object, *, nx: int, nu: int) -> dict[str, tuple[float | None, ...]]:
@@ -330,7 +266,7 @@ def _substeps(value: object, *, held: bool) -> int | None:
     if held:
         return _integer(value, "substeps", 1, MOST_SUBSTEPS)
     if value is not None:
-        raise _unusable("substeps", "null where dt is null", value)
+        raise unusable("substeps", "null where dt is null", value)
     return None
 
 
@@ -339,7 +275,7 @@ def _margins(value: object, *, held: bool) -> tuple[float | None, float | None, 
     if not held:
         for name, margin in margins.items():
             if margin is not None:
-                raise _unusable(f"margins.{name}", "null where dt is null", margin)
+                raise unusable(f"margins.{name}", "null where dt is null", margin)
     error = growth = None
     proven = False
     if margins["integrator"] is not None:
@@ -361,7 +297,7 @@ def _margins(value: object, *, held: bool) -> tuple[float | None, float | None, 
 
 def _one_of(value: object, where: str, allowed: tuple[str, ...]) -> str:
     if _text(value, where) not in allowed:
-        raise _unusable(where, " or ".join(f'"{name}"' for name in allowed), value)
+        raise unusable(where, " or ".join(f'"{name}"' for name in allowed), value)
     return str(value)
 
 
@@ -388,11 +324,22 @@ def _check_remarks(content: dict[str, object], *, nx: int, nu: int) -> None:
     _at_least(proof["seconds"], "proof.seconds", 0.0, strict=False)
 
 
-def _statements(value: object) -> int:
-    statements = _list(value, "statements", None)
-    for i, entry in enumerate(statements):
+def _check_statements(value: object, *, certificate: Certificate) -> None:
+    # Whoever reads "proven" in the file takes it for what the checker proved.
+    known = expected_statements(
+        held=certificate.dt is not None,
+        growth_proven=certificate.growth_proven,
+    )
+    left = dict(known)
+    for i, entry in enumerate(_list(value, "statements", None)):
         where = f"statements[{i}]"
         statement = _mapping(entry, where, {"statement", "grounds"})
-        _text(statement["statement"], f"{where}.statement")
-        _one_of(statement["grounds"], f"{where}.grounds", GROUNDS)
-    return len(statements)
+        text = _text(statement["statement"], f"{where}.statement")
+        grounds = _text(statement["grounds"], f"{where}.grounds")
+        if text not in known:
+            raise unusable(f"{where}.statement", "a statement of the format", text)
+        if text not in left:
+            raise unusable(f"{where}.statement", "each statement once", text)
+        if grounds != left.pop(text):
+            expected = f'"{known[text]}" with the margins stated'
+            raise unusable(f"{where}.grounds", expected, grounds)

@@ -17,6 +17,7 @@ from swarmstart.terminal_set.checker.coordinates import (
     is_positive_definite,
     symmetric,
 )
+from swarmstart.terminal_set.checker.deadline import Deadline
 from swarmstart.terminal_set.checker.findings import Finding, Verdict
 from swarmstart.terminal_set.checker.jets import VALUES, square
 from swarmstart.terminal_set.checker.motion import (
@@ -85,18 +86,22 @@ def check_bounds(certificate: Certificate) -> list[Finding]:
     return findings
 
 
-def check_equilibrium(certificate: Certificate) -> Finding:
+def check_equilibrium(certificate: Certificate, deadline: Deadline) -> Finding:
     """At the reference only states may move on which the dynamics do not depend.
 
     Args:
         certificate: What the file states.
+        deadline: When to stop.
 
     Returns:
         The finding.
+
+    Raises:
+        TimeIsUpError: When the deadline has passed.
     """
     x = [VALUES.constant(_around(value)) for value in certificate.x_ref]
     u = [VALUES.constant(_around(value)) for value in certificate.u_ref]
-    rates = [jet.value for jet in rate(Program.of(certificate), x, u)]
+    rates = [jet.value for jet in rate(Program.of(certificate, deadline), x, u)]
     felt = {
         certificate.tape[index][1][0]
         for index in live_instructions(certificate)

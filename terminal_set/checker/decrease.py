@@ -16,7 +16,6 @@ Boxes that remain are split where |derivative| times width is largest, depth fir
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -32,6 +31,7 @@ from swarmstart.terminal_set.checker.coordinates import (
     hull,
     scaled_by,
 )
+from swarmstart.terminal_set.checker.deadline import Deadline, TimeIsUpError
 from swarmstart.terminal_set.checker.jets import (
     RAY,
     RAY_AND_TIME,
@@ -117,12 +117,12 @@ class Search:
 
     Attributes:
         statement: What to prove.
-        deadline: `time.monotonic()` at which to stop.
+        deadline: When to stop.
         most_boxes: Boxes after which to stop.
     """
 
     statement: Statement
-    deadline: float
+    deadline: Deadline
     most_boxes: float = math.inf
     _linear: dict[Interval, _Linear] = field(default_factory=dict)
     _stages: dict[tuple[Interval, Algebra], Stages] = field(default_factory=dict)
@@ -147,7 +147,7 @@ class Search:
         stack = list(self._start())
         boxes = 0
         while stack:
-            if time.monotonic() > self.deadline or boxes >= self.most_boxes:
+            if self.deadline.has_passed or boxes >= self.most_boxes:
                 return Outcome(
                     proven=False,
                     counterexample=None,
@@ -155,7 +155,15 @@ class Search:
                     remark=f"{len(stack)} boxes left in the queue",
                 )
             boxes += 1
-            rest = self.judge(stack.pop())
+            try:
+                rest = self.judge(stack.pop())
+            except TimeIsUpError:
+                rest = Outcome(
+                    proven=False,
+                    counterexample=None,
+                    boxes=boxes,
+                    remark=f"{len(stack) + 1} boxes left in the queue",
+                )
             if isinstance(rest, Outcome):
                 return Outcome(
                     proven=False,

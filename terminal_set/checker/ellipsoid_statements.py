@@ -13,7 +13,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-import time
 from collections.abc import Sequence
 
 from flint import arb, arb_mat
@@ -27,6 +26,7 @@ from swarmstart.terminal_set.checker.coordinates import (
     rotation,
     symmetric,
 )
+from swarmstart.terminal_set.checker.deadline import NEVER, Deadline
 from swarmstart.terminal_set.checker.decrease import (
     Interval,
     Outcome,
@@ -48,10 +48,10 @@ class PointwiseChange:
         motion: The motion relative to the reference.
     """
 
-    def __init__(self, certificate: Certificate) -> None:
+    def __init__(self, certificate: Certificate, deadline: Deadline = NEVER) -> None:
         """Turn the matrices into balls."""
         self.certificate = certificate
-        self.motion = RelativeMotion(certificate)
+        self.motion = RelativeMotion(certificate, deadline)
         self._P = symmetric(certificate.P)
         self._Q_m = symmetric(certificate.Q_m)
 
@@ -113,16 +113,19 @@ def integrator_margin(certificate: Certificate) -> arb:
     return 2 * error + error * error
 
 
-def decrease_statement(certificate: Certificate) -> Statement:
-    """c(e) < 0 on the set, without 0.
+def decrease_statement(
+    certificate: Certificate, deadline: Deadline = NEVER
+) -> Statement:
+    """Return c(e) < 0 on the set, without 0.
 
     Args:
         certificate: What the file states; P positive definite.
+        deadline: For every evaluation of the motion.
 
     Returns:
         The statement for the search.
     """
-    points = PointwiseChange(certificate)
+    points = PointwiseChange(certificate, deadline)
     dt = certificate.dt or 0.0
     if certificate.dt is None:
         weight = None
@@ -137,31 +140,34 @@ def decrease_statement(certificate: Certificate) -> Statement:
     )
 
 
-def prove_decrease(certificate: Certificate, deadline: float) -> Outcome:
+def prove_decrease(certificate: Certificate, deadline: Deadline) -> Outcome:
     """Search the set for the decrease.
 
     Args:
         certificate: What the file states; P positive definite.
-        deadline: `time.monotonic()` at which to stop.
+        deadline: When to stop.
 
     Returns:
         How the search ended.
     """
-    return Search(decrease_statement(certificate), deadline).run()
+    return Search(decrease_statement(certificate, deadline), deadline).run()
 
 
-def growth_statement(certificate: Certificate, times: Interval) -> Statement:
-    """V(R_t(e)) < growth V(e) on the set, without 0, for an interval of times.
+def growth_statement(
+    certificate: Certificate, times: Interval, deadline: Deadline = NEVER
+) -> Statement:
+    """Return V(R_t(e)) < growth V(e) on the set, without 0, for an interval of times.
 
     Args:
         certificate: What the file states; P positive definite, growth given.
         times: Shortest and longest time since the sample [s].
+        deadline: For every evaluation of the motion.
 
     Returns:
         The statement for the search.
     """
     return _statement(
-        PointwiseChange(certificate),
+        PointwiseChange(certificate, deadline),
         times=times,
         weight=arb(certificate.growth or 1.0),
         reserve=arb_mat(certificate.nx, certificate.nx),
@@ -169,7 +175,7 @@ def growth_statement(certificate: Certificate, times: Interval) -> Statement:
     )
 
 
-def prove_growth(certificate: Certificate, deadline: float) -> Outcome:
+def prove_growth(certificate: Certificate, deadline: Deadline) -> Outcome:
     """Search the set for the growth between samples, one piece of time after another.
 
     Each piece has its own rotation T, which makes its quadratic part nearly diagonal;
@@ -177,7 +183,7 @@ def prove_growth(certificate: Certificate, deadline: float) -> Outcome:
 
     Args:
         certificate: What the file states; P positive definite, growth given.
-        deadline: `time.monotonic()` at which to stop.
+        deadline: When to stop.
 
     Returns:
         How the search ended; its boxes are those of all pieces.
@@ -189,12 +195,12 @@ def prove_growth(certificate: Certificate, deadline: float) -> Outcome:
         low, high = pieces.pop()
         narrow = high - low < dt * _NARROWEST
         most = math.inf if narrow else _BOXES_A_PIECE
-        statement = growth_statement(certificate, (low, high))
+        statement = growth_statement(certificate, (low, high), deadline)
         outcome = Search(statement, deadline, most).run()
         boxes += outcome.boxes
         if outcome.proven:
             continue
-        late = time.monotonic() > deadline
+        late = deadline.has_passed
         if outcome.counterexample is not None or narrow or late:
             where = f"in t = {low:.4g} to {high:.4g} s: {outcome.remark}"
             return dataclasses.replace(outcome, boxes=boxes, remark=where)
@@ -232,7 +238,7 @@ def _statement(
         )
 
     upright = root_of_inverse(symmetric(points.certificate.P))
-    linear = Search(in_coordinates(upright), math.inf)
+    linear = Search(in_coordinates(upright), NEVER)
     middle_time = 0.5 * (times[0] + times[1])
     turned = rotation(middle(linear.quadratic_form((middle_time, middle_time))))
     return in_coordinates(middle(arb_mat(upright) * arb_mat(turned)))

@@ -19,6 +19,7 @@ from swarmstart.terminal_set.checker.coordinates import (
     root_of_inverse,
     symmetric,
 )
+from swarmstart.terminal_set.checker.deadline import Deadline
 from swarmstart.terminal_set.checker.ellipsoid_statements import PointwiseChange
 from swarmstart.terminal_set.checker.findings import Finding, Verdict
 from swarmstart.terminal_set.checker.motion import Program
@@ -59,15 +60,15 @@ class SampledMotion:
         certificate: What the file states.
     """
 
-    def __init__(self, certificate: Certificate) -> None:
+    def __init__(self, certificate: Certificate, deadline: Deadline) -> None:
         """Keep the live part of the tape."""
         self.certificate = certificate
-        self._program = Program.of(certificate)
+        self._program = Program.of(certificate, deadline)
 
     def rate(self, x: Sequence[float], u: Sequence[float]) -> list[float]:
         """f(x, u), shape (nx,)."""
         results: dict[int, float] = {}
-        for number, (operation, operands, constant) in self._program.steps:
+        for number, (operation, operands, constant) in self._program.timed_steps():
             if operation == "const":
                 results[number] = constant
             elif operation in ("x", "u"):
@@ -118,19 +119,23 @@ def _reach(x: Sequence[float], slope: Sequence[float], h: float) -> list[float]:
     return [a + h * b for a, b in zip(x, slope, strict=True)]
 
 
-def check_refuted(certificate: Certificate) -> Finding:
+def check_refuted(certificate: Certificate, deadline: Deadline) -> Finding:
     """The refuted point lies on its level, beyond the set, and does not decrease.
 
     Args:
         certificate: What the file states; P positive definite.
+        deadline: When to stop.
 
     Returns:
         The finding.
+
+    Raises:
+        TimeIsUpError: When the deadline has passed.
     """
     refuted = certificate.refuted
     if refuted is None:
         return Finding(Verdict.SKIPPED, "no level is stated to be refuted")
-    points = PointwiseChange(certificate)
+    points = PointwiseChange(certificate, deadline)
     level = points.level([arb(entry) for entry in refuted.e])
     name = f"the point at the refuted level {refuted.alpha:.6g}"
     if refuted.alpha <= certificate.alpha:
@@ -146,16 +151,20 @@ def check_refuted(certificate: Certificate) -> Finding:
     return Finding(Verdict.PROVED, f"{name} does not decrease")
 
 
-def find_counterexample(certificate: Certificate) -> Finding | None:
+def find_counterexample(certificate: Certificate, deadline: Deadline) -> Finding | None:
     """Try the axes of the ellipsoid, small and large, and random boundary points.
 
     Args:
         certificate: What the file states; P positive definite.
+        deadline: When to stop.
 
     Returns:
         The refusal, or None if no point fails.
+
+    Raises:
+        TimeIsUpError: When the deadline has passed.
     """
-    points = PointwiseChange(certificate)
+    points = PointwiseChange(certificate, deadline)
     for e in _candidates(certificate):
         if points.violates_decrease(e, 0.0):
             value = points.level([arb(entry) for entry in e])
@@ -168,19 +177,23 @@ def find_counterexample(certificate: Certificate) -> Finding | None:
     return None
 
 
-def check_integrator(certificate: Certificate) -> Finding:
+def check_integrator(certificate: Certificate, deadline: Deadline) -> Finding:
     """The flow stays near the Runge-Kutta map and decreases V, at random points.
 
     Args:
         certificate: What the file states; held, P positive definite.
+        deadline: When to stop.
 
     Returns:
         The finding.
+
+    Raises:
+        TimeIsUpError: When the deadline has passed.
     """
     if certificate.integrator is None:
         text = "the error of the Runge-Kutta map: what is proven holds for the map"
         return Finding(Verdict.SKIPPED, text)
-    motion, steps = SampledMotion(certificate), certificate.substeps or 1
+    motion, steps = SampledMotion(certificate, deadline), certificate.substeps or 1
     dt = certificate.dt or 0.0
     largest = 0.0
     for e in _inside(certificate):
@@ -209,16 +222,20 @@ def check_integrator(certificate: Certificate) -> Finding:
     )
 
 
-def check_growth_by_samples(certificate: Certificate) -> Finding:
+def check_growth_by_samples(certificate: Certificate, deadline: Deadline) -> Finding:
     """V stays below its bound between samples, at random points and times.
 
     Args:
         certificate: What the file states; held, P positive definite, growth given.
+        deadline: When to stop.
 
     Returns:
         The finding.
+
+    Raises:
+        TimeIsUpError: When the deadline has passed.
     """
-    motion, steps = SampledMotion(certificate), certificate.substeps or 1
+    motion, steps = SampledMotion(certificate, deadline), certificate.substeps or 1
     growth, dt = certificate.growth or 1.0, certificate.dt or 0.0
     largest = 1.0  # at t = 0
     if not largest < growth:

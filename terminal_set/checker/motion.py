@@ -10,12 +10,13 @@ cancels before it can blow up the enclosure.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from flint import arb
 
 from swarmstart.terminal_set.checker.certificate_file import Certificate, Instruction
+from swarmstart.terminal_set.checker.deadline import NEVER, Deadline
 from swarmstart.terminal_set.checker.jets import (
     OPERATIONS,
     VALUES,
@@ -26,6 +27,7 @@ from swarmstart.terminal_set.checker.jets import (
 
 Stages = list[tuple[list[Jet], list[Jet]]]  # the reference's state and rate
 Balls = list[arb]
+_STEPS_A_LOOK = 256  # instructions between looks at the clock; well below 1 ms
 
 
 def live_instructions(certificate: Certificate) -> frozenset[int]:
@@ -57,17 +59,29 @@ class Program:
     Attributes:
         steps: (number, instruction), in order.
         outputs: Numbers of the state's rates.
+        deadline: Looked at in every evaluation.
     """
 
     steps: tuple[tuple[int, Instruction], ...]
     outputs: tuple[int, ...]
+    deadline: Deadline
 
     @classmethod
-    def of(cls, certificate: Certificate) -> Program:
-        """The program of a certificate's dynamics."""
+    def of(cls, certificate: Certificate, deadline: Deadline = NEVER) -> Program:
+        """Return the program of a certificate's dynamics."""
         live = live_instructions(certificate)
         steps = tuple((i, certificate.tape[i]) for i in sorted(live))
-        return cls(steps, certificate.xdot)
+        return cls(steps, certificate.xdot, deadline)
+
+    def timed_steps(self) -> Iterator[tuple[int, Instruction]]:
+        """Iterate over the steps, an eye on the clock.
+
+        Raises:
+            TimeIsUpError: When the deadline has passed.
+        """
+        for first in range(0, len(self.steps), _STEPS_A_LOOK):
+            self.deadline.check()
+            yield from self.steps[first : first + _STEPS_A_LOOK]
 
 
 def rate(program: Program, x: Sequence[Jet], u: Sequence[Jet]) -> list[Jet]:
@@ -80,10 +94,13 @@ def rate(program: Program, x: Sequence[Jet], u: Sequence[Jet]) -> list[Jet]:
 
     Returns:
         The state's rate, shape (nx,).
+
+    Raises:
+        TimeIsUpError: When the program's deadline has passed.
     """
     algebra = x[0].algebra
     results: dict[int, Jet] = {}
-    for number, (operation, operands, constant) in program.steps:
+    for number, (operation, operands, constant) in program.timed_steps():
         if operation == "x":
             results[number] = x[operands[0]]
         elif operation == "u":
@@ -105,10 +122,10 @@ class RelativeMotion:
         held: Whether inputs are held.
     """
 
-    def __init__(self, certificate: Certificate) -> None:
+    def __init__(self, certificate: Certificate, deadline: Deadline = NEVER) -> None:
         """Turn the numbers into balls."""
         self.certificate = certificate
-        self.program = Program.of(certificate)
+        self.program = Program.of(certificate, deadline)
         self.held = certificate.dt is not None
         self._x_ref = [arb(value) for value in certificate.x_ref]
         self._u_ref = [arb(value) for value in certificate.u_ref]

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from swarmstart.terminal_set import Reference, linearise
+from swarmstart.terminal_set.check import main
 
 TURN_RATE = np.pi / 18  # 10 deg/s
 
@@ -71,3 +76,20 @@ def chen() -> tuple[ca.Function, Reference]:
         u_upper=np.array([2.0]),
     )
     return ca.Function("chen", [x, u], [xdot]), reference
+
+
+@pytest.fixture
+def check(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str]]:
+    """Write a certificate, check it, return the exit code and all that was said."""
+
+    def run(content: object, *options: str) -> tuple[int, str]:
+        file = tmp_path / "certificate.json"
+        text = content if isinstance(content, str) else json.dumps(content)
+        file.write_text(text)
+        code = main([str(file), *options])
+        said = capsys.readouterr()
+        return code, said.out + said.err
+
+    return run

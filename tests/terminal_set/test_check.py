@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import copy
-import hashlib
 import importlib
+import itertools
 import json
 import math
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,178 +17,21 @@ import pytest
 import scipy.linalg
 
 from swarmstart.terminal_set.check import main
-from swarmstart.terminal_set.checker.certificate_file import digest
+from swarmstart.terminal_set.checker.file_content import digest
+from swarmstart.tests.terminal_set.checker.certificates_by_hand import (
+    CHEN_REFUTED,
+    MU,
+    Content,
+    chen,
+    formation,
+    refuted_chen,
+    replaced,
+    signed,
+)
 
 flint = pytest.importorskip("flint")
 
-Content = dict[str, Any]
 Check = Callable[..., tuple[int, str]]
-CHEN_REFUTED = 0.95108  # the smallest level with a point where V does not fall
-MU = 0.5
-
-
-def signed(content: Content) -> Content:
-    """The digest as the format prescribes it, computed independently here."""
-    rest = {key: value for key, value in content.items() if key != "sha256"}
-    text = json.dumps(
-        rest, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False
-    )
-    return {**rest, "sha256": hashlib.sha256(text.encode()).hexdigest()}
-
-
-def chen(**changes: Any) -> Content:
-    """Chen and Allgoewer (1998): x1' = x2 + u (mu + (1-mu) x1), and so on."""
-    content: Content = {
-        "format": "swarmstart terminal set certificate",
-        "version": 1,
-        "dynamics": {
-            "nx": 2,
-            "nu": 1,
-            "tape": [
-                ["x", 0],
-                ["x", 1],
-                ["u", 0],
-                ["const", MU],
-                ["const", 1 - MU],
-                ["mul", 4, 0],
-                ["add", 3, 5],
-                ["mul", 2, 6],
-                ["add", 1, 7],
-                ["mul", 4, 1],
-                ["const", 4.0],
-                ["mul", 10, 9],
-                ["sub", 3, 11],
-                ["mul", 2, 12],
-                ["add", 0, 13],
-            ],
-            "xdot": [8, 14],
-        },
-        "reference": {"x": [0.0, 0.0], "u": [0.0]},
-        "bounds": {
-            "u_lower": [-2.0],
-            "u_upper": [2.0],
-            "x_lower": [None, None],
-            "x_upper": [None, 1.0],
-        },
-        "K": [[2.118, 2.118]],
-        "P": [[16.5926, 11.5926], [11.5926, 16.5926]],
-        "alpha": 0.99 * CHEN_REFUTED,
-        "dt": None,
-        "substeps": None,
-        "Q_m": [[0.0, 0.0], [0.0, 0.0]],
-        "margins": {"integrator": None, "between_samples": None},
-        "refuted": refuted_chen(),
-        "design": {"name": "lqr", "Q": [[0.5, 0.0], [0.0, 0.5]], "R": [[1.0]]}
-        | {"kappa": 0.95},
-        "proof": {"boxes": 500, "seconds": 0.02},
-        "statements": [
-            {"statement": "V falls on the set", "grounds": "proven"},
-            {"statement": "|u| <= 2 on the set", "grounds": "closed form"},
-        ],
-    }
-    return signed(content | changes)
-
-
-def refuted_chen(level: float = 0.9512) -> Content:
-    """The point of a level where V falls least, on a fine grid of angles."""
-    P = np.array([[16.5926, 11.5926], [11.5926, 16.5926]])
-    angles = np.linspace(0.0, 2 * np.pi, 20_001)
-    L = np.linalg.cholesky(P)
-    circle = np.vstack([np.cos(angles), np.sin(angles)])
-    e = math.sqrt(level) * np.linalg.solve(L.T, circle)
-    u = -2.118 * (e[0] + e[1])
-    rate = np.vstack(
-        [
-            e[1] + u * (MU + (1 - MU) * e[0]),
-            e[0] + u * (MU - 4 * (1 - MU) * e[1]),
-        ]
-    )
-    change = 2 * np.sum(e * (P @ rate), axis=0)
-    worst = int(np.argmax(change))
-    return {"alpha": level, "e": e[:, worst].tolist(), "change": float(change[worst])}
-
-
-def formation(R: tuple[float, float] = (1.0, 100.0), **changes: Any) -> Content:
-    """A unicycle at 15 m/s, its input held 1 s, gains by the discrete Riccati."""
-    A, B = np.zeros((4, 4)), np.zeros((4, 2))
-    A[2, 0], A[3, 1], B[0, 0], B[1, 1] = 1.0, 15.0, 1.0, 1.0
-    Ad = np.eye(4) + A
-    Bd = (np.eye(4) + A / 2) @ B
-    P = scipy.linalg.solve_discrete_are(Ad, Bd, np.eye(4), np.diag(R))
-    K = np.linalg.solve(np.diag(R) + Bd.T @ P @ Bd, Bd.T @ P @ Ad)
-    room = [5.0, math.radians(10.0)]
-    reach = np.sum(K * np.linalg.solve(P, K.T).T, axis=1)
-    alpha = float(np.min(np.square(room) / reach)) * (1 - 1e-12)
-    content: Content = {
-        "format": "swarmstart terminal set certificate",
-        "version": 1,
-        "dynamics": {
-            "nx": 4,
-            "nu": 2,
-            "tape": [
-                ["x", 0],
-                ["x", 1],
-                ["u", 0],
-                ["u", 1],
-                ["cos", 1],
-                ["sin", 1],
-                ["mul", 0, 4],
-                ["mul", 0, 5],
-            ],
-            "xdot": [2, 3, 6, 7],
-        },
-        "reference": {"x": [15.0, 0.0, 0.0, 0.0], "u": [0.0, 0.0]},
-        "bounds": {
-            "u_lower": [-room[0], -room[1]],
-            "u_upper": room,
-            "x_lower": [5.0, None, None, None],
-            "x_upper": [25.0, None, None, None],
-        },
-        "K": K.tolist(),
-        "P": ((P + P.T) / 2).tolist(),
-        "alpha": alpha,
-        "dt": 1.0,
-        "substeps": 1,
-        "Q_m": np.zeros((4, 4)).tolist(),
-        "margins": {
-            "integrator": {
-                "relative_error": 2.1e-4,
-                "grounds": "measured",
-                "samples": 2000,
-            },
-            "between_samples": None,
-        },
-        "refuted": None,
-        "design": {"name": "lqr", "Q": None, "R": None, "kappa": None},
-        "proof": {"boxes": 356, "seconds": 0.04},
-        "statements": [{"statement": "V falls", "grounds": "proven"}],
-    }
-    return signed(content | changes)
-
-
-@pytest.fixture
-def check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Check:
-    """Writes a certificate, checks it, returns the exit code and all that was said."""
-
-    def run(content: object, *options: str) -> tuple[int, str]:
-        file = tmp_path / "certificate.json"
-        text = content if isinstance(content, str) else json.dumps(content)
-        file.write_text(text)
-        code = main([str(file), *options])
-        said = capsys.readouterr()
-        return code, said.out + said.err
-
-    return run
-
-
-def replaced(content: Content, path: tuple[Any, ...], value: object) -> Content:
-    """A copy with one entry replaced; the digest stays."""
-    changed = copy.deepcopy(content)
-    place: Any = changed
-    for key in path[:-1]:
-        place = place[key]
-    place[path[-1]] = value
-    return changed
 
 
 def numbers(value: object, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -408,13 +251,32 @@ def test_an_equality_in_the_linear_part_is_never_proven(check: Check) -> None:
     assert check(signed(content | {"Q_m": [[5.999]]}))[0] == 0
 
 
+@pytest.fixture
+def looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock on which every look takes a second."""
+    ticks = itertools.count()
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(ticks)))
+
+
+@pytest.mark.usefixtures("looks")
 def test_too_little_time_leaves_it_undecided_and_says_how_far_it_came(
     check: Check,
 ) -> None:
-    code, said = check(formation((1.0, 1.0)), "--seconds", "0.05")
+    code, said = check(chen(), "--seconds", "1000")
     assert code == 4
     assert "boxes left in the queue" in said
-    assert "verdict: undecided within 0.05 s" in said
+    assert "verdict: undecided within 1000 s" in said
+
+
+@pytest.mark.usefixtures("looks")
+@pytest.mark.parametrize("substeps", [1, 10_000])
+def test_samples_and_closed_forms_end_at_the_deadline_too(
+    check: Check, substeps: int
+) -> None:
+    """Ten thousand substeps were integrated at 200 points, whatever the time."""
+    code, said = check(formation(substeps=substeps), "--seconds", "3000")
+    assert code == 4
+    assert "undecided: the rest: time was up before it could be judged" in said
 
 
 UNUSABLE = {
@@ -440,7 +302,27 @@ UNUSABLE = {
     "other grounds": (
         ("statements", 0, "grounds"),
         "believed",
-        'statements[0].grounds: expected "proven" or "closed form" or "measured"',
+        'statements[0].grounds: expected "proven" with the margins stated',
+    ),
+    "a statement in other words": (
+        ("statements", 0, "statement"),
+        "safe in every weather",
+        "statements[0].statement: expected a statement of the format",
+    ),
+    "a statement twice": (
+        ("statements", 1),
+        chen()["statements"][0],
+        "statements[1].statement: expected each statement once",
+    ),
+    "a statement of held inputs": (
+        ("statements", 0),
+        formation()["statements"][0],
+        "statements[0].statement: expected a statement of the format",
+    ),
+    "a digest that is text": (
+        ("sha256",),
+        "\x1b[2J\x1b]0;owned\x07",
+        "sha256: expected 64 hexadecimal digits",
     ),
 }
 
@@ -452,10 +334,11 @@ def test_an_unusable_file_is_named_with_place_expectation_and_find(
     content = replaced(chen(), path, value)
     if value is None:
         del content[path[0]]
-    code, said = check(signed(content))
+    code, said = check(content if path == ("sha256",) else signed(content))
     assert code == 2
     assert words in said
     assert len(said.splitlines()) == 1
+    assert said.rstrip("\n").isprintable()
 
 
 @pytest.mark.parametrize(

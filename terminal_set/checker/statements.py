@@ -1,0 +1,39 @@
+"""The statements a certificate may make, in the only words that are accepted.
+
+They are those that the checker judges: a text of its own, labelled proven, would pass
+for something that was checked.
+"""
+
+from __future__ import annotations
+
+_PROVEN, _CLOSED_FORM, _MEASURED = "proven", "closed form", "measured"
+
+
+def expected_statements(*, held: bool, growth_proven: bool) -> dict[str, str]:
+    """Return what a certificate states, and on which grounds.
+
+    Args:
+        held: Whether inputs are held.
+        growth_proven: Whether the growth between samples is labelled proven.
+
+    Returns:
+        Statement -> grounds.
+    """
+    inputs = "the inputs stay within their bounds on the set"
+    states = "the states stay within their bounds on the set"
+    if not held:
+        return {
+            inputs: _CLOSED_FORM,
+            states: _CLOSED_FORM,
+            "e'Pe falls by more than e'Q_m e a second": _PROVEN,
+        }
+    return {
+        inputs: _CLOSED_FORM,
+        f"{states}, between samples too": _MEASURED,
+        "e'Pe falls by more than e'Q_m e a hold, for the Runge-Kutta map and any "
+        "motion that differs from it by the stated error": _PROVEN,
+        "the integrator's error is at most the stated one": _MEASURED,
+        "e'Pe stays below the stated growth between samples": (
+            _PROVEN if growth_proven else _MEASURED
+        ),
+    }
