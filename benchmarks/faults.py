@@ -1,0 +1,356 @@
+"""Faults put into the code on purpose: how many of them the mirrored tests notice.
+
+    python benchmarks/faults.py --seed 16 --count 200
+    python benchmarks/faults.py --seed 1 --count 30 --file 'ocp/*' --jobs 2
+
+Places are drawn with a seed from the files that make proofs, statuses and verdicts
+sound; at each a sign, a comparison, a constant or an extreme is changed
+(`fault_places`). Each fault is put into a private copy of the tree, and the tests of
+its own file are run, tests/<folder>/test_<module>.py, and no others. A fault is caught
+if one of them fails or if they no longer end. Faults that change nothing but effort or
+text are named with the reason and not counted (`harmless_faults`).
+"""
+
+import argparse
+import os
+import queue
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from enum import Enum
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import binomtest
+
+from swarmstart.benchmarks.fault_places import Fault, applied, faults, line_of
+from swarmstart.benchmarks.harmless_faults import HARMLESS
+from swarmstart.benchmarks.tables import row
+
+ROOT = Path(__file__).resolve().parent.parent
+FILES = {
+    "proofs": (
+        *(f"terminal_set/{name}.py" for name in (
+            "intervals", "taylor", "enclosure", "decrease", "growth", "held_motion",
+            "proof", "level", "certification", "prerequisites", "ellipsoid",
+            "refutation", "stability", "lyapunov", "lqr", "linearisation",
+        )),
+        "terminal_set/checker/*.py",
+    ),
+    "statuses": tuple(f"ocp/{name}.py" for name in (
+        "status", "solution", "checking", "constraints", "separation", "optimality",
+        "dual_mode", "improving", "repair", "path", "kinks",
+    )),
+    "verdicts": tuple(f"cases/{name}.py" for name in (
+        "claims", "verdicts", "statistics", "replication", "feasibility",
+        "flown_distances", "checking",
+    )),
+}  # fmt: skip
+"""What is drawn from: patterns of files, by what they make sound."""
+MORE_TESTS: Mapping[str, str] = {
+    "terminal_set/decrease.py": "tests/terminal_set/test_proof.py",
+    "terminal_set/enclosure.py": "tests/terminal_set/test_proof.py",
+    "terminal_set/held_motion.py": "tests/terminal_set/test_certification.py",
+    "terminal_set/prerequisites.py": "tests/terminal_set/test_certification.py",
+    "terminal_set/checker/*.py": "tests/terminal_set/test_check.py",
+}
+"""Pattern of files -> further tests of theirs, run after those of the same name."""
+LIMIT_GB = 8
+_LIMITED = (
+    "import resource, sys, pytest; "
+    f"resource.setrlimit(resource.RLIMIT_DATA, 2 * ({LIMIT_GB} * 10**9,)); "
+    "sys.exit(pytest.main())"
+)
+PATIENCE = 4.0
+"""Times the time that the tests take without a fault, before they count as endless."""
+
+
+class Outcome(Enum):
+    """What became of a fault."""
+
+    CAUGHT = "caught"
+    ENDLESS = "caught by time"
+    SURVIVED = "SURVIVED"
+    HARMLESS = "harmless"
+
+
+class Drawn(NamedTuple):
+    """A fault and where it is.
+
+    Attributes:
+        file: Path of its file in the tree.
+        fault: The fault.
+        line: Number of its line, from 1.
+        before: The line without it, stripped.
+        after: The line with it, stripped.
+    """
+
+    file: str
+    fault: Fault
+    line: int
+    before: str
+    after: str
+
+    def __str__(self) -> str:
+        """Return the place, the line, and the line with the fault."""
+        return f"{self.file}:{self.line}\n    - {self.before}\n    + {self.after}"
+
+
+def soundness_files(root: Path, patterns: Sequence[str] = ("*",)) -> list[str]:
+    """Return the files that are drawn from, sorted.
+
+    Args:
+        root: Root of the tree.
+        patterns: Of these, the ones that match any of these patterns.
+    """
+    found = {
+        path.relative_to(root).as_posix()
+        for group in FILES.values()
+        for pattern in group
+        for path in root.glob(pattern)
+    }
+    return sorted(f for f in found if any(fnmatch(f, p) for p in patterns))
+
+
+def all_faults(root: Path, files: Iterable[str]) -> list[tuple[Drawn, ...]]:
+    """Return the faults of files, place by place."""
+    places = []
+    for file in files:
+        source = (root / file).read_text(encoding="utf-8")
+        lines = source.splitlines()
+        for place in faults(source):
+            number = line_of(source, place[0])
+            places.append(
+                tuple(
+                    Drawn(
+                        file,
+                        fault,
+                        number,
+                        lines[number - 1].strip(),
+                        applied(source, fault).splitlines()[number - 1].strip(),
+                    )
+                    for fault in place
+                )
+            )
+    return places
+
+
+def drawn(
+    places: Sequence[tuple[Drawn, ...]], count: int, rng: np.random.Generator
+) -> list[Drawn]:
+    """Return faults of different places, each place as likely as any other.
+
+    Args:
+        places: The faults of each place.
+        count: How many; all places if there are fewer.
+        rng: Source of all randomness.
+    """
+    chosen = rng.permutation(len(places))[:count]
+    return [places[k][int(rng.integers(len(places[k])))] for k in chosen]
+
+
+def tests_of(root: Path, file: str) -> list[str]:
+    """Return the test files of a file: the one that mirrors it, and those listed.
+
+    Args:
+        root: Root of the tree.
+        file: Path of the file in the tree.
+
+    Raises:
+        FileNotFoundError: If there is none.
+    """
+    path = Path("tests") / Path(file).with_name(f"test_{Path(file).name}")
+    more = (test for pattern, test in MORE_TESTS.items() if fnmatch(file, pattern))
+    names = [path.as_posix(), *more]
+    found = [name for name in names if (root / name).exists()]
+    if not found:
+        raise FileNotFoundError(f"expected tests of {file} in {names}, found none")
+    return found
+
+
+def copied(root: Path, into: Path) -> Path:
+    """Copy the tree as git sees it, changes that are not committed included.
+
+    Args:
+        root: Root of the tree.
+        into: An empty folder.
+
+    Returns:
+        The folder.
+    """
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=root, check=True, capture_output=True,
+    )  # fmt: skip
+    for name in filter(None, listed.stdout.decode().split("\0")):
+        source, target = root / name, into / name
+        if source.exists() or source.is_symlink():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(source, target, follow_symlinks=False)
+    return into
+
+
+def outcome_of(
+    copy: Path, file: str, faulty: str, tests: Sequence[str], limit_s: float
+) -> Outcome:
+    """Run tests on a copy whose file has another text; then put the old text back.
+
+    Args:
+        copy: Root of a copy of the tree.
+        file: Path of the file in the tree.
+        faulty: Its text with a fault.
+        tests: Paths of test files in the tree.
+        limit_s: After this time they count as endless [s].
+    """
+    path = copy / file
+    original = path.read_text(encoding="utf-8")
+    path.write_text(faulty, encoding="utf-8")
+    try:
+        code = _tested(copy, tests, limit_s)
+    finally:
+        path.write_text(original, encoding="utf-8")
+    if code is None:
+        return Outcome.ENDLESS
+    return Outcome.SURVIVED if code == 0 else Outcome.CAUGHT
+
+
+def _tested(copy: Path, tests: Sequence[str], limit_s: float) -> int | None:
+    """Return the exit status of tests run in a copy; None if they did not end."""
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(copy / ".dev"),
+        # A fault may leave size and time of a file as they were.
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "XDG_CACHE_HOME": str(copy.parent / f"{copy.name}-cache"),
+    }
+    # The options stand in sys.argv, behind the "-c" that pytest.main skips.
+    options = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist")
+    process = subprocess.Popen(
+        [sys.executable, "-c", _LIMITED, *options, *tests],
+        cwd=copy, env=environment, start_new_session=True,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        return process.wait(limit_s)
+    except subprocess.TimeoutExpired:
+        return None
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def limits(copy: Path, files: Iterable[str]) -> dict[str, float]:
+    """Return how long the tests of each file may take [s]: they pass without a fault.
+
+    Raises:
+        RuntimeError: If they fail though there is no fault.
+    """
+    allowed = {}
+    for file in files:
+        begin = time.perf_counter()
+        if _tested(copy, tests_of(copy, file), 3600.0) != 0:
+            raise RuntimeError(
+                f"expected {tests_of(copy, file)} to pass without a fault; they fail"
+            )
+        allowed[file] = max(60.0, PATIENCE * (time.perf_counter() - begin))
+    return allowed
+
+
+def judged(root: Path, chosen: Sequence[Drawn], jobs: int) -> list[Outcome]:
+    """Return what became of each fault, and print it.
+
+    Args:
+        root: Root of the tree.
+        chosen: The faults.
+        jobs: How many are tried at a time, each in a copy of its own.
+    """
+    with tempfile.TemporaryDirectory(prefix="faults-") as folder:
+        copies: queue.SimpleQueue[Path] = queue.SimpleQueue()
+        for k in range(jobs):
+            copies.put(copied(root, Path(folder) / f"copy{k}"))
+        first = copies.get()
+        allowed = limits(first, sorted({d.file for d in chosen if not reason_of(d)}))
+        copies.put(first)
+
+        def judge(one: Drawn) -> Outcome:
+            found = Outcome.HARMLESS
+            if not reason_of(one):
+                copy = copies.get()
+                text = applied((copy / one.file).read_text(encoding="utf-8"), one.fault)
+                tests = tests_of(copy, one.file)
+                found = outcome_of(copy, one.file, text, tests, allowed[one.file])
+                copies.put(copy)
+            print(f"{found.value:14} {one.fault.kind:10} {one}", flush=True)
+            return found
+
+        with ThreadPoolExecutor(jobs) as pool:
+            return [*pool.map(judge, chosen)]
+
+
+def reason_of(one: Drawn) -> str:
+    """Return why a fault does no harm; empty if it would."""
+    for file, before, after, reason in HARMLESS:
+        if one.file == file and one.before == before and after in ("*", one.after):
+            return reason
+    return ""
+
+
+def report(chosen: Sequence[Drawn], found: Sequence[Outcome]) -> str:
+    """Return a table by kind, the harmless ones with reasons, and the share caught."""
+    lines = ["", row("kind", "faults", "caught", "survived"), row(*4 * ("---",))]
+    caught = (Outcome.CAUGHT, Outcome.ENDLESS)
+    kinds = sorted({one.fault.kind for one in chosen})
+    for kind in (*kinds, "all"):
+        of_kind = Counter(
+            o
+            for d, o in zip(chosen, found, strict=True)
+            if kind in (d.fault.kind, "all")
+        )
+        good, bad = sum(of_kind[o] for o in caught), of_kind[Outcome.SURVIVED]
+        lines.append(row(kind, str(good + bad), str(good), str(bad)))
+    for one, outcome in zip(chosen, found, strict=True):
+        if outcome is Outcome.HARMLESS:
+            lines.append(f"harmless: {reason_of(one)}: {one}")
+    if good + bad:
+        low, high = binomtest(good, good + bad).proportion_ci(method="wilson")
+        lines.append(
+            f"caught {good} of {good + bad}, {good / (good + bad):.1%} "
+            f"(Wilson, 95 %: {low:.1%} to {high:.1%}); "
+            f"{of_kind[Outcome.ENDLESS]} of them by time"
+        )
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw faults, try them, and print the table; 1 if any survived."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--seed", type=int, default=16)
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--file", action="append", metavar="PATTERN", default=[])
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--list", action="store_true", help="only list the faults")
+    asked = parser.parse_args(arguments)
+    places = all_faults(ROOT, soundness_files(ROOT, asked.file or ["*"]))
+    chosen = drawn(places, asked.count, np.random.default_rng(asked.seed))
+    print(f"{len(chosen)} faults of {len(places)} places, seed {asked.seed}")
+    if asked.list:
+        print(*chosen, sep="\n")
+        return 0
+    # By file, so that its machine code is still warm.
+    chosen.sort()
+    found = judged(ROOT, chosen, asked.jobs)
+    print(report(chosen, found))
+    return int(Outcome.SURVIVED in found)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
