@@ -21,7 +21,7 @@ from swarmstart.heuristics import (
     minimize,
     static_penalty,
 )
-from swarmstart.heuristics.cma import CMAESState
+from swarmstart.heuristics.cma import CMAESState, adapt
 from swarmstart.heuristics.cma_constants import constants_of, default_size, weights_of
 from swarmstart.heuristics.minimize import Objective
 from swarmstart.heuristics.order import ranking
@@ -116,6 +116,24 @@ def test_constants_are_those_of_the_cmaes_package() -> None:
             rtol=1e-12,
         )
         np.testing.assert_allclose(weights_of(dim, size, ours), peer._weights)
+
+
+@pytest.mark.parametrize("h_sigma", [0.0, 1.0])
+def test_covariance_is_updated_by_47(h_sigma: float) -> None:
+    """With the part of C that a stalled path no longer brings: delta of (47)."""
+    rng = np.random.default_rng(7)
+    state = Search(CMAES(size=10), BOX, rng=rng).state
+    assert isinstance(state, CMAESState)
+    root = rng.normal(size=(DIM, DIM))
+    C, p, y = root @ root.T, rng.normal(size=DIM), rng.normal(size=(10, DIM))
+    state.covariance[:], state.path_c[:] = C, p
+    k = constants_of(DIM, 10)
+    w = weights_of(DIM, 10, k)
+    adapt(state, k, h_sigma, float(w.sum()), w, y)
+    delta = (1 - h_sigma) * k.c_c * (2 - k.c_c)
+    expected = (1 + k.c_1 * delta - k.c_1 - k.c_mu * w.sum()) * C
+    expected += k.c_1 * np.outer(p, p) + k.c_mu * (y.T * w) @ y
+    np.testing.assert_allclose(state.covariance, expected, rtol=1e-12, atol=1e-12)
 
 
 def test_sphere_converges_log_linearly() -> None:

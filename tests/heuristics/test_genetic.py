@@ -37,6 +37,27 @@ def test_elitism_keeps_the_best() -> None:
     assert (np.diff(population_costs(elitism=True)) <= 0.0).all()
 
 
+@pytest.mark.parametrize(
+    ("children_cost", "replaced"),
+    [([0.5, 5.0, 2.0, 3.0], 1), ([0.5, 0.9, 0.2, 0.3], None)],
+)
+def test_best_parent_takes_the_place_of_the_worst_child_alone(
+    children_cost: list[float], replaced: int | None
+) -> None:
+    search = Search(GeneticAlgorithm(size=4), BOX, rng=np.random.default_rng(0))
+    parents = search.ask().copy()
+    search.tell([3.0, 4.0, 1.0, 2.0], np.zeros(4))
+    expected = search.ask().copy()
+    search.tell(children_cost, np.zeros(4))
+    costs = np.array(children_cost)
+    if replaced is not None:
+        expected[:, replaced], costs[replaced] = parents[:, 2], 1.0
+    state = search.state
+    assert isinstance(state, GeneticAlgorithmState)
+    np.testing.assert_array_equal(state.population, expected)
+    np.testing.assert_array_equal(state.cost, costs)
+
+
 def test_without_elitism_the_population_can_worsen() -> None:
     assert (np.diff(population_costs(elitism=False)) > 0.0).any()
 

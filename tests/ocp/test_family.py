@@ -97,6 +97,15 @@ def test_cost_and_violation_are_the_problems_on_the_curve(
     assert (violation == 0) == (c == -2.0)
 
 
+def test_first_and_last_node_weigh_half(
+    problem: OptimalControlProblem, family: TrajectoryFamily
+) -> None:
+    """The curve rests at both ends: its own cost does not show their weights."""
+    steady = replace(problem, stage_cost=ca.SX(3))
+    cost, _ = value(FamilySpace(steady, family), 1.0)
+    assert cost == pytest.approx(3 * HORIZON, rel=1e-14)
+
+
 def test_controls_out_of_their_bounds_count_in_parts_of_the_range(
     problem: OptimalControlProblem, family: TrajectoryFamily
 ) -> None:

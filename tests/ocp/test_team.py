@@ -76,6 +76,28 @@ def test_agents_plan_in_order_and_see_fresh_plans(double_integrator: Model) -> N
     assert [plan.controls[0, 0] for plan in plans] == [0, 1, 2]
 
 
+@pytest.mark.parametrize("watches", [(0, 1), (1, 0)])
+def test_plans_are_seen_in_the_order_of_watches(
+    double_integrator: Model, watches: tuple[int, int]
+) -> None:
+    """Whatever the order of planning and of numbers: signals are told apart by it."""
+    agents = [
+        *(agent_of(double_integrator) for _ in range(2)),
+        agent_of(double_integrator, watches=watches),
+    ]
+    told: list[list[float]] = []
+
+    def make(number: int, own: Array, seen: tuple[Array, ...]) -> Plan:
+        told.append([float(states[0, 0]) for states in seen])
+        known = agents[number].controller.known(0.0, seen)
+        return agents[number].controller.planner.evaluated(
+            np.zeros((1, 2)), own, known=known, source=Source.GUESS
+        )
+
+    Team(agents, order=(1, 0, 2)).plans(np.array([10.0, 0, 20, 0, 30, 0]), make)
+    assert told == [[], [], [[10.0, 20.0][number] for number in watches]]
+
+
 def test_watcher_meets_the_plan_made_at_the_same_instant(
     double_integrator: Model,
 ) -> None:
