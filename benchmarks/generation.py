@@ -28,10 +28,10 @@ from swarmstart.heuristics import (
 )
 from swarmstart.heuristics.compiled_loop import Work, call_kernel, new_work
 from swarmstart.heuristics.jde import TAU_1, TAU_2
-from swarmstart.heuristics.kernel import kernel
 from swarmstart.heuristics.search import Search
 from swarmstart.heuristics.stopping import UNLIMITED, Limits
 from swarmstart.heuristics.success_history import FIRST_MEMORY, SPREAD
+from swarmstart.kernel import kernel
 
 Array = NDArray[np.float64]
 

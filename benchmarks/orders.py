@@ -37,7 +37,7 @@ from swarmstart.heuristics import (
     minimize,
     static_penalty,
 )
-from swarmstart.heuristics.kernel import Array
+from swarmstart.kernel import Array
 
 INEQUALITIES: Mapping[int, float] = {
     1: -15.0,

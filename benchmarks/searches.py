@@ -36,7 +36,7 @@ from swarmstart.heuristics import (
     static_penalty,
 )
 from swarmstart.heuristics.compiled_loop import call_kernel
-from swarmstart.heuristics.kernel import kernel
+from swarmstart.kernel import kernel
 from swarmstart.ocp import Plan, Planner, SearchSettings
 from swarmstart.ocp.fitness import Fitness, Known, Objective
 from swarmstart.ocp.polish import PolishStatus

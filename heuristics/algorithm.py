@@ -22,7 +22,6 @@ import numpy as np
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.bounds import NAMES
 from swarmstart.heuristics.box import Box
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import (
     RunningOrder,
     begin_level,
@@ -30,6 +29,7 @@ from swarmstart.heuristics.order import (
     precedes,
     set_level,
 )
+from swarmstart.kernel import Array, Count, kernel
 
 
 class InvalidSettingsError(SwarmstartError, ValueError):

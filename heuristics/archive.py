@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.heuristics.box import Box
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, better_at, is_finite
+from swarmstart.kernel import Array, Count, kernel
 
 
 class Archive(NamedTuple):

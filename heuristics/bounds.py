@@ -19,7 +19,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from swarmstart.heuristics.box import between, clip
-from swarmstart.heuristics.kernel import kernel
+from swarmstart.kernel import kernel
 
 Bounds = Literal["clip", "absorb", "reflect", "midpoint", "redraw", "none"]
 NAMES: tuple[str, ...] = get_args(Bounds)

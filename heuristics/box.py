@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.kernel import Array, Count, kernel
+from swarmstart.kernel import Array, Count, kernel
 
 
 class InvalidBoxError(SwarmstartError, ValueError):

@@ -32,7 +32,6 @@ from swarmstart.heuristics.algorithm import (
 from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box, between
 from swarmstart.heuristics.chaos import draw_seeds, leave_traps, logistic
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, better
 from swarmstart.heuristics.sampling import smooth_fractions
 from swarmstart.heuristics.swarm import (
@@ -41,6 +40,7 @@ from swarmstart.heuristics.swarm import (
     require_accelerations,
     swarm_best,
 )
+from swarmstart.kernel import Array, Count, kernel
 
 Reseed = Literal["logistic", "uniform", "none"]
 InitialVelocity = Literal["independent", "smooth"]

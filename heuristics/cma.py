@@ -52,8 +52,8 @@ from swarmstart.heuristics.cma_constants import (
     weights_of,
 )
 from swarmstart.heuristics.cma_restarts import has_ended, record_length, write_record
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, ranking
+from swarmstart.kernel import Array, Count, kernel
 
 SIZE_MAX = 2**16
 """Number of individuals above which a restart no longer adds any."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmstart.heuristics.kernel import Array, kernel
+from swarmstart.kernel import Array, kernel
 
 ALPHA_COV = 2.0
 

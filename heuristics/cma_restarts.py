@@ -33,8 +33,8 @@ from typing import Protocol
 import numpy as np
 
 from swarmstart.heuristics.algorithm import State
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, better, ranking
+from swarmstart.kernel import Array, Count, kernel
 
 TOL_FUN = 1e-14
 TOL_X = 1e-12

@@ -22,8 +22,8 @@ from numba.extending import intrinsic
 
 from swarmstart.heuristics.algorithm import Kernels, State
 from swarmstart.heuristics.archive import Archive, collect
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.stopping import GOES_ON, Limits, finished, progress_of
+from swarmstart.kernel import Array, Count, kernel
 
 CHUNK = 1
 """Generations before the first look at the clock."""

@@ -39,7 +39,6 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, best_index
 from swarmstart.heuristics.trials import (
     cross_binomially,
@@ -50,6 +49,7 @@ from swarmstart.heuristics.trials import (
     new_plan,
     select,
 )
+from swarmstart.kernel import Array, Count, kernel
 
 Strategy = Literal["rand/1", "best/1", "current-to-best/1"]
 Crossover = Literal["bin", "exp"]

@@ -26,7 +26,6 @@ from swarmstart.heuristics.algorithm import (
     take_generation,
 )
 from swarmstart.heuristics.box import Box, between
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import (
     RunningOrder,
     best_index,
@@ -34,6 +33,7 @@ from swarmstart.heuristics.order import (
     merits,
     worst_index,
 )
+from swarmstart.kernel import Array, Count, kernel
 
 
 class GeneticAlgorithmSettings(NamedTuple):

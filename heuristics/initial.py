@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from swarmstart.heuristics.algorithm import require
 from swarmstart.heuristics.box import Box, InvalidPointsError
-from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.sampling import Sampling, sample
+from swarmstart.kernel import Array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

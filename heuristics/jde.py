@@ -28,7 +28,6 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder
 from swarmstart.heuristics.trials import (
     cross_binomially,
@@ -37,6 +36,7 @@ from swarmstart.heuristics.trials import (
     new_plan,
     select,
 )
+from swarmstart.kernel import Array, Count, kernel
 
 F_LOWER, F_WIDTH = 0.1, 0.9
 """F_l and F_u: F is drawn in [F_l, F_l + F_u)."""

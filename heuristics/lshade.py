@@ -57,7 +57,6 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, better, worst_index
 from swarmstart.heuristics.success_history import (
     FIRST_MEMORY,
@@ -73,6 +72,7 @@ from swarmstart.heuristics.trials import (
     new_plan,
     select,
 )
+from swarmstart.kernel import Array, Count, kernel
 
 LEAST_SIZE = 4
 """A trial needs two others and two leaders."""

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from swarmstart.heuristics.algorithm import require, require_name, require_size
 from swarmstart.heuristics.de import F_MAX
-from swarmstart.heuristics.kernel import Array, Count
+from swarmstart.kernel import Array, Count
 
 Mask = NDArray[np.bool_]
 GridBounds = Literal["clip", "reject"]

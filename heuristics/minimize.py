@@ -19,7 +19,6 @@ from swarmstart.heuristics.compiled_loop import (
 )
 from swarmstart.heuristics.initial import Initial
 from swarmstart.heuristics.interrupts import put_off
-from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.order import Order
 from swarmstart.heuristics.result import (
     GenerationEvent,
@@ -30,6 +29,7 @@ from swarmstart.heuristics.result import (
 )
 from swarmstart.heuristics.search import InvalidEvaluationError, Search
 from swarmstart.heuristics.stopping import AT_TARGET, GOES_ON, STAGNANT, progress_of
+from swarmstart.kernel import Array
 
 Objective = Callable[[Array], ArrayLike | tuple[ArrayLike, ArrayLike]]
 """Population, shape (dim, size), read-only -> cost, or (cost, violation), each (size,).

@@ -43,7 +43,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.kernel import Array, Count, kernel
+from swarmstart.kernel import Array, Count, kernel
 
 STATIC_PENALTY = 0
 FEASIBILITY_FIRST = 1

@@ -35,7 +35,6 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder
 from swarmstart.heuristics.sampling import sample_uniform
 from swarmstart.heuristics.swarm import (
@@ -45,6 +44,7 @@ from swarmstart.heuristics.swarm import (
     ring_best,
     swarm_best,
 )
+from swarmstart.kernel import Array, Count, kernel
 
 PHI_LEAST = 4.0
 """Sum of accelerations at which constriction begins (Clerc and Kennedy 2002)."""

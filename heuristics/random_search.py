@@ -15,8 +15,8 @@ from swarmstart.heuristics.algorithm import (
     take_generation,
 )
 from swarmstart.heuristics.box import Box, between
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder
+from swarmstart.kernel import Array, Count, kernel
 
 
 class RandomSearchSettings(NamedTuple):

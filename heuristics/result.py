@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.search import Individual, Snapshot
+from swarmstart.kernel import Array
 
 
 class StopReason(enum.Enum):

@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 
 from swarmstart.heuristics.box import Box
-from swarmstart.heuristics.kernel import Array, kernel
+from swarmstart.kernel import Array, kernel
 
 
 def sample_uniform(box: Box, size: int, *, rng: np.random.Generator) -> Array:

@@ -32,9 +32,9 @@ from swarmstart.heuristics.compiled_loop import (
 from swarmstart.heuristics.default import default_order
 from swarmstart.heuristics.initial import Initial, Values, initial_population
 from swarmstart.heuristics.interrupts import put_off
-from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.order import Order
 from swarmstart.heuristics.stopping import GOES_ON, Limits, finished
+from swarmstart.kernel import Array
 
 ROOM = 4
 """An archive keeps this many times the basins asked for: members that a better point

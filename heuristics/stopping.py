@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.heuristics.algorithm import State
-from swarmstart.heuristics.kernel import kernel
 from swarmstart.heuristics.order import RunningOrder
+from swarmstart.kernel import kernel
 
 GOES_ON, AT_TARGET, STAGNANT = 0, 1, 2
 UNLIMITED = np.iinfo(np.int64).max

@@ -13,7 +13,6 @@ from typing import Protocol
 
 import numpy as np
 
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import (
     STATIC_PENALTY,
     RunningOrder,
@@ -21,6 +20,7 @@ from swarmstart.heuristics.order import (
     is_finite,
 )
 from swarmstart.heuristics.trials import draw_index
+from swarmstart.kernel import Array, Count, kernel
 
 FIRST_MEMORY = 0.5
 """M_F and M_CR at the beginning."""

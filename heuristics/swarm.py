@@ -21,8 +21,8 @@ import numpy as np
 from swarmstart.heuristics.algorithm import Settings, State, require, take_generation
 from swarmstart.heuristics.bounds import REDRAW, repair, turned
 from swarmstart.heuristics.box import clip
-from swarmstart.heuristics.kernel import Array, kernel
 from swarmstart.heuristics.order import RunningOrder, better, precedes
+from swarmstart.kernel import Array, kernel
 
 
 class SwarmSettings(Settings, Protocol):

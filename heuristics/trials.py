@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from swarmstart.heuristics.algorithm import Settings
 from swarmstart.heuristics.bounds import REDRAW, repair
-from swarmstart.heuristics.kernel import Array, Count, kernel
 from swarmstart.heuristics.order import RunningOrder, precedes
+from swarmstart.kernel import Array, Count, kernel
 
 Mask = NDArray[np.bool_]
 

@@ -12,9 +12,9 @@ import numpy as np
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.budget import Budget, InvalidBudgetError
-from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.minimize import Objective, values_of
 from swarmstart.heuristics.order import STATIC_PENALTY, Order, better, merits
+from swarmstart.kernel import Array
 
 WORST = 1e300
 """Merit of what is not finite: peers compute with it, so it is finite itself."""

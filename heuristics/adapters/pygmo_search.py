@@ -21,9 +21,9 @@ from swarmstart.heuristics.algorithm import require, require_size
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.budget import Budget
 from swarmstart.heuristics.initial import Initial, initial_population
-from swarmstart.heuristics.kernel import Array
 from swarmstart.heuristics.minimize import Objective
 from swarmstart.heuristics.order import Order
+from swarmstart.kernel import Array
 
 PygmoAlgorithm = Literal["de", "sade", "pso_gen", "cmaes"]
 NO_STOP = {"ftol": 0.0, "xtol": 0.0}

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.heuristics.kernel import ieee_kernel
+from swarmstart.kernel import ieee_kernel
 from swarmstart.ocp.compiled.tape import (
     Node,
     Tape,

@@ -5,15 +5,15 @@ import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from pathlib import Path
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.code_cache import load, store
+from swarmstart.fingerprint import source, sources
 from swarmstart.heuristics import Pointers
-from swarmstart.ocp.compiled import cache as code_cache
 from swarmstart.ocp.compiled.emitter import Roll, emit_flat, emit_rollout
 from swarmstart.ocp.compiled.engine import Compiled, link, machine, translate
 from swarmstart.ocp.compiled.formats import DOUBLE, FORMATS, Precision
@@ -369,43 +369,29 @@ def _target(tapes: Iterable[Tape], precision: Precision) -> Target:
 
 def _cached(key: str, emit: Callable[[], str]) -> Compiled:
     """Return machine code from the cache, or make it and keep it."""
-    code = code_cache.load(key)
+    code = load(key)
     if code is None:
         code = translate(emit())
-        code_cache.store(key, code)
+        store(key, code)
     return link(code)
 
 
 def _key(functions: Sequence[ca.Function], settings: tuple[object, ...]) -> str:
     """Return the hash of all that determines the machine code."""
-    digest = hashlib.sha256(_sources())
+    digest = hashlib.sha256(_sources().encode())
     for part in (*(f.serialize() for f in functions), settings, machine()):
         digest.update(repr(part).encode())
     return digest.hexdigest()
 
 
-MAKERS = (
-    "tape",
-    "simplification",
-    "formats",
-    "vector_ir",
-    "coefficients",
-    "elementary",
-    "power",
-    "operations",
-    "frame",
-    "emitter",
-    "interleaving",
-    "engine",
-    "simd",
-)
-"""The modules that make the code: their text is its version."""
+HERE = "swarmstart.ocp.compiled"
+MAKERS = ("emitter", "engine", "interleaving", "simplification", "tape")
+"""The modules that make the code; their text, and that of all they import, is its
+version."""
 
 
 @cache
-def _sources() -> bytes:
+def _sources() -> str:
     """Return the hash of the modules that make the code."""
-    digest = hashlib.sha256()
-    for name in MAKERS:
-        digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
-    return digest.digest()
+    parts = [source(f"{HERE}.simd"), *(sources(f"{HERE}.{name}") for name in MAKERS)]
+    return hashlib.sha256(repr(parts).encode()).hexdigest()

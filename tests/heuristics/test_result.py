@@ -20,7 +20,7 @@ from swarmstart.heuristics import (
     minimize,
     run,
 )
-from swarmstart.heuristics.kernel import Array
+from swarmstart.kernel import Array
 
 BOX = Box(lower=np.full(3, -1.0), upper=np.full(3, 2.0))
 

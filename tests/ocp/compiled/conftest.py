@@ -1,7 +1,6 @@
-"""Machine code of small functions, in a cache of its own."""
+"""Machine code of small functions."""
 
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -14,21 +13,6 @@ from swarmstart.ocp.compiled.simd import compile_flat
 
 Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep the user's own cache out of the tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
-@pytest.fixture
-def fresh_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache; the folder that code will be kept in."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    return tmp_path / "swarmstart" / "machine-code"
 
 
 @pytest.fixture(scope="session")
