@@ -1,11 +1,12 @@
 """What a run says of the published claims of its scenario."""
 
 import json
+import math
 import operator
 from collections.abc import Mapping
 from typing import Any
 
-from swarmstart.cases.kind import Measure
+from swarmstart.cases.kind import NEVER, Measure
 from swarmstart.cases.settings import Claim
 
 RELATIONS = {
@@ -17,47 +18,66 @@ RELATIONS = {
 }
 
 
-def holds(measured: Measure, relation: str, bound: float | None) -> bool | None:
+def holds(
+    measured: Measure, relation: str, bound: float | None, *, reason: str = ""
+) -> bool | None:
     """Return whether a measured value is in a relation to a bound.
 
     Args:
-        measured: The value; null where it is not defined (never settled).
+        measured: The value; null if it is not defined.
         relation: A key of RELATIONS.
-        bound: The bound; null asks whether the value is not defined.
+        bound: The bound; null, with "==", asks whether the value is not defined.
+        reason: Why it may not be defined; NEVER: then it is above every bound.
 
     Returns:
-        None where the measure is a list, which is in no relation to a number.
+        None if there is nothing to judge: the measure is a list, which is in no
+        relation to a number, or is not defined.
     """
     if isinstance(measured, list):
         return None
-    if bound is None or measured is None:
-        return (measured is bound) if relation == "==" else False
+    if bound is None:
+        return measured is None
+    if measured is None:
+        if reason != NEVER:
+            return None
+        measured = math.inf
     return bool(RELATIONS[relation](measured, bound))
 
 
 def judged(
-    claims: list[Claim], settings: Mapping[str, Any], measures: Mapping[str, Measure]
+    claims: list[Claim],
+    settings: Mapping[str, Any],
+    measures: Mapping[str, Measure],
+    *,
+    variant: str = "",
+    undefined: Mapping[str, str] | None = None,
 ) -> list[dict[str, Any]]:
     """Return every claim with what one run says of it.
 
-    A claim that needs other settings, or a second run to compare with, is not judged:
-    `measured` and `holds` are null and `needs` says why.
+    A claim that needs another variant, other settings, or a second run to compare with,
+    is not judged, nor is one whose measure is not defined: `measured` and `holds` are
+    null and `needs` says why.
 
     Args:
         claims: The scenario's claims.
         settings: The resolved scenario.
         measures: What was measured.
+        variant: The variant that was run; empty if the scenario has none.
+        undefined: As in `Kind`; None: every measure is defined.
     """
-    return [_judged(claim, settings, measures) for claim in claims]
+    reasons = undefined or {}
+    return [_judged(claim, settings, measures, variant, reasons) for claim in claims]
 
 
-def why_not(claim: Claim, settings: Mapping[str, Any]) -> str:
+def why_not(claim: Claim, settings: Mapping[str, Any], variant: str = "") -> str:
     """Return why one run with these settings cannot judge a claim; empty if it can."""
     missing = [
         f"{key} = {wanted}"
         for key, wanted in claim.when.items()
         if value_at(settings, key) != wanted
     ]
+    if claim.variant not in ("", variant):
+        missing.insert(0, f"variant = {claim.variant}")
     if missing:
         return f"a run with {', '.join(missing)}"
     if claim.against is not None:
@@ -75,10 +95,21 @@ def value_at(settings: Any, dotted_key: str) -> object:
 
 
 def _judged(
-    claim: Claim, settings: Mapping[str, Any], measures: Mapping[str, Measure]
+    claim: Claim,
+    settings: Mapping[str, Any],
+    measures: Mapping[str, Measure],
+    variant: str,
+    undefined: Mapping[str, str],
 ) -> dict[str, Any]:
-    reason = why_not(claim, settings)
-    measured = None if reason else measures[claim.measure]
+    reason = why_not(claim, settings, variant)
+    measured, verdict = None, None
+    if not reason:
+        why = undefined.get(claim.measure, "")
+        measured = measures[claim.measure]
+        verdict = holds(measured, claim.relation, claim.bound, reason=why)
+        if verdict is None:
+            reason = f"a run in which {claim.measure} is a number"
+            reason += f"; here {why}" if why else ""
     return {
         "id": claim.id,
         "text": claim.text,
@@ -87,7 +118,7 @@ def _judged(
         "measured": measured,
         "relation": claim.relation,
         "bound": claim.bound,
-        "holds": None if reason else holds(measured, claim.relation, claim.bound),
+        "holds": verdict,
         "gate": claim.gate,
         "note": claim.note,
         "needs": reason,

@@ -21,6 +21,8 @@ from swarmstart.ocp import (
 
 Array = NDArray[np.float64]
 Measure = float | int | list[float | None] | None
+NEVER = "never"
+"""Why a time is not defined: what it waits for does not come, so it is above any."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -102,6 +104,7 @@ class Kind:
             raises SeveralPlansError where a step has several.
         measure: (scenario, flight, trajectory) -> measures by name.
         measures: Name -> what it is, for the list.
+        undefined: Name of a measure that may be null -> why; NEVER for a time.
         problems: Scenario -> what is wrong across its parts, with the place.
         figures: (scenario, flight, trajectory, folder) -> files written.
         animate: (scenario, flight, trajectory, file) -> None; by default a kind has no
@@ -115,6 +118,7 @@ class Kind:
     pose: Callable[..., Posed]
     measure: Callable[..., Mapping[str, Measure]]
     measures: Mapping[str, str]
+    undefined: Mapping[str, str]
     problems: Callable[..., Iterator[tuple[tuple[str | int, ...], str]]]
     figures: Callable[..., list[Path]]
     animate: Callable[..., None] = animate_nothing

@@ -205,7 +205,13 @@ def _measured(
         flight=flight,
         trajectory=trajectory,
         measures=measures,
-        claims=judged(scenario.claims, resolved.settings, measures),
+        claims=judged(
+            scenario.claims,
+            resolved.settings,
+            measures,
+            variant=resolved.variant,
+            undefined=resolved.kind.undefined,
+        ),
         status=status,
         feasible=feasible,
     )

@@ -12,7 +12,7 @@ import yaml
 
 from swarmstart.cases.claims import holds
 from swarmstart.cases.cli import DONE, GATE, INFEASIBLE, answer
-from swarmstart.cases.kind import Measure
+from swarmstart.cases.kind import NEVER, Measure
 from swarmstart.cases.progress import Progress
 from swarmstart.cases.record import to_json
 from swarmstart.cases.run import Run, default_folder, run
@@ -74,6 +74,10 @@ def _condition(text: str, resolved: Resolved) -> Condition:
             f"expected a measure in --fail-on, found {measure!r}; {hint}"
         )
     if bound == "null":
+        if relation != "==":
+            raise InvalidConditionError(
+                f"expected == with null in --fail-on, found {relation}"
+            )
         return measure, relation, None
     try:
         number = float(bound)
@@ -84,10 +88,21 @@ def _condition(text: str, resolved: Resolved) -> Condition:
     return measure, relation, number
 
 
-def _met(measured: Measure, relation: str, bound: float | None) -> bool:
-    """Return whether a condition holds; of a list, whether it does for any entry."""
-    values = measured if isinstance(measured, list) else [measured]
-    return any(holds(value, relation, bound) for value in values)
+def _met(condition: Condition, measured: Measure, why: str) -> bool | None:
+    """Return whether a condition holds; of a list, whether it does for any entry.
+
+    Args:
+        condition: The condition.
+        measured: Its measure.
+        why: Why that may not be defined, as in `Kind`.
+
+    Returns:
+        None if it is not defined: the condition is not judged.
+    """
+    _, relation, bound = condition
+    if isinstance(measured, list):
+        return any(holds(value, relation, bound, reason=why) for value in measured)
+    return holds(measured, relation, bound, reason=why)
 
 
 def _exit_code(finished: Run, conditions: list[Condition]) -> int:
@@ -98,14 +113,23 @@ def _exit_code(finished: Run, conditions: list[Condition]) -> int:
         for claim in finished.claims
         if claim["gate"] and claim["holds"] is False
     ]
-    failed += [
-        f"{measure} = {to_json(finished.measures[measure])} {relation} {to_json(bound)}"
-        for measure, relation, bound in conditions
-        if _met(finished.measures[measure], relation, bound)
-    ]
+    for condition in conditions:
+        measure, relation, bound = condition
+        why = finished.resolved.kind.undefined.get(measure, "")
+        met = _met(condition, finished.measures[measure], why)
+        if met is None:
+            _say(f"--fail-on not judged: {measure} is not defined: {why}")
+        elif met:
+            value = finished.measures[measure]
+            found = why if value is None else to_json(value)
+            failed.append(f"{measure} = {found} {relation} {to_json(bound)}")
     for failure in failed:
-        print(f"swarmstart: gate failed: {failure}", file=sys.stderr)  # noqa: T201
+        _say(f"gate failed: {failure}")
     return GATE if failed else DONE
+
+
+def _say(text: str) -> None:
+    print(f"swarmstart: {text}", file=sys.stderr)  # noqa: T201
 
 
 def _report(finished: Run) -> str:
@@ -126,7 +150,7 @@ def _report(finished: Run) -> str:
         lines += ["", "claims", *_table([_claim_row(claim) for claim in judged])]
     others = [claim for claim in finished.claims if claim["holds"] is None]
     if others:
-        lines += ["", "claims that need other runs"]
+        lines += ["", "claims not judged, which need"]
         lines += _table([(c["id"], c["text"], c["needs"]) for c in others])
     if finished.folder is not None:
         lines += ["", f"record   {finished.folder}"]
@@ -139,10 +163,10 @@ VERDICTS = {True: "holds", False: "does not hold", None: "not judged"}
 
 
 def _claim_row(claim: dict[str, Any]) -> tuple[str, ...]:
-    bound = "never" if claim["bound"] is None else f"{claim['bound']:.4g}"
-    measured = f"{claim['measure']} = {_shown(claim['measured'])}"
-    if claim["holds"] is None:
-        measured = claim["measure"]
+    bound = NEVER if claim["bound"] is None else f"{claim['bound']:.4g}"
+    undefined = claim["measured"] is None
+    measured = f"{claim['measure']} = "
+    measured += NEVER if undefined else _shown(claim["measured"])
     question = f"{measured} {claim['relation']} {bound}"
     return claim["id"], VERDICTS[claim["holds"]], question, claim["text"]
 

@@ -180,6 +180,7 @@ def resolve(
     """
     document, name = _with_variant(document, variant)
     document = _without(document, "variants")
+    steps = _value(document, ("steps",))
     if search is not None and _value(document, ("search", "name")) != search:
         document = assign(document, "search", f"{{name: {search}}}", name="--search")
     if polish is not None:
@@ -187,7 +188,7 @@ def resolve(
     for text in assignments:
         document = assign(document, *split_assignment(text))
     kind = _kind(document)
-    scenario = _validated(document, kind)
+    scenario = _claiming(_validated(document, kind), steps)
     problems = [*_claim_problems(scenario, kind), *kind.problems(scenario)]
     flaws = [_flaw(document, path, what) for path, what in problems]
     if flaws:
@@ -212,6 +213,22 @@ def resolved_again(settings: Mapping[str, Any], variant: str) -> Resolved:
     """
     text = json.dumps(settings)
     return replace(resolve(parse_yaml(text.encode(), name="settings")), variant=variant)
+
+
+def _claiming(scenario: Scenario, steps: object) -> Scenario:
+    """Return the scenario with claims of flights as long as its file says.
+
+    Args:
+        scenario: The scenario, with the steps that it is run with.
+        steps: The file's own; a claim whose `when` has others keeps them.
+    """
+    if not isinstance(steps, int):
+        return scenario
+    claims = [
+        claim.model_copy(update={"when": {"steps": steps, **claim.when}})
+        for claim in scenario.claims
+    ]
+    return scenario.model_copy(update={"claims": claims})
 
 
 def _with_variant(document: Document, variant: str | None) -> tuple[Document, str]:

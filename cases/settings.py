@@ -254,8 +254,11 @@ class Claim(Part):
         source: Where.
         measure: The name of a measure of the run.
         relation: How the measure must relate to the bound.
-        bound: A number; null where "not defined" (never settled) is what is claimed.
-        when: Settings, dotted key to value, under which a run can judge it.
+        bound: A number; null, with "==", if "not defined" (never settled) is what is
+            claimed.
+        when: Settings, dotted key to value, under which a run can judge it; the
+            scenario's own `steps` unless others are given.
+        variant: The variant that it is judged with; empty: any.
         against: Settings of a second run, same seed: then the measure is divided by
             that of the second run, and one run alone cannot judge.
         share: Part of the seeds in which it must hold.
@@ -270,10 +273,19 @@ class Claim(Part):
     relation: Literal["<=", ">=", "<", ">", "=="]
     bound: Number | None
     when: Mapping[str, Any] = Field(default_factory=dict)
+    variant: str = ""
     against: Mapping[str, Any] | None = None
     share: Annotated[Number, Field(gt=0, le=1)] = 1.0
     gate: bool = False
     note: str = ""
+
+    @model_validator(mode="after")
+    def _null_is_compared_with_equal(self) -> "Claim":
+        if self.bound is None and self.relation != "==":
+            raise ValueError(
+                f"expected relation == with the bound null, found {self.relation}"
+            )
+        return self
 
 
 class Scenario(Part):

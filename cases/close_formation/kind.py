@@ -3,7 +3,7 @@
 from swarmstart.cases.close_formation.build import build, pose, problems
 from swarmstart.cases.close_formation.figures import draw
 from swarmstart.cases.close_formation.measures import measure
-from swarmstart.cases.close_formation.names import MEASURES
+from swarmstart.cases.close_formation.names import MEASURES, UNDEFINED
 from swarmstart.cases.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.kind import Kind
 
@@ -13,6 +13,7 @@ KIND = Kind(
     pose=pose,
     measure=measure,
     measures=MEASURES,
+    undefined=UNDEFINED,
     problems=problems,
     figures=draw,
 )

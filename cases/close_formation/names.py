@@ -37,3 +37,13 @@ MEASURES = {
     "step_seconds_median": "median wall time of a decision [s]",
     "step_seconds_max": "largest wall time of a decision [s]",
 }
+
+UNDEFINED = {
+    "x_settle_s": "never",
+    "y_settle_s": "never",
+    "gap_relative_median": "there is no reference then",
+    "gap_absolute_median": "there is no reference then",
+    "gap_absolute_p90": "there is no reference then",
+    "gap_min": "there is no reference then",
+}
+"""Why a measure is null, where it is."""

@@ -47,12 +47,14 @@ class FormationFlight(Flight):
     """A formation flight ready to be flown.
 
     Attributes:
+        names: What the UAVs are called.
         slots: (times (n,)) -> slot states of all UAVs, shape (uavs, 4, n).
         terminal_set: The terminal set, the same for every UAV.
         reference: What it is built around, with the bounds.
         dynamics: f(x, u) of one UAV.
     """
 
+    names: tuple[str, ...]
     slots: Callable[[Array], Array]
     terminal_set: TerminalSet
     reference: Reference
@@ -98,6 +100,7 @@ def build(scenario: FormationScenario) -> FormationFlight:
         controller=controller,
         x0=np.concatenate([uav.start.vector() for uav in scenario.uavs]),
         agents=len(agents),
+        names=tuple(f"UAV {number}" for number in scenario.numbers),
         slots=lambda times: np.stack(
             [slot_states(scenario, number, times) for number in range(len(agents))]
         ),
@@ -116,7 +119,7 @@ def pose(scenario: FormationScenario) -> Posed:
     Raises:
         SeveralPlansError: If several UAVs plan.
     """
-    planning = [n for n, uav in enumerate(scenario.uavs) if uav.plan is None]
+    planning = scenario.planning
     if len(planning) > 1:
         raise SeveralPlansError(
             f"expected one UAV that plans, one planning problem a step; found "

@@ -26,8 +26,9 @@ from swarmstart.cases.formation.measures import (
     lyapunov,
 )
 from swarmstart.cases.formation.scenario import FormationScenario
+from swarmstart.cases.models.unicycle import unicycle
 from swarmstart.cases.planar import by_uav, pair_distances
-from swarmstart.ocp import Trajectory
+from swarmstart.ocp import Mode, Plant, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,30 +87,70 @@ def draw(
 def tracks_figure(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> "Figure":
-    """Return (a): tracks in the plane; the whole flight, and its beginning to scale."""
+    """Return (a): tracks in the plane; the whole flight, and its beginning to scale.
+
+    Of a flight of one planned step: the plans over their whole horizon.
+    """
+    first = trajectory.decisions[0]
+    if len(trajectory.decisions) == 1 and first.mode is Mode.PLANNED:
+        return _plans_figure(scenario, flight, trajectory)
     figure = new_figure((9.0, 8.0))
     whole, beginning = figure.subplots(2, 1, height_ratios=(2, 3))
     until = min(BEGINNING_S, float(trajectory.times[-1]))
-    _tracks(whole, scenario, flight, trajectory, float(trajectory.times[-1]))
-    _tracks(beginning, scenario, flight, trajectory, until)
+    times, dense = (
+        trajectory.dense_times,
+        by_uav(trajectory.dense_states, flight.agents),
+    )
+    early = times <= until + 1e-9
+    _tracks(whole, scenario, times, dense)
+    _tracks(beginning, scenario, times[early], dense[:, :, early])
     beginning.set_aspect("equal", adjustable="datalim")
     whole.set_title(scenario.title)
     beginning.set_title(f"the first {until:g} s, to scale")
-    _uav_legend(beginning, flight.agents)
+    _uav_legend(beginning, flight)
+    return figure
+
+
+def planned_paths(
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> tuple[Array, Array]:
+    """Return where the plans of the first step lead, if flown to their end.
+
+    Returns:
+        Times, shape (n,) [s], and the states of each UAV, shape (uavs, 4, n).
+    """
+    plant = Plant(unicycle(), dt=flight.plant.dt, substeps=flight.plant.substeps)
+    paths = []
+    for start, plan in zip(
+        by_uav(flight.x0[:, None], flight.agents),
+        trajectory.decisions[0].plans,
+        strict=True,
+    ):
+        path = [start]
+        for control in plan.controls.T:
+            path.append(plant(path[-1][:, -1], control))
+        paths.append(np.hstack(path))
+    horizon = flight.plant.dt * scenario.prediction.intervals
+    return np.linspace(0.0, horizon, paths[0].shape[1]), np.stack(paths)
+
+
+def _plans_figure(
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> "Figure":
+    times, paths = planned_paths(scenario, flight, trajectory)
+    figure = new_figure((9.0, 6.0))
+    axes = figure.add_subplot()
+    _tracks(axes, scenario, times, paths)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_title(f"{scenario.title}: planned for {times[-1]:g} s")
+    _uav_legend(axes, flight)
     return figure
 
 
 def _tracks(
-    axes: "Axes",
-    scenario: FormationScenario,
-    flight: FormationFlight,
-    trajectory: Trajectory,
-    until: float,
+    axes: "Axes", scenario: FormationScenario, times: Array, dense: Array
 ) -> None:
-    """Draw tracks up to a time, the formation marked at five instants or so."""
-    kept = trajectory.dense_times <= until + 1e-9
-    times = trajectory.dense_times[kept]
-    dense = by_uav(trajectory.dense_states[:, kept], flight.agents)
+    """Draw tracks (uavs, 4, n), the formation marked at five instants or so."""
     leader = leader_positions(scenario, times)
     axes.plot(*leader, color="0.6", linestyle=":", linewidth=1)
     for number, states in enumerate(dense):
@@ -156,14 +197,15 @@ def _obstacles(axes: "Axes", scenario: FormationScenario) -> None:
         )
 
 
-def _uav_legend(axes: "Axes", agents: int) -> None:
+def _uav_legend(axes: "Axes", flight: FormationFlight) -> None:
     from matplotlib.lines import Line2D
 
+    agents = flight.agents
     handles: list[Any] = [
         Line2D([], [], marker="o", color="black", fillstyle="none", linestyle="none")
     ]
     handles += [Line2D([], [], marker="^", color=colour(i)) for i in range(agents)]
-    labels = ["leader", *[f"UAV {i + 1}" for i in range(agents)]]
+    labels = ["leader", *flight.names]
     axes.legend(handles, labels, fontsize="small", ncols=2 if agents > 5 else 1)  # noqa: PLR2004
 
 
@@ -180,7 +222,7 @@ def relative_figure(
             deviation[row],
             color=colour(number),
             linewidth=1.2,
-            label=f"UAV {number + 1}",
+            label=flight.names[number],
         )
     axes.axhline(0.0, color="0.6", linewidth=0.8)
     _shade_linear(axes, trajectory)
@@ -247,7 +289,7 @@ def terminal_set_figure(flight: FormationFlight, trajectory: Trajectory) -> "Fig
             value,
             color=colour(number),
             linewidth=1.2,
-            label=f"UAV {number + 1}",
+            label=flight.names[number],
         )
     level = flight.terminal_set.alpha
     axes.axhline(
@@ -284,7 +326,7 @@ def entering_figure(flight: FormationFlight, trajectory: Trajectory) -> "Figure"
                 dense[j],
                 color=colour(number),
                 linewidth=0.9,
-                label=f"UAV {number + 1}",
+                label=flight.names[number],
             )
             flown = instants[:, :-1][:, linear]
             axes.plot(flown[i], flown[j], "o", color=colour(number), markersize=3)

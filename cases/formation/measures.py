@@ -41,6 +41,7 @@ def measure(
         **_distances(scenario, flight, trajectory),
         **_linear_law(flight, trajectory),
         **effort(trajectory),
+        "plan_cost": _plan_cost(scenario, trajectory),
         "infeasible_steps": sum(
             planned(d) and not found_plans(d) for d in trajectory.decisions
         ),
@@ -89,11 +90,18 @@ def _tracking(
         "settle_time_s": _settle_time(times, offset.max(axis=0)),
         "tail_error_m": float(tails.max()),
         "tail_error_by_uav_m": [float(tail) for tail in tails],
-        "lone_failure": int(failing[0]) + 1 if failing.size == 1 else 0,
+        "lone_failure": scenario.numbers[failing[0]] if failing.size == 1 else 0,
         "closed_loop_cost": float(
             np.sum(deviations[:, :, :-1] ** 2) + np.sum(trajectory.controls**2)
         ),
     }
+
+
+def _plan_cost(scenario: FormationScenario, trajectory: Trajectory) -> float | None:
+    """Return J of the one plan; None if there are several."""
+    if scenario.steps != 1 or len(scenario.planning) != 1:
+        return None
+    return trajectory.decisions[0].plans[scenario.planning[0]].cost
 
 
 def _settle_time(times: Array, offset: Array) -> float | None:
@@ -131,7 +139,9 @@ def _linear_law(flight: FormationFlight, trajectory: Trajectory) -> dict[str, Me
         terminal_set.K, terminal_set.P, terminal_set.alpha, flight.reference.u_max
     )
     return {
-        "terminal_exits": int(np.sum((after > terminal_set.alpha).any(axis=0))),
+        "terminal_exits": int(np.sum((after > terminal_set.alpha).any(axis=0)))
+        if linear.any()
+        else None,
         "linear_steps": int(linear.sum()),
         "lyapunov_ratio_max": float((after[large] / before[large]).max())
         if large.any()

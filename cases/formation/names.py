@@ -8,6 +8,8 @@ MEASURES = {
     "lone_failure": "number of the UAV that alone is off by more than 1 m in the last "
     "10 s; 0 if none or several are",
     "closed_loop_cost": "sum of e'e + u'u over steps and UAVs",
+    "plan_cost": "J of the one plan of a flight of one step in which one UAV plans; "
+    "null in any other",
     "min_distance_m": "smallest distance of two UAVs over the whole path flown",
     "min_distance_sampled_m": "the same at the control instants",
     "obstacle_clearance_m": "smallest distance to an obstacle's edge over the whole "
@@ -15,7 +17,8 @@ MEASURES = {
     "obstacle_clearance_sampled_m": "the same at the control instants",
     "speed_min_m_s": "smallest speed of a UAV",
     "speed_max_m_s": "largest speed of a UAV",
-    "terminal_exits": "linear steps during which a UAV has left its terminal set",
+    "terminal_exits": "linear steps after which a UAV is outside its terminal set; "
+    "null without a linear step",
     "linear_steps": "steps flown under the linear law",
     "lyapunov_ratio_max": "largest ratio of e'Pe after a linear step to before it, "
     "while above 1e-12; null without one",
@@ -29,3 +32,15 @@ MEASURES = {
     "step_seconds_median": "median wall time of a decision of all UAVs [s]",
     "step_seconds_max": "largest wall time of a decision of all UAVs [s]",
 }
+
+UNDEFINED = {
+    "settle_time_s": "never",
+    "plan_cost": "there are several plans",
+    "min_distance_m": "there is one UAV",
+    "min_distance_sampled_m": "there is one UAV",
+    "obstacle_clearance_m": "there is no obstacle",
+    "obstacle_clearance_sampled_m": "there is no obstacle",
+    "terminal_exits": "never under the linear law",
+    "lyapunov_ratio_max": "never under the linear law",
+}
+"""Why a measure is null, where it is."""

@@ -50,9 +50,10 @@ class Uav(Part):
     """One UAV: its start, and its slot relative to the leader, in axes not turned.
 
     With a plan, controls for each interval of the horizon, it flies that and does not
-    plan.
+    plan. Without a number it has that of its place in the list, from 1.
     """
 
+    number: int | None = Field(default=None, ge=1, le=9999)
     start: PlanarState
     slot: Point
     plan: list[Controls] | None = None
@@ -145,12 +146,26 @@ class FormationScenario(Scenario):
     dual_mode: DualModePart
     plant: PlantPart = PlantPart()
 
+    @property
+    def numbers(self) -> list[int]:
+        """What each UAV is called."""
+        return [
+            place if uav.number is None else uav.number
+            for place, uav in enumerate(self.uavs, start=1)
+        ]
+
+    @property
+    def planning(self) -> list[int]:
+        """Indices from 0 of the UAVs that plan: those without a given plan."""
+        return [place for place, uav in enumerate(self.uavs) if uav.plan is None]
+
     def order_of_planning(self) -> list[int]:
         """Return the UAVs' indices from 0 in the order in which they plan."""
+        numbers = self.numbers
         if isinstance(self.planning_order, list):
-            return [number - 1 for number in self.planning_order]
-        numbers = list(range(len(self.uavs)))
-        return numbers if self.planning_order == "lowest_first" else numbers[::-1]
+            return [numbers.index(number) for number in self.planning_order]
+        places = sorted(range(len(numbers)), key=numbers.__getitem__)
+        return places if self.planning_order == "lowest_first" else places[::-1]
 
     def problems(self) -> Iterator[Problem]:
         """Yield what one part of the scenario makes wrong in another."""
@@ -166,11 +181,19 @@ class FormationScenario(Scenario):
             yield from self._speed_problems(self.vehicle.speed_m_s)
 
     def _order_problems(self) -> Iterator[Problem]:
-        if sorted(self.order_of_planning()) != list(range(len(self.uavs))):
+        numbers = self.numbers
+        for place, number in enumerate(numbers):
+            if number in numbers[:place]:
+                yield (
+                    ("uavs", place),
+                    f"expected a number of its own, found {number} again",
+                )
+        order = self.planning_order
+        if isinstance(order, list) and sorted(order) != sorted(numbers):
             yield (
                 ("planning_order",),
-                f"expected each UAV from 1 to {len(self.uavs)} once, "
-                f"found {self.planning_order}",
+                f"expected the number of each of the {len(numbers)} UAVs once, "
+                f"found {order}",
             )
 
     def _place_problems(self) -> Iterator[Problem]:
@@ -182,7 +205,7 @@ class FormationScenario(Scenario):
                     yield (
                         ("uavs", j, key),
                         f"expected a {key} at least {safe:g} m (safe_distance_m) from "
-                        f"that of UAV {i + 1}, found {apart:g} m",
+                        f"that of UAV {self.numbers[i]}, found {apart:g} m",
                     )
         for (i, uav), disc in itertools.product(enumerate(self.uavs), self.obstacles):
             apart = distance(uav.start, disc)
@@ -215,7 +238,7 @@ class FormationScenario(Scenario):
         """Yield what is wrong with plans that are given."""
         given = {i: uav.plan for i, uav in enumerate(self.uavs) if uav.plan is not None}
         if given and self.steps != 1:
-            first = min(given) + 1
+            first = self.numbers[min(given)]
             yield (
                 ("steps",),
                 f"expected 1, since the plan of UAV {first} is given, for the first "

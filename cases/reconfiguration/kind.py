@@ -4,7 +4,7 @@ from swarmstart.cases.kind import Kind
 from swarmstart.cases.reconfiguration.build import build, pose, problems
 from swarmstart.cases.reconfiguration.figures import draw
 from swarmstart.cases.reconfiguration.measures import measure
-from swarmstart.cases.reconfiguration.names import MEASURES
+from swarmstart.cases.reconfiguration.names import MEASURES, UNDEFINED
 from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario
 
 KIND = Kind(
@@ -13,6 +13,7 @@ KIND = Kind(
     pose=pose,
     measure=measure,
     measures=MEASURES,
+    undefined=UNDEFINED,
     problems=problems,
     figures=draw,
 )

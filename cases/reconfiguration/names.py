@@ -29,3 +29,10 @@ MEASURES = {
     "step_seconds_median": "median wall time of a decision of all UAVs [s]",
     "step_seconds_max": "largest wall time of a decision of all UAVs [s]",
 }
+
+UNDEFINED = {
+    "candidate_losses": "each UAV plans alone",
+    "gap_per_horizon": "there is no reference",
+    "gap_max": "there is no reference",
+}
+"""Why a measure is null, where it is."""

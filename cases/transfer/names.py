@@ -16,3 +16,12 @@ MEASURES = {
     "evaluations": "members evaluated by the search, and the objective by IPOPT",
     "plan_seconds": "wall time of search and polish [s]",
 }
+
+UNDEFINED = {
+    "search_cost": "there is no search",
+    "search_violation": "there is no search",
+    "goal_error_m": "the flight ends before the horizon",
+    "min_distance_m": "there is one UAV",
+    "min_distance_checked_m": "there is one UAV",
+}
+"""Why a measure is null, where it is."""

@@ -2,9 +2,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import pydantic
 import pytest
 
 from swarmstart.cases.claims import RELATIONS, holds, judged, value_at, why_not
+from swarmstart.cases.kind import NEVER
 from swarmstart.cases.settings import Claim
 
 SETTINGS = {"search": {"name": "cpso", "size": 20}, "dual_mode": {"enabled": True}}
@@ -43,9 +45,37 @@ def test_every_relation_can_be_claimed() -> None:
 def test_null_claims_that_a_measure_is_undefined() -> None:
     assert holds(None, "==", None) is True
     assert holds(3.0, "==", None) is False
-    assert holds(None, "<=", 50) is False  # never settled is not settled in time
-    assert holds(None, ">=", 50) is False
+    assert holds(None, "==", None, reason=NEVER) is True
     assert holds([1.0], "<=", 2.0) is None
+
+
+def test_what_never_comes_is_later_than_any_bound() -> None:
+    found = [holds(None, relation, 50, reason=NEVER) for relation in RELATIONS]
+    assert found == [False, True, False, True, False]
+
+
+@pytest.mark.parametrize("relation", RELATIONS)
+def test_what_is_not_defined_judges_nothing(relation: str) -> None:
+    assert holds(None, relation, 50) is None
+    asked = claim(relation=relation)
+    (verdict,) = judged(
+        [asked], SETTINGS, {"size": None}, undefined={"size": "there is none"}
+    )
+    assert (verdict["measured"], verdict["holds"]) == (None, None)
+    assert verdict["needs"] == "a run in which size is a number; here there is none"
+
+
+def test_null_is_compared_with_equal_only() -> None:
+    with pytest.raises(pydantic.ValidationError, match="expected relation == with the"):
+        claim(relation="<", bound=None)
+
+
+def test_a_claim_about_a_variant_is_judged_in_it_alone() -> None:
+    asked = claim(variant="literal")
+    (other,) = judged([asked], SETTINGS, {"size": 1.5}, variant="corrected")
+    (own,) = judged([asked], SETTINGS, {"size": 1.5}, variant="literal")
+    assert (other["holds"], other["needs"]) == (None, "a run with variant = literal")
+    assert (own["holds"], own["needs"]) == (True, "")
 
 
 def test_a_claim_is_judged_by_what_was_measured() -> None:

@@ -8,6 +8,7 @@ import pytest
 from swarmstart.cases.formation.build import pose as pose_formation
 from swarmstart.cases.kind import Posed, SeveralPlansError
 from swarmstart.cases.reconfiguration.build import pose as pose_reconfiguration
+from swarmstart.cases.registry import KINDS, load
 from swarmstart.cases.scenario import Resolved, read_document, resolve
 from swarmstart.ocp import (
     Fitness,
@@ -130,3 +131,12 @@ def test_ipopt_alone_finds_a_dear_plan_for_the_third_uav() -> None:
     one = resolved("formation_obstacle_uav3", search="lshade")
     found = planned(question, one.scenario.search_settings())
     assert found.feasible and found.cost == pytest.approx(30991, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_measure_that_may_be_null_has_a_reason(name: str) -> None:
+    kind = load(KINDS[name].kind)
+    assert kind.undefined.keys() <= kind.measures.keys()
+    null = {measure for measure, text in kind.measures.items() if "null" in text}
+    assert null and null <= kind.undefined.keys()
+    assert all(kind.undefined.values())

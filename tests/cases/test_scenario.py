@@ -162,3 +162,16 @@ def test_every_claim_of_a_shipped_scenario_says_where_it_is_made() -> None:
         claims = resolved(name).scenario.claims
         assert len({claim.id for claim in claims}) == len(claims)
         assert all(claim.source and claim.text for claim in claims)
+
+
+def test_a_claim_is_of_flights_as_long_as_the_file_says() -> None:
+    """But for one whose `when` names other steps."""
+
+    def wanted(*assignments: str) -> dict[str, int]:
+        scenario = resolved("reconfiguration", assignments=assignments).scenario
+        return {claim.id: claim.when["steps"] for claim in scenario.claims}
+
+    longer = wanted("steps=7")
+    assert longer == wanted()
+    assert (longer["21"], longer["22"]) == (4, 10)
+    assert wanted("claims.1.when={steps: 9}", "steps=7")["21"] == 9

@@ -168,7 +168,7 @@ FLAWS = {
         "planning_order: highest_first",
         "planning_order: [1, 1, 2, 3, 4]",
         "[1, 1, 2",
-        "expected each UAV from 1 to 5 once, found [1, 1, 2, 3, 4]",
+        "expected the number of each of the 5 UAVs once, found [1, 1, 2, 3, 4]",
     ),
     "a planning order that is none": (
         "planning_order: highest_first",

@@ -172,7 +172,9 @@ def test_no_figures_draws_none_and_the_report_names_the_record(
     (folder,) = (tmp_path / "results" / "formation_v").iterdir()
     assert str(folder.relative_to(tmp_path)) in said.out
     assert not (folder / "figures").exists()
-    assert "settle_time_s" in said.out and "does not hold" in said.out
+    assert "settle_time_s" in said.out
+    # The claims are of flights of 60 steps.
+    assert "does not hold" not in said.out and "a run with steps = 60" in said.out
 
 
 def test_print_config_is_a_scenario_that_prints_itself(
@@ -195,7 +197,8 @@ def test_print_config_is_a_scenario_that_prints_itself(
         ("tail_error_m > 1", 3),
         ("tail_error_m < 1", 0),
         ("settle_time_s == null", 3),
-        ("settle_time_s > 10", 0),
+        ("settle_time_s > 10", 3),  # It never settles: later than any time.
+        ("settle_time_s <= 10", 0),
         ("tail_error_by_uav_m > 24", 3),
         ("tail_error_by_uav_m > 1e3", 0),
     ],
@@ -222,7 +225,7 @@ def test_a_claim_that_is_a_gate_and_fails_leaves_with_3(
 ) -> None:
     said = command(
         *("run", "formation_v", *TINY, "--no-figures", "--out", tmp_path / "r"),
-        *("--set", "claims.0.gate=true"),
+        *("--set", "claims.0.gate=true", "--set", "claims.0.when={steps: 2}"),
     )
     assert said.code == 3
     assert said.err.startswith("swarmstart: gate failed: 1: With chaotic PSO")
