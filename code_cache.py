@@ -33,7 +33,7 @@ _TEMPORARY = ".new-"
 _ABANDONED_S = 3600.0
 """Age from which a temporary file is the rest of a process that was killed [s]."""
 _DIGEST_BYTES = hashlib.sha256().digest_size
-_PRIVATE = 0o700
+_PRIVATE, _PRIVATE_FILE = 0o700, 0o600
 _OTHERS_MAY_WRITE = 0 if os.name == "nt" else 0o022
 
 
@@ -158,6 +158,7 @@ def _replace(path: Path, content: bytes) -> None:
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(content)
+        os.chmod(temporary, _PRIVATE_FILE)
         os.replace(temporary, path)
     finally:
         Path(temporary).unlink(missing_ok=True)

@@ -142,7 +142,7 @@ class Point(NamedTuple):
 
 
 def test_the_fields_of_a_record_count() -> None:
-    turned = collections.namedtuple("Point", ["y", "x"])
+    turned = collections.namedtuple("turned", ["y", "x"])
     turned.__qualname__, turned.__module__ = Point.__qualname__, Point.__module__
     assert fingerprint(closure(Point)) != fingerprint(closure(turned))
 
@@ -196,8 +196,8 @@ def test_sources_are_those_of_all_modules_imported(
     monkeypatch.setattr("swarmstart.fingerprint.source", lambda name: texts[name])
     before = sources("swarmstart.a")
     assert sources("swarmstart.a") == before
-    for name in texts:
-        changed = {**texts, name: texts[name] + b"# changed"}
+    for name, text in texts.items():
+        changed = {**texts, name: text + b"# changed"}
         monkeypatch.setattr(
             "swarmstart.fingerprint.source", lambda name, now=changed: now[name]
         )

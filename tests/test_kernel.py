@@ -1,0 +1,177 @@
+"""Kernels: old machine code never runs, and only the user's own is loaded.
+
+The package is copied and edited, and run in processes that share one cache.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import swarmstart.ocp
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="modes of files are POSIX's")
+
+ROOT = Path(swarmstart.ocp.__path__[0]).parent
+
+COUNTING = """
+import numba
+compiled = []
+class Listener(numba.core.event.Listener):
+    def on_start(self, event): pass
+    def on_end(self, event): compiled.append(event.data["dispatcher"])
+numba.core.event.register("numba:compile", Listener())
+"""
+BETTER = """
+from swarmstart.heuristics.order import precedes
+print(precedes(0, 0.0, 0.0, 1.0, 0.0, 2.0, 0.0))
+"""
+CALLER = """
+from swarmstart.heuristics.order import best_index, static_penalty
+import numpy as np
+order = static_penalty(0.0).running()
+print(best_index(order, np.array([2.0, 1.0, 3.0]), np.zeros(3)))
+"""
+
+
+def copied(folder: Path) -> Path:
+    """A copy of the modules that kernels need; the folder to import it from."""
+    package = folder / "swarmstart"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text('__version__ = "0.1.0"\n')
+    for name in ("errors.py", "code_cache.py", "fingerprint.py", "kernel.py"):
+        shutil.copy(ROOT / name, package / name)
+    shutil.copytree(
+        ROOT / "heuristics",
+        package / "heuristics",
+        ignore=shutil.ignore_patterns("__pycache__"),
+    )
+    return folder
+
+
+def negate_costs(folder: Path) -> None:
+    """Turn the order round, in a function that kernels of other modules call."""
+    file = folder / "swarmstart" / "heuristics" / "order.py"
+    text = file.read_text(encoding="utf-8")
+    line = "        return penalised_a < cost_b + weight * violation_b\n"
+    assert line in text
+    turned = line.replace("penalised_a < ", "penalised_a > ")
+    file.write_text(text.replace(line, turned), encoding="utf-8")
+
+
+def ran(code: str, folder: Path, cache: Path, **environment: str) -> str:
+    """What code prints that imports the package of a folder."""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={
+            **os.environ,
+            "PYTHONPATH": str(folder),
+            "XDG_CACHE_HOME": str(cache),
+            **environment,
+        },
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_an_edited_checkout_runs_its_new_code(tmp_path: Path) -> None:
+    folder, cache = copied(tmp_path / "checkout"), tmp_path / "cache"
+    assert ran(CALLER, folder, cache) == "1"
+    negate_costs(folder)
+    assert ran(CALLER, folder, cache) == "2"
+
+
+def test_two_versions_share_one_cache(tmp_path: Path) -> None:
+    old, new = copied(tmp_path / "old"), copied(tmp_path / "new")
+    negate_costs(new)
+    cache = tmp_path / "cache"
+    for _ in range(2):
+        assert ran(CALLER, old, cache) == "1"
+        assert ran(CALLER, new, cache) == "2"
+
+
+def test_code_is_compiled_once_for_equal_copies(tmp_path: Path) -> None:
+    one, other = copied(tmp_path / "one"), copied(tmp_path / "other")
+    cache, code = tmp_path / "cache", COUNTING + CALLER + "print(len(compiled))\n"
+    assert int(ran(code, one, cache).split()[-1]) > 0
+    before = sorted(os.listdir(cache / "swarmstart" / "machine-code"))
+    assert ran(code, other, cache).split()[-1] == "0"
+    assert sorted(os.listdir(cache / "swarmstart" / "machine-code")) == before
+
+
+def test_nothing_is_written_beside_the_source(tmp_path: Path) -> None:
+    folder = copied(tmp_path / "installed")
+    ran(CALLER, folder, tmp_path / "cache", PYTHONDONTWRITEBYTECODE="1")
+    assert not list(folder.rglob("*.nb?"))
+    assert not list(folder.rglob("__pycache__"))
+
+
+def test_kernels_work_where_nothing_can_be_kept(tmp_path: Path) -> None:
+    folder, in_the_way = copied(tmp_path / "installed"), tmp_path / "file"
+    in_the_way.write_text("in the way")
+    assert ran(CALLER, folder, in_the_way) == "1"
+
+
+@pytest.mark.parametrize("part", [0, 1, 2])
+def test_damaged_code_is_compiled_anew(tmp_path: Path, part: int) -> None:
+    folder, cache = copied(tmp_path / "checkout"), tmp_path / "cache"
+    assert ran(BETTER, folder, cache) == "True"
+    for file in (cache / "swarmstart" / "machine-code").iterdir():
+        content = bytearray(file.read_bytes())
+        if part == 0:
+            content = content[: len(content) // 2]
+        elif part == 1:
+            content[len(content) // 2] ^= 1
+        else:
+            file.chmod(0o666)  # Another user could have written it.
+        mode = file.stat().st_mode & 0o777
+        file.write_bytes(bytes(content))
+        assert file.stat().st_mode & 0o777 == mode
+    code = COUNTING + BETTER + "print(len(compiled))\n"
+    assert ran(code, folder, cache).split()[0] == "True"
+    assert int(ran(code, folder, cache).split()[1]) == 0  # Kept again, and mended.
+
+
+def test_two_processes_may_compile_at_once(tmp_path: Path) -> None:
+    folder, cache = copied(tmp_path / "checkout"), tmp_path / "cache"
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(folder),
+        "XDG_CACHE_HOME": str(cache),
+    }
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-c", BETTER],
+            env=environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(2)
+    ]
+    assert [process.communicate()[0].strip() for process in running] == ["True"] * 2
+    assert ran(BETTER, folder, cache) == "True"
+
+
+RECORD = """
+from typing import NamedTuple
+from swarmstart.kernel import kernel
+Point = NamedTuple("Point", [(name, int) for name in "{fields}"])
+@kernel
+def first(point):
+    return point.x / 2
+print(first(Point(**dict(x=1, y=3))))
+"""
+
+
+def test_types_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    folder, cache = copied(tmp_path / "checkout"), tmp_path / "cache"
+    for fields in ("xy", "yx"):
+        code = RECORD.format(fields=fields)
+        assert ran(code, folder, cache) == "0.5"
