@@ -2,10 +2,9 @@
 
     python benchmarks/terminal_sets.py --write docs/terminal_set_proofs.md
 
-Each system is certified with compiled intervals and, where it has at most four states,
-with those of NumPy; then states are drawn from the certified set, half of them from its
-edge, and flown by another integrator. Whoever of them leaves the set, breaks an input's
-bound or does not come nearer makes the exit code 3.
+Each system is certified; then states are drawn from the certified set, half of them
+from its edge, and simulated by another integrator. The exit code is 3 if one of them
+leaves the set, breaks an input's bound or does not come nearer.
 """
 
 import argparse
@@ -20,24 +19,19 @@ from scipy.integrate import solve_ivp
 
 from swarmstart.benchmarks.tables import row
 from swarmstart.benchmarks.terminal_set_systems import SYSTEMS, System
-from swarmstart.ocp import compiled_intervals
 from swarmstart.terminal_set import (
     ProofOptions,
     TerminalSet,
     certified_terminal_set,
     certify,
     continuous_terminal_set,
-    interval_function,
 )
 from swarmstart.terminal_set.tape import tape_of
-from swarmstart.terminal_set.taylor import IntervalMaker
 
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-10
 BLOCK = 50_000
-NUMPY_STATES = 4
-"""Beyond so many states NumPy is not timed."""
 _HEAD = """# Proven and refuted levels
 
 Made by `python benchmarks/terminal_sets.py --samples {number}`. Refuted: the nearest
@@ -56,8 +50,6 @@ class Measured:
     """What was found for one system."""
 
     terminal_set: TerminalSet
-    numpy_seconds: float | None
-    numpy_gap: float | None
     violations: int
 
 
@@ -72,9 +64,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     lines = [
         row(
             "system", "states", "refuted", "proven", "gap", "boxes", "seconds",
-            "NumPy: seconds", "gap", "violations",
+            "violations",
         ),
-        row(*["---"] * 10),
+        row(*["---"] * 8),
     ]  # fmt: skip
     print("\n".join(lines))
     violations = 0
@@ -100,25 +92,18 @@ def measure(system: System, *, samples: int, seconds: float) -> Measured:
         samples: Number of states drawn.
         seconds: For each proof [s].
     """
-    found = certified(system, compiled_intervals, seconds)
-    in_numpy = None
-    if len(found.P) <= NUMPY_STATES:
-        in_numpy = certified(system, interval_function, seconds)
-    numpy_proof = None if in_numpy is None else in_numpy.certificate
+    found = certified(system, seconds)
     return Measured(
         terminal_set=found,
-        numpy_seconds=None if numpy_proof is None else numpy_proof.proof.seconds,
-        numpy_gap=None if numpy_proof is None else numpy_proof.gap,
         violations=violations_of(system, found, samples, np.random.default_rng(1)),
     )
 
 
-def certified(system: System, intervals: IntervalMaker, seconds: float) -> TerminalSet:
+def certified(system: System, seconds: float) -> TerminalSet:
     """Return the certified set of a system."""
     rng, weights = np.random.default_rng(0), system.weights
     options = ProofOptions(
         substeps=system.substeps,
-        intervals=intervals,
         growth=False,
         max_seconds=seconds,
     )
@@ -235,8 +220,6 @@ def _row(name: str, system: System, measured: Measured) -> str:
         _share(certificate.gap),
         f"{proof.boxes:,}",
         f"{proof.seconds:.2f}",
-        "-" if measured.numpy_seconds is None else f"{measured.numpy_seconds:.2f}",
-        "-" if measured.numpy_seconds is None else _share(measured.numpy_gap),
         str(measured.violations),
     )
 

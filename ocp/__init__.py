@@ -3,7 +3,6 @@
 from swarmstart.ocp.closed_loop import Plant, Step, Trajectory, collected, fly, simulate
 from swarmstart.ocp.compiled.backend import Backend, BackendWarning, chosen_backend
 from swarmstart.ocp.compiled.batch import BatchFunction, compile_batch
-from swarmstart.ocp.compiled.intervals import compiled_intervals
 from swarmstart.ocp.compiled.simd import Prepared
 from swarmstart.ocp.constraints import (
     Bounds,
@@ -85,7 +84,6 @@ __all__ = [
     "chosen_backend",
     "collected",
     "compile_batch",
-    "compiled_intervals",
     "disc",
     "fly",
     "held_step",

@@ -41,7 +41,6 @@ from swarmstart.terminal_set.design import (
 from swarmstart.terminal_set.evidence import Refutation
 from swarmstart.terminal_set.growth import prove_growth
 from swarmstart.terminal_set.held_motion import HeldMotion
-from swarmstart.terminal_set.intervals import interval_function
 from swarmstart.terminal_set.level import level_from_inputs, level_from_states
 from swarmstart.terminal_set.linearisation import linearise
 from swarmstart.terminal_set.prerequisites import (
@@ -50,7 +49,6 @@ from swarmstart.terminal_set.prerequisites import (
 )
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.refutation import refuted_level
-from swarmstart.terminal_set.taylor import IntervalMaker
 
 SHRUNK = 1 - 1e-9
 """Of the growth that bounds of states leave room for: its rounding."""
@@ -93,8 +91,6 @@ class ProofOptions:
             None means 0, any decrease. With Q + K'RK the level bounds the cost to go,
             which takes kappa > 0 in the design.
         substeps: Runge-Kutta steps a hold, at least 1.
-        intervals: Makes interval evaluations; `swarmstart.ocp.compiled_intervals` is
-            faster, and needed beyond four states.
         growth: Whether the growth between samples is to be proven too; otherwise it is
             measured only, which takes less time.
         max_seconds: For the proofs of the decrease [s], and again for the growth.
@@ -106,7 +102,6 @@ class ProofOptions:
 
     Q_m: ArrayLike | None = None
     substeps: int = 1
-    intervals: IntervalMaker = interval_function
     growth: bool = True
     max_seconds: float = 60.0
 
@@ -136,7 +131,7 @@ def certified_terminal_set(
         weights: Q and R, per second or, held, per step; kappa.
         rng: Of the samples and of the rays that look for counterexamples.
         dt: How long the input is held [s]; None: it moves all the time.
-        options: Of the proof; None: any decrease, in NumPy.
+        options: Of the proof; None: any decrease.
 
     Returns:
         K, P, the largest level of its bounds that was proven, and the certificate.
@@ -176,7 +171,7 @@ def certify(
         rng: Of the samples and of the rays that look for counterexamples.
         dt: How long the input is held [s], also where the design is for an input that
             moves all the time; None: it does move all the time.
-        options: Of the proof; None: any decrease, in NumPy.
+        options: Of the proof; None: any decrease.
 
     Returns:
         The design with the proven level, dt and the certificate.
@@ -218,7 +213,6 @@ def certify(
         change,
         top,
         rng=rng,
-        intervals=options.intervals,
         max_seconds=options.max_seconds,
     )
     refutation = level.refutation
@@ -321,7 +315,6 @@ def _with_growth(
         hold.motion.hold,
         alpha,
         hold.margins.growth,
-        intervals=options.intervals,
         max_seconds=options.max_seconds,
     )
     return replace(hold.margins, growth_is_proven=proof.proven)

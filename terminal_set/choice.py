@@ -24,10 +24,8 @@ from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.design import TerminalSet
 from swarmstart.terminal_set.ellipsoid import Ellipsoid
 from swarmstart.terminal_set.evidence import Proof, Refutation
-from swarmstart.terminal_set.intervals import interval_function
 from swarmstart.terminal_set.proof import prove_level
 from swarmstart.terminal_set.refutation import refuted_level
-from swarmstart.terminal_set.taylor import IntervalMaker
 
 SHARE = 0.92
 """Of the refuted level, what is tried first: with six states more takes too long."""
@@ -107,7 +105,6 @@ def proven_level(
     alpha_max: float,
     *,
     rng: np.random.Generator,
-    intervals: IntervalMaker = interval_function,
     max_seconds: float = 60.0,
 ) -> ProvenLevel:
     """Prove as much as can be of the levels up to one.
@@ -116,7 +113,6 @@ def proven_level(
         change: Of `continuous_change` or `held_change`.
         alpha_max: The level wanted, > 0: that of the bounds.
         rng: Of the rays that look for a counterexample.
-        intervals: Makes interval evaluations.
         max_seconds: For all proofs together [s].
 
     Returns:
@@ -132,9 +128,7 @@ def proven_level(
     def proof_of(alpha: float, share: float = 1.0) -> Proof:
         """Try a level, in a share of the time that is left."""
         left = (until - clock.perf_counter()) * share
-        return prove_level(
-            change, alpha, intervals=intervals, max_boxes=MOST_BOXES, max_seconds=left
-        )
+        return prove_level(change, alpha, max_boxes=MOST_BOXES, max_seconds=left)
 
     # A level that cannot be proven mostly shows a counterexample at once.
     best = proof_of(alpha_max, 0.25)

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from swarmstart.terminal_set.cells import PADDING, Cells, added_up, squares
 from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.intervals import IntervalEvaluation
-from swarmstart.terminal_set.taylor import IntervalMaker, TaylorForm, evaluated
+from swarmstart.terminal_set.taylor import TaylorForm, evaluated
 
 Array = NDArray[np.float64]
 
@@ -57,23 +57,22 @@ class DecreaseBounds:
         defect: A bound of |T'PT - I|.
     """
 
-    def __init__(self, change: Change, intervals: IntervalMaker) -> None:
+    def __init__(self, change: Change) -> None:
         """Build the functions that are evaluated.
 
         Args:
             change: c and what it is made of.
-            intervals: Makes their interval evaluations.
 
         Raises:
             UnknownIntervalOperationError: c has an operation without interval form.
         """
         self.T = _diagonalising(change)
         self.defect = defect(self.T, change.P, np.eye(len(self.T)))
-        self._form = TaylorForm(change.function, self.T, intervals)
+        self._form = TaylorForm(change.function, self.T)
         zero = np.zeros((len(self.T), 1))
         middle, radius = self._form.hessians(zero, zero)
         self._M = beside_diagonal(middle[0], radius[0])
-        self._remainder = _remainder(change, self.T, intervals)
+        self._remainder = _remainder(change, self.T)
 
     def __call__(self, lower: Array, upper: Array) -> Undecided:
         """Return where c < 0 is not shown.
@@ -179,9 +178,7 @@ def _diagonalising(change: Change) -> Array:
     return np.asarray(root @ turn)
 
 
-def _remainder(
-    change: Change, T: Array, intervals: IntervalMaker
-) -> IntervalEvaluation:
+def _remainder(change: Change, T: Array) -> IntervalEvaluation:
     """Return (s, w) -> (b, d) of the bound about the centre."""
     nx, P = len(T), ca.DM(change.P)
     s, w = ca.SX.sym("s"), ca.SX.sym("w", nx)
@@ -196,7 +193,7 @@ def _remainder(
         d = wider / 4 * ca.sumsqr(ca.DM(S) @ second)
     else:
         b, d = ca.dot(P @ direction, second), ca.SX(0)
-    return evaluated(ca.vertcat(b, d), ca.vertcat(s, w), intervals)
+    return evaluated(ca.vertcat(b, d), ca.vertcat(s, w))
 
 
 def defect(T: Array, P: Array, expected: Array) -> float:

@@ -29,9 +29,8 @@ from swarmstart.terminal_set.enclosure import (
     undecided,
 )
 from swarmstart.terminal_set.evidence import Proof
-from swarmstart.terminal_set.intervals import interval_function
 from swarmstart.terminal_set.proof import Limits, radius_of, search_ball
-from swarmstart.terminal_set.taylor import IntervalMaker, TaylorForm
+from swarmstart.terminal_set.taylor import TaylorForm
 
 Array = NDArray[np.float64]
 
@@ -63,7 +62,6 @@ def prove_growth(
     alpha: float,
     growth: float,
     *,
-    intervals: IntervalMaker = interval_function,
     max_seconds: float = 60.0,
 ) -> Proof:
     """Try to prove that e'Pe stays below g times itself during a hold.
@@ -72,7 +70,6 @@ def prove_growth(
         hold: The motion.
         alpha: Level of the ellipsoid, > 0.
         growth: g, above 1.
-        intervals: Makes interval evaluations.
         max_seconds: After how many seconds it is given up [s].
 
     Raises:
@@ -85,7 +82,7 @@ def prove_growth(
     e, t = v[:nx], v[nx]
     after = hold.motion(e, t)
     change = ca.bilin(ca.DM(P), after, after) - growth * ca.bilin(ca.DM(P), e, e)
-    form = TaylorForm(ca.Function("growth", [v], [change]), np.eye(nx + 1), intervals)
+    form = TaylorForm(ca.Function("growth", [v], [change]), np.eye(nx + 1))
     pieces = list(pairwise(np.linspace(0.0, hold.dt, PIECES + 1).tolist()))
     until = began + max_seconds
     while pieces and proven:

@@ -28,8 +28,6 @@ from swarmstart.terminal_set.arrays import (
 from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.enclosure import DecreaseBounds, Undecided
 from swarmstart.terminal_set.evidence import Proof
-from swarmstart.terminal_set.intervals import interval_function
-from swarmstart.terminal_set.taylor import IntervalMaker
 
 Array = NDArray[np.float64]
 
@@ -42,7 +40,6 @@ def prove_level(
     change: Change,
     alpha: float,
     *,
-    intervals: IntervalMaker = interval_function,
     max_boxes: int = 2_000_000,
     max_seconds: float = 60.0,
 ) -> Proof:
@@ -51,7 +48,6 @@ def prove_level(
     Args:
         change: Of `continuous_change` or `held_change`.
         alpha: Its level, > 0.
-        intervals: Makes interval evaluations; `swarmstart.ocp` has a compiled one.
         max_boxes: After how many boxes it is given up.
         max_seconds: After how many seconds [s].
 
@@ -65,7 +61,7 @@ def prove_level(
     if not 0 < alpha < np.inf:
         raise NotPositiveError("alpha", alpha)
     began = clock.perf_counter()
-    bounds = DecreaseBounds(change, intervals)
+    bounds = DecreaseBounds(change)
     radius = radius_of(alpha, bounds.defect)
     if not np.isfinite(radius):
         seconds = clock.perf_counter() - began

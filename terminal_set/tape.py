@@ -11,20 +11,19 @@ from __future__ import annotations
 
 import casadi as ca
 
-from swarmstart.terminal_set.intervals import (
-    UnknownIntervalOperationError,
-    operation_name,
-)
+from swarmstart.tape import Node, UnknownOperationError, read_tape
+from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
 
 Instruction = list[str | int | float]
 
-OPERATIONS: dict[int, str] = {
-    getattr(ca, f"OP_{name.upper()}"): name
+OPERATIONS: dict[str, str] = {
+    name: name
     for name in (
         "add sub mul div pow fmin fmax neg sq twice inv fabs sqrt sin cos tan exp log "
         "atan tanh"
     ).split()
-} | {ca.OP_CONSTPOW: "pow"}
+} | {"constpow": "pow"}
+"""CasADi's name of an operation -> its name in a file."""
 
 
 def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
@@ -40,27 +39,21 @@ def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
         UnknownIntervalOperationError: It has an operation that is not in OPERATIONS.
     """
     function = dynamics if dynamics.is_a("SXFunction") else dynamics.expand()
-    tape: list[Instruction] = []
-    work: dict[int, int] = {}
-    names = ("x", "u")
-    taken = [function.sparsity_in(argument).find() for argument in range(2)]
-    given, results = function.sparsity_out(0).find(), {}
-    for k in range(function.n_instructions()):
-        code = function.instruction_id(k)
-        source, target = function.instruction_input(k), function.instruction_output(k)
-        if code == ca.OP_OUTPUT:
-            results[given[target[1]]] = work[source[0]]
-            continue
-        if code == ca.OP_INPUT:
-            tape.append([names[source[0]], int(taken[source[0]][source[1]])])
-        elif code == ca.OP_CONST:
-            tape.append(["const", float(function.instruction_constant(k))])
-        elif code in OPERATIONS:
-            tape.append([OPERATIONS[code], *[work[operand] for operand in source]])
-        else:
-            raise UnknownIntervalOperationError(function.name(), operation_name(code))
-        work[target[0]] = len(tape) - 1
-    if len(results) < function.numel_out(0):
-        tape.append(["const", 0.0])  # Of the entries that are zero by structure.
-    zero = len(tape) - 1
-    return tape, [results.get(entry, zero) for entry in range(function.numel_out(0))]
+    try:
+        tape = read_tape(function)
+        instructions = [_instruction(node) for node in tape.nodes]
+    except UnknownOperationError as error:
+        raise UnknownIntervalOperationError(function.name(), error.operation) from error
+    return instructions, list(tape.outputs[0])
+
+
+def _instruction(node: Node) -> Instruction:
+    """Return a value as a file has it."""
+    if node.operation == "constant":
+        return ["const", node.value]
+    if node.operation == "input":
+        argument, entry = node.arguments
+        return [("x", "u")[argument], entry]
+    if node.operation not in OPERATIONS:
+        raise UnknownOperationError(node.operation)
+    return [OPERATIONS[node.operation], *node.arguments]

@@ -15,7 +15,6 @@ Source: Neumaier (1990), Interval Methods for Systems of Equations; Makino and B
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from itertools import combinations_with_replacement
 
@@ -24,23 +23,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.terminal_set.cells import PADDING, Cells, added_up
-from swarmstart.terminal_set.intervals import IntervalEvaluation
+from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
 
 Array = NDArray[np.float64]
-IntervalMaker = Callable[[ca.Function], IntervalEvaluation]
-"""A function of one column -> its interval evaluation."""
 
 
 class TaylorForm:
     """Upper bounds of a function on cells."""
 
-    def __init__(self, c: ca.Function, T: Array, intervals: IntervalMaker) -> None:
+    def __init__(self, c: ca.Function, T: Array) -> None:
         """Build the functions that are evaluated.
 
         Args:
             c: e (n, 1) -> a number.
             T: e = T z, shape (n, n).
-            intervals: Makes the interval evaluations.
 
         Raises:
             UnknownIntervalOperationError: c has an operation without interval form.
@@ -53,9 +49,9 @@ class TaylorForm:
         bends = ca.vertcat(*[hessian[pair] for pair in pairs])
         turns = ca.jacobian(bends, e)
         third = [turns[int(self._pairs[i, j]), k] for i, j, k in triples]
-        self._value_and_slope = evaluated(ca.vertcat(value, gradient), e, intervals)
-        self._hessian = evaluated(bends, e, intervals)
-        self._third = evaluated(ca.vertcat(*third), e, intervals)
+        self._value_and_slope = evaluated(ca.vertcat(value, gradient), e)
+        self._hessian = evaluated(bends, e)
+        self._third = evaluated(ca.vertcat(*third), e)
         self._T, self._size = T, np.abs(T)
 
     def turned(self, T: Array) -> TaylorForm:
@@ -165,20 +161,17 @@ def _turned(tensor: Array, T: Array) -> Array:
     return tensor
 
 
-def evaluated(
-    expression: ca.SX, v: ca.SX, intervals: IntervalMaker
-) -> IntervalEvaluation:
+def evaluated(expression: ca.SX, v: ca.SX) -> IntervalEvaluation:
     """Return the interval evaluation of a column.
 
     Args:
         expression: The column.
         v: What it depends on, a column.
-        intervals: Makes interval evaluations.
 
     Raises:
         UnknownIntervalOperationError: It has an operation without interval form.
     """
-    return intervals(ca.Function("the_change_of_V", [v], [ca.cse(expression)]))
+    return interval_function(ca.Function("the_change_of_V", [v], [ca.cse(expression)]))
 
 
 def _middle_and_radius(low: Array, high: Array) -> tuple[Array, Array]:

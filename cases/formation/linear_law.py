@@ -12,7 +12,6 @@ import numpy as np
 from swarmstart.cases.formation.problem import dynamics_of
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.models.unicycle import unicycle
-from swarmstart.ocp import compiled_intervals
 from swarmstart.terminal_set import (
     ProofOptions,
     Reference,
@@ -72,7 +71,7 @@ def _certified(
         Weights(Q=np.diag(Q), R=np.diag(R)),
         dt=dt,
         rng=np.random.default_rng(SEED),
-        options=ProofOptions(intervals=compiled_intervals, growth=is_bounded),
+        options=ProofOptions(growth=is_bounded),
     )
 
 

@@ -14,8 +14,8 @@ from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
 from swarmstart.ocp.compiled.formats import FORMATS
 from swarmstart.ocp.compiled.interface import BatchEvaluator
-from swarmstart.ocp.compiled.tape import UnknownOperationError
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.tape import UnknownOperationError
 
 Backend = Literal["auto", "llvm", "casadi"]
 BACKENDS = get_args(Backend)

@@ -20,8 +20,8 @@ from swarmstart.ocp.compiled.backend import (
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.simd import Prepared, Shapes, SimdBatch, compile_flat
-from swarmstart.ocp.compiled.tape import UnknownOperationError
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.tape import UnknownOperationError, expanded
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class BatchFunction:
         self.backend = chosen_backend(backend)
         if self.backend == "llvm":
             try:
-                self._function = _expanded(function)
+                self._function = expanded(function)
                 first = tuple(i == 0 for i in range(function.n_in()))
                 self._kernel(first)
             except (NoCompilerError, UnknownOperationError) as error:
@@ -186,19 +186,3 @@ def compile_batch(
         raise InvalidProblemError(f"{function.name()} has no argument to vary")
     require_precision(precision)
     return BatchFunction(function, backend=backend, precision=precision)
-
-
-def _expanded(function: ca.Function) -> ca.Function:
-    """Return a function as SX.
-
-    Raises:
-        UnknownOperationError: If it cannot be expanded.
-    """
-    if function.is_a("SXFunction"):
-        return function
-    try:
-        return function.expand()
-    except RuntimeError as error:
-        raise UnknownOperationError(
-            f"{function.name()} does not expand to SX"
-        ) from error

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from swarmstart.ocp.compiled.frame import Frame, Target, module_of
 from swarmstart.ocp.compiled.operations import Read, emit_operation, emit_tape
 from swarmstart.ocp.compiled.simplification import repeated_functions
-from swarmstart.ocp.compiled.tape import Tape
 from swarmstart.ocp.compiled.vector_ir import VectorIR
+from swarmstart.tape import Tape
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -8,7 +8,7 @@ the gaps. Where a tape has much to do at a time, they only crowd the registers.
 
 from collections.abc import Iterable
 
-from swarmstart.ocp.compiled.tape import Tape
+from swarmstart.tape import Tape
 
 # (instructions, cycles until the result is there), round numbers for recent x86 cores;
 # a division keeps its unit busy as long as this many instructions take.

@@ -11,8 +11,8 @@ from swarmstart.ocp.compiled.elementary import (
     tanh,
 )
 from swarmstart.ocp.compiled.power import power
-from swarmstart.ocp.compiled.tape import Node, Tape, UnknownOperationError
 from swarmstart.ocp.compiled.vector_ir import VectorIR
+from swarmstart.tape import Node, Tape, UnknownOperationError
 
 Read = Callable[[int, int], str]
 """(argument, dense entry) -> its value."""
@@ -171,7 +171,7 @@ def emit_operation(ir: VectorIR, name: str, arguments: Sequence[str]) -> str:
         return ir.lane_by_lane(LIBRARY[name], *arguments)
     if name in SPECIAL:
         return SPECIAL[name](ir, *arguments)
-    raise UnknownOperationError(f"the operation {name} is not compiled")
+    raise UnknownOperationError(f"the operation {name} is not compiled", name)
 
 
 def _true(ir: VectorIR, value: str) -> str:

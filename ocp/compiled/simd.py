@@ -20,8 +20,8 @@ from swarmstart.ocp.compiled.formats import DOUBLE, FORMATS, Precision
 from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.interleaving import side_by_side
 from swarmstart.ocp.compiled.simplification import simplified
-from swarmstart.ocp.compiled.tape import Tape, read_tape
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.tape import Tape, read_tape
 
 Array = NDArray[np.float64]
 Shapes = tuple[tuple[int, ...], ...]
@@ -385,7 +385,7 @@ def _key(functions: Sequence[ca.Function], settings: tuple[object, ...]) -> str:
 
 
 HERE = "swarmstart.ocp.compiled"
-MAKERS = ("emitter", "engine", "interleaving", "simplification", "tape")
+MAKERS = ("emitter", "engine", "interleaving", "simplification")
 """The modules that make the code; their text, and that of all they import, is its
 version."""
 

@@ -7,7 +7,7 @@ of fewer: multiples are put together only where they have one sign, so nothing c
 and only where nothing else uses the sum between.
 """
 
-from swarmstart.ocp.compiled.tape import Node, Tape, TapeBuilder
+from swarmstart.tape import Node, Tape, TapeBuilder
 
 
 def simplified(tape: Tape) -> Tape:

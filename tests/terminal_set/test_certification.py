@@ -13,7 +13,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from swarmstart.ocp import compiled_intervals
 from swarmstart.terminal_set import (
     ForeignCertificateError,
     HeldTooLongError,
@@ -61,10 +60,7 @@ def pendulum() -> ca.Function:
 @pytest.fixture(scope="module")
 def held(formation: ca.Function, leader: Reference) -> TerminalSet:
     weights = Weights(Q=Q, R=np.diag([1.0, 100.0]))
-    options = ProofOptions(intervals=compiled_intervals)
-    return certified_terminal_set(
-        formation, leader, weights, dt=1.0, options=options, rng=rng()
-    )
+    return certified_terminal_set(formation, leader, weights, dt=1.0, rng=rng())
 
 
 def test_the_formation_is_certified_at_the_level_of_its_bounds(

@@ -8,7 +8,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from swarmstart.ocp import compiled_intervals
 from swarmstart.terminal_set import Reference, TerminalSet, sampled_terminal_set
 from swarmstart.terminal_set.growth import Hold, prove_growth
 
@@ -58,7 +57,7 @@ def test_the_formation_grows_by_no_more_while_it_is_held(
         formation, leader, dt=1.0, Q=np.eye(4), R=np.diag([1.0, weight])
     )
     hold = hold_of(formation, found, 1.0)
-    proof = prove_growth(hold, found.alpha, growth, intervals=compiled_intervals)
+    proof = prove_growth(hold, found.alpha, growth)
     assert proof.proven and proof.boxes < 200_000
 
 
@@ -69,7 +68,5 @@ def test_less_than_what_is_measured_is_never_proven(
     found = sampled_terminal_set(formation, leader, dt=1.0, Q=np.eye(4), R=np.eye(2))
     hold = hold_of(formation, found, 1.0)
     for growth in (1.0, 1.5, 1.95):
-        proof = prove_growth(
-            hold, found.alpha, growth, intervals=compiled_intervals, max_seconds=1
-        )
+        proof = prove_growth(hold, found.alpha, growth, max_seconds=1)
         assert not proof.proven

@@ -15,7 +15,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swarmstart.ocp.compiled.intervals import BLOCK, compiled_intervals
 from swarmstart.terminal_set.intervals import (
     UnknownIntervalOperationError,
     interval_function,
@@ -55,20 +54,16 @@ TWO: dict[str, tuple[Callable[[Any, Any], Any], Callable[[Any, Any], Any]]] = {
 }
 
 
-MAKERS = {"NumPy": interval_function, "compiled": compiled_intervals}
-by_both = pytest.mark.parametrize("maker", MAKERS)
-
-
 @functools.cache
-def of_one(maker: str, name: str) -> Any:
+def of_one(name: str) -> Any:
     x = ca.SX.sym("x")
-    return MAKERS[maker](ca.Function(name, [x], [ONE[name][0](x)]))
+    return interval_function(ca.Function(name, [x], [ONE[name][0](x)]))
 
 
 @functools.cache
-def of_two(maker: str, name: str) -> Any:
+def of_two(name: str) -> Any:
     x = ca.SX.sym("x", 2)
-    return MAKERS[maker](ca.Function(name, [x], [TWO[name][0](x[0], x[1])]))
+    return interval_function(ca.Function(name, [x], [TWO[name][0](x[0], x[1])]))
 
 
 def holds(low: float, high: float, value: Any) -> bool:
@@ -77,14 +72,13 @@ def holds(low: float, high: float, value: Any) -> bool:
 
 @settings(deadline=None)
 @given(low=numbers, width=widths, share=shares)
-@by_both
 @pytest.mark.parametrize("name", ONE)
 def test_the_value_at_every_point_is_in_the_interval(
-    maker: str, name: str, low: float, width: float, share: float
+    name: str, low: float, width: float, share: float
 ) -> None:
     high = low + width
     point = min(max(low + share * width, low), high)
-    bottom, top = of_one(maker, name)(np.array([[low]]), np.array([[high]]))
+    bottom, top = of_one(name)(np.array([[low]]), np.array([[high]]))
     try:
         with mpmath.workdps(DIGITS):
             value = ONE[name][1](mpmath.mpf(point))
@@ -98,10 +92,8 @@ def test_the_value_at_every_point_is_in_the_interval(
 @settings(deadline=None)
 @given(lows=st.tuples(numbers, numbers), wide=st.tuples(widths, widths),
        share=st.tuples(shares, shares))  # fmt: skip
-@by_both
 @pytest.mark.parametrize("name", TWO)
 def test_so_is_that_of_two(
-    maker: str,
     name: str,
     lows: tuple[float, float],
     wide: tuple[float, float],
@@ -111,13 +103,12 @@ def test_so_is_that_of_two(
     high = low + np.array(wide)
     point = np.clip(low + np.array(share) * np.array(wide), low, high)
     assume(name != "by" or point[1] != 0)
-    bottom, top = of_two(maker, name)(low[:, None], high[:, None])
+    bottom, top = of_two(name)(low[:, None], high[:, None])
     with mpmath.workdps(DIGITS):
         value = TWO[name][1](*map(mpmath.mpf, point))
         assert holds(bottom[0, 0], top[0, 0], value)
 
 
-@by_both
 @pytest.mark.parametrize(
     ("name", "low", "high", "bottom", "top"),
     [
@@ -138,31 +129,27 @@ def test_so_is_that_of_two(
     ],
 )
 def test_intervals_are_as_tight_as_the_function_allows(
-    maker: str, name: str, low: float, high: float, bottom: float, top: float
+    name: str, low: float, high: float, bottom: float, top: float
 ) -> None:
-    """To rounding; but for the fifth power, which is a product of squares."""
-    found = [
-        end[0, 0] for end in of_one(maker, name)(np.array([[low]]), np.array([[high]]))
-    ]
+    """To rounding; but for the fifth power, which is x times a square."""
+    found = [end[0, 0] for end in of_one(name)(np.array([[low]]), np.array([[high]]))]
     np.testing.assert_allclose(found, [bottom, top], rtol=1e-14, atol=1e-14)
 
 
-@by_both
-def test_a_point_stays_a_point_but_for_rounding(maker: str) -> None:
+def test_a_point_stays_a_point_but_for_rounding() -> None:
     x = ca.SX.sym("x", 4)
     f = ca.Function("f", [x], [ca.vertcat(x[0] * ca.cos(x[1]), x[2] / x[3] + 1)])
     points = np.random.default_rng(0).uniform(1, 2, (4, 50))
-    low, high = MAKERS[maker](f)(points, points)
+    low, high = interval_function(f)(points, points)
     exact = np.array(f.map(50)(points))
     assert np.all((low <= exact) & (exact <= high))
     np.testing.assert_allclose(high - low, 0, atol=1e-14)
 
 
-@by_both
-def test_blocks_of_boxes_are_evaluated_one_by_one(maker: str) -> None:
+def test_blocks_of_boxes_are_evaluated_one_by_one() -> None:
     """Smaller boxes have smaller intervals: inclusion is monotone."""
     x = ca.SX.sym("x", 2)
-    f = MAKERS[maker](ca.Function("f", [x], [ca.sin(x[0]) * x[1] - x[0] ** 2]))
+    f = interval_function(ca.Function("f", [x], [ca.sin(x[0]) * x[1] - x[0] ** 2]))
     rng = np.random.default_rng(1)
     low = rng.normal(size=(2, 200))
     high = low + rng.random((2, 200))
@@ -173,41 +160,20 @@ def test_blocks_of_boxes_are_evaluated_one_by_one(maker: str) -> None:
     np.testing.assert_array_equal(outer[0], np.hstack([one[0] for one in alone]))
 
 
-@by_both
-def test_entries_that_are_zero_by_structure_keep_their_places(maker: str) -> None:
+def test_entries_that_are_zero_by_structure_keep_their_places() -> None:
     x = ca.SX.sym("x", 3)
     hessian, _ = ca.hessian(x[0] * x[2] + ca.sin(x[1]), x)
     f = ca.Function("f", [x], [hessian])
     assert f.sparsity_out(0).nnz() < f.numel_out(0)
     point = np.array([[1.0], [2.0], [3.0]])
-    low, high = MAKERS[maker](f)(point, point)
+    low, high = interval_function(f)(point, point)
     expected = [0, 0, 1, 0, -np.sin(2.0), 0, 1, 0, 0]
     np.testing.assert_allclose(low[:, 0], expected, atol=1e-14)
     np.testing.assert_allclose(high[:, 0], expected, atol=1e-14)
 
 
-@by_both
-def test_what_has_no_interval_form_is_named(maker: str) -> None:
+def test_what_has_no_interval_form_is_named() -> None:
     x = ca.SX.sym("x")
     f = ca.Function("stairs", [x], [ca.floor(x)])
     with pytest.raises(UnknownIntervalOperationError, match="stairs has the operation"):
-        MAKERS[maker](f)
-
-
-def test_a_compiled_evaluation_says_what_the_one_in_numpy_says() -> None:
-    """On all operations together, in blocks that are full, broken and alone."""
-    x = ca.SX.sym("x", 3)
-    everything = ca.vertcat(
-        ca.sin(x[0]) * ca.exp(-x[1]) + x[2] ** 7,
-        ca.sqrt(x[0] ** 2 + 1) / (2 + ca.cos(x[1])),
-        ca.fmax(ca.tanh(x[2]), ca.atan(x[0])) - ca.fabs(x[1]),
-        ca.log(2 + x[0]) * ca.power(3 + x[1], 0.3) / x[2],
-        ca.tan(x[0]) + 2 * x[1] - 1 / (x[2] - 0.5),
-    )
-    f = ca.Function("everything", [x], [everything])
-    rng = np.random.default_rng(0)
-    for boxes in (1, BLOCK - 1, BLOCK, 3 * BLOCK + 5):
-        low = rng.normal(size=(3, boxes))
-        high = low + rng.exponential(size=(3, boxes))
-        in_numpy, compiled = (np.array(make(f)(low, high)) for make in MAKERS.values())
-        np.testing.assert_allclose(compiled, in_numpy, rtol=1e-13, atol=1e-13)
+        interval_function(f)

@@ -10,7 +10,6 @@ import pytest
 
 from swarmstart.benchmarks.terminal_set_systems import SYSTEMS
 from swarmstart.benchmarks.terminal_sets import certified, violations_of
-from swarmstart.ocp import compiled_intervals
 from swarmstart.terminal_set import TerminalSet, continuous_change, prove_level
 
 TOO_SLOW = {"close formation, 6 states", "cart and pole"}
@@ -25,7 +24,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="module")
 def terminal_set(name: str) -> TerminalSet:
-    return certified(SYSTEMS[name](), compiled_intervals, 20.0)
+    return certified(SYSTEMS[name](), 20.0)
 
 
 def test_states_of_a_certified_set_do_what_it_promises(
@@ -48,7 +47,7 @@ def test_proven_and_refuted_levels_meet_within_two_percent(
 def test_from_the_refuted_level_on_nothing_is_proven(name: str) -> None:
     """Of inputs that move all the time; for the others the margin is measured."""
     system = SYSTEMS[name]()
-    terminal_set = certified(system, compiled_intervals, 20.0)
+    terminal_set = certified(system, 20.0)
     certificate = terminal_set.certificate
     assert certificate is not None and certificate.refutation is not None
     change = continuous_change(system.dynamics, terminal_set, Q_m=certificate.Q_m)
@@ -56,7 +55,6 @@ def test_from_the_refuted_level_on_nothing_is_proven(name: str) -> None:
         above = prove_level(
             change,
             share * certificate.refutation.alpha,
-            intervals=compiled_intervals,
             max_boxes=20_000,
         )
         assert not above.proven

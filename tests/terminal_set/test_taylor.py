@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swarmstart.ocp import compiled_intervals
 from swarmstart.terminal_set.cells import Cells
-from swarmstart.terminal_set.intervals import interval_function
-from swarmstart.terminal_set.taylor import IntervalMaker, TaylorForm
+from swarmstart.terminal_set.taylor import TaylorForm
 
 Array = NDArray[np.float64]
 NX, BOXES, POINTS = 3, 40, 60
@@ -76,15 +73,12 @@ def test_a_linear_function_stays_below_its_bound(seed: int, width: float) -> Non
 
 @settings(deadline=None, max_examples=40)
 @given(seed=seeds, width=widths)
-@pytest.mark.parametrize("make", [interval_function, compiled_intervals])
-def test_a_function_stays_below_its_bound(
-    make: IntervalMaker, seed: int, width: float
-) -> None:
+def test_a_function_stays_below_its_bound(seed: int, width: float) -> None:
     rng = np.random.default_rng(seed)
     T = rng.normal(size=(NX, NX))
     c = example()
     lower, upper = boxes(rng, width)
-    bound, spread = TaylorForm(c, T, make)(Cells(lower, upper))
+    bound, spread = TaylorForm(c, T)(Cells(lower, upper))
     z = points_in(lower, upper, rng)
     e = np.einsum("ij,jmk->imk", T, z).reshape(NX, -1)
     found = np.array(c.map(e.shape[1])(e)).reshape(BOXES, POINTS)
@@ -96,7 +90,7 @@ def test_a_bound_comes_near_the_supremum_to_third_order() -> None:
     """Half the width, an eighth of the error; of a convex function, at a corner."""
     e = ca.SX.sym("e", 2)
     c = ca.Function("c", [e], [ca.exp(e[0]) + ca.exp(e[1])])
-    form = TaylorForm(c, np.eye(2), interval_function)
+    form = TaylorForm(c, np.eye(2))
     w = np.array([[1.0], [0.5]])
     errors = []
     for half in (0.08, 0.04, 0.02):
@@ -112,6 +106,6 @@ def test_where_nothing_is_known_the_widest_side_is_to_be_cut() -> None:
     e = ca.SX.sym("e", 2)
     c = ca.Function("c", [e], [1 / e[0] + e[1]])
     lower, upper = np.array([[0.5], [-0.4], [1.0]]), np.array([[0.6], [0.5], [1.0]])
-    bound, spread = TaylorForm(c, np.eye(2), interval_function)(Cells(lower, upper))
+    bound, spread = TaylorForm(c, np.eye(2))(Cells(lower, upper))
     assert not bound[0] < np.inf
     assert spread[:, 0].argmax() == 1

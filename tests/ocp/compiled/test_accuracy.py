@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swarmstart.ocp.compiled.operations import fused_products
 from swarmstart.ocp.compiled.simd import compile_flat
 from swarmstart.ocp.compiled.simplification import simplified
-from swarmstart.ocp.compiled.tape import OPERATIONS, Tape, read_tape
+from swarmstart.tape import OPERATIONS, Tape, read_tape
 
 Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]

@@ -91,7 +91,7 @@ def assert_casadi_serves(function: ca.Function, reason: str) -> None:
 def test_operation_that_the_tape_does_not_know_is_left_to_casadi() -> None:
     x = ca.SX.sym("x")
     function = ca.Function("inverse", [x], [ca.erfinv(x / 2)])
-    assert_casadi_serves(function, f"inverse has the operation {ca.OP_ERFINV}")
+    assert_casadi_serves(function, "inverse has the operation erfinv")
 
 
 def test_operation_that_the_emitter_does_not_know_is_left_to_casadi(

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.ocp.compiled.tape import OPERATIONS, read_tape
+from swarmstart.tape import OPERATIONS, read_tape
 
 Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]

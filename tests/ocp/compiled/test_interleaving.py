@@ -11,7 +11,7 @@ from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.interleaving import side_by_side
 from swarmstart.ocp.compiled.simd import Shape, SimdBatch
-from swarmstart.ocp.compiled.tape import Tape, read_tape
+from swarmstart.tape import Tape, read_tape
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.ocp.compiled.operations import LARGEST_CHAIN, fused_products
-from swarmstart.ocp.compiled.tape import read_tape
+from swarmstart.tape import read_tape
 
 Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]

@@ -22,12 +22,12 @@ from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat, compile_rollout, split
 from swarmstart.ocp.compiled.simplification import repeated_functions, simplified
-from swarmstart.ocp.compiled.tape import read_tape
 from swarmstart.ocp.dual_mode import DualMode
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.shooting import rollout, stage_without_path, terminal
 from swarmstart.ocp.team import Team
+from swarmstart.tape import read_tape
 
 Array = NDArray[np.float64]
 pytestmark = pytest.mark.usefixtures("compiler")

@@ -2,7 +2,7 @@ import casadi as ca
 import pytest
 
 from swarmstart.ocp.compiled.simplification import repeated_functions, simplified
-from swarmstart.ocp.compiled.tape import Node, Tape, read_tape
+from swarmstart.tape import Node, Tape, read_tape
 
 
 def tape_of(inputs: list[ca.SX], *outputs: ca.SX) -> Tape:

@@ -19,13 +19,22 @@ OPERATIONS: dict[int, str] = {
         "remainder assign lift"
     ).split()
 }
-"""CasADi's operation code -> name, for what the emitter knows."""
+"""CasADi's operation code -> name, for what a tape may hold."""
 
 COMMUTATIVE = frozenset(("add", "mul", "eq", "ne", "and", "or"))
 
 
 class UnknownOperationError(Exception):
-    """An operation the emitter does not know; CasADi must evaluate the function."""
+    """An operation that is unknown to the reader or to what uses the tape.
+
+    Attributes:
+        operation: Its name; empty if the function has no tape at all.
+    """
+
+    def __init__(self, message: str, operation: str = "") -> None:
+        """Keep the name beside the message."""
+        super().__init__(message)
+        self.operation = operation
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +129,25 @@ class TapeBuilder:
         )
 
 
+def expanded(function: ca.Function) -> ca.Function:
+    """Return a function as SX.
+
+    Args:
+        function: A function of SX or of MX.
+
+    Raises:
+        UnknownOperationError: If it cannot be expanded.
+    """
+    if function.is_a("SXFunction"):
+        return function
+    try:
+        return function.expand()
+    except RuntimeError as error:
+        raise UnknownOperationError(
+            f"{function.name()} does not expand to SX"
+        ) from error
+
+
 def read_tape(function: ca.Function) -> Tape:
     """Return the tape of an SX function.
 
@@ -156,11 +184,19 @@ def read_tape(function: ca.Function) -> Tape:
             arguments = tuple(work[s] for s in source)
             work[target[0]] = builder.apply(OPERATIONS[code], arguments)
         else:
+            name = _name(code)
             raise UnknownOperationError(
-                f"{function.name()} has the operation {code}, which is not compiled"
+                f"{function.name()} has the operation {name}, which is unknown", name
             )
     inputs = tuple(function.numel_in(i) for i in range(function.n_in()))
     return builder.tape(outputs, inputs)
+
+
+def _name(code: int) -> str:
+    """Return what CasADi calls an operation, or its number."""
+    names = (name for name in dir(ca) if name.startswith("OP_"))
+    found = (name for name in names if getattr(ca, name) == code)
+    return next(found, f"OP_{code}").removeprefix("OP_").lower()
 
 
 def _dense_entries(sparsity: ca.Sparsity) -> list[int]:

@@ -2,7 +2,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from swarmstart.ocp.compiled.tape import Node, UnknownOperationError, read_tape
+from swarmstart.tape import Node, UnknownOperationError, read_tape
 
 
 def tape_of(*outputs: ca.SX, inputs: list[ca.SX]) -> list[Node]:
@@ -107,5 +107,5 @@ def test_matrix_expression_is_refused() -> None:
 
 def test_unknown_operation_is_refused() -> None:
     x = ca.SX.sym("x")
-    with pytest.raises(UnknownOperationError, match=f"operation {ca.OP_ERFINV},"):
+    with pytest.raises(UnknownOperationError, match="operation erfinv,"):
         read_tape(ca.Function("f", [x], [ca.erfinv(x)]))
