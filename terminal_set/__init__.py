@@ -47,6 +47,7 @@ from swarmstart.terminal_set.design import (
     literal_terminal_set,
     sampled_terminal_set,
 )
+from swarmstart.terminal_set.drift import NotAnEquilibriumError
 from swarmstart.terminal_set.ellipsoid import Ellipsoid, InvalidPlaneError
 from swarmstart.terminal_set.evidence import Proof, Refutation
 from swarmstart.terminal_set.intervals import (
@@ -74,10 +75,7 @@ from swarmstart.terminal_set.lyapunov import (
     literal_lyapunov,
     sampled_lyapunov,
 )
-from swarmstart.terminal_set.prerequisites import (
-    HeldTooLongError,
-    NotAnEquilibriumError,
-)
+from swarmstart.terminal_set.prerequisites import HeldTooLongError
 from swarmstart.terminal_set.proof import prove_level
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.refutation import refuted_level

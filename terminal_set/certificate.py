@@ -84,6 +84,9 @@ class Certificate:
         K: Gain, shape (nu, nx).
         P: Shape of the ellipsoid, (nx, nx).
         alpha: The proven level: of the decrease and within all bounds.
+        core: Level within which a drift of the reference, which is rounded, may undo
+            the decrease; the set V <= core is not left (`drift.py`).
+        drift: That drift, relative to the core's radius; 1/s or, held, a share.
         dt: How long the input is held [s]; None for an input that moves all the time.
         Q_m: Margin: e'Pe falls by e'Q_m e, per second or per hold, shape (nx, nx).
         held: Margins of a held input; None for one that moves all the time.
@@ -98,6 +101,8 @@ class Certificate:
     K: FloatArray
     P: FloatArray
     alpha: float
+    core: float
+    drift: float
     dt: float | None
     Q_m: FloatArray
     held: HeldMargins | None
@@ -121,6 +126,8 @@ class Certificate:
 
     def statements(self) -> list[dict[str, str]]:
         """Return what is stated of the set, and on which grounds."""
+        falls = "e'Pe falls by more than e'Q_m e"
+        outside = " outside the stated core, which is not left"
         said = [
             ("the inputs stay within their bounds on the set", "closed form"),
             (
@@ -130,12 +137,12 @@ class Certificate:
             ),
         ]
         if self.held is None:
-            said.append(("e'Pe falls by more than e'Q_m e a second", "proven"))
+            said.append((f"{falls} a second{outside}", "proven"))
         else:
             said += [
                 (
-                    "e'Pe falls by more than e'Q_m e a hold, for the Runge-Kutta map "
-                    "and any motion that differs from it by the stated error",
+                    f"{falls} a hold{outside}, for the Runge-Kutta map and any motion "
+                    "that differs from it by the stated error",
                     "proven",
                 ),
                 ("the integrator's error is at most the stated one", "measured"),
@@ -202,6 +209,7 @@ def _content(certificate: Certificate) -> dict[str, object]:
         "K": certificate.K.tolist(),
         "P": certificate.P.tolist(),
         "alpha": certificate.alpha,
+        "core": {"level": certificate.core, "drift": certificate.drift},
         "dt": certificate.dt,
         "substeps": None if held is None else held.substeps,
         "Q_m": certificate.Q_m.tolist(),

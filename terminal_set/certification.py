@@ -38,15 +38,13 @@ from swarmstart.terminal_set.design import (
     continuous_terminal_set,
     sampled_terminal_set,
 )
+from swarmstart.terminal_set.drift import Drift, ReferenceMotion, bearable_drift
 from swarmstart.terminal_set.evidence import Refutation
 from swarmstart.terminal_set.growth import prove_growth
 from swarmstart.terminal_set.held_motion import HeldMotion
 from swarmstart.terminal_set.level import level_from_inputs, level_from_states
 from swarmstart.terminal_set.linearisation import linearise
-from swarmstart.terminal_set.prerequisites import (
-    require_equilibrium,
-    require_stable_hold,
-)
+from swarmstart.terminal_set.prerequisites import require_stable_hold
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.refutation import refuted_level
 
@@ -137,7 +135,8 @@ def certified_terminal_set(
         K, P, the largest level of its bounds that was proven, and the certificate.
 
     Raises:
-        NotAnEquilibriumError: The reference moves in a state that matters.
+        NotAnEquilibriumError: The reference moves in a state that matters or has
+            bounds, by more than the set can bear.
         UnprovenSetError: No level could be proven.
         SwarmstartError: As the designs, `refuted_level` and `prove_level` say.
     """
@@ -177,7 +176,8 @@ def certify(
         The design with the proven level, dt and the certificate.
 
     Raises:
-        NotAnEquilibriumError: The reference moves in a state that matters.
+        NotAnEquilibriumError: The reference moves in a state that matters or has
+            bounds, by more than the set can bear.
         HeldTooLongError: The law does not survive the hold.
         UnprovenSetError: No level could be proven.
         NotPositiveError: No bound limits the level.
@@ -185,7 +185,7 @@ def certify(
     """
     options = options or ProofOptions()
     A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
-    require_equilibrium(dynamics, reference)
+    reference_motion = ReferenceMotion(dynamics, reference)
     for name in ("x_ref", "u_ref"):
         if not np.array_equal(getattr(design, name), getattr(reference, name)):
             raise ForeignCertificateError(name)
@@ -202,12 +202,18 @@ def certify(
         raise NotPositiveError("the level that the bounds allow", min(top, of_states))
     hold = None
     if dt is None:
-        change = continuous_change(dynamics, design, Q_m=Q_m)
         top = min(top, of_states)
+        change = continuous_change(dynamics, design, Q_m=Q_m)
+        drift = bearable_drift(reference_motion, reference_motion.bound, change, top)
+        margin = Q_m + 2 * drift.relative * design.P
+        change = continuous_change(dynamics, design, Q_m=margin)
     else:
         require_stable_hold(A, B, design.K, dt)
         motion = HeldMotion(dynamics, design, dt=dt, substeps=options.substeps)
-        hold = _measured_hold(motion, Q_m, top, of_states, rng)
+        moved = reference_motion.over_hold(dt, options.substeps)
+        change = held_change(motion.step, design, Q_m=Q_m)
+        drift = bearable_drift(reference_motion, moved, change, min(top, of_states))
+        hold = _measured_hold(motion, Q_m, top, of_states, drift=drift, rng=rng)
         change, top = hold.change, hold.top
     level = proven_level(
         change,
@@ -228,6 +234,8 @@ def certify(
         K=design.K,
         P=design.P,
         alpha=level.alpha,
+        core=drift.core_of(level.alpha),
+        drift=drift.relative,
         dt=dt,
         Q_m=Q_m,
         held=None if hold is None else _with_growth(hold, level.alpha, options),
@@ -265,6 +273,8 @@ def _measured_hold(
     Q_m: FloatArray,
     of_inputs: float,
     of_states: float,
+    *,
+    drift: Drift,
     rng: np.random.Generator,
 ) -> _MeasuredHold:
     """Measure the margins on the largest set that may be proven.
@@ -274,6 +284,7 @@ def _measured_hold(
         Q_m: Margin, shape (nx, nx).
         of_inputs: The level of the inputs' bounds.
         of_states: That of the states' bounds, at the samples.
+        drift: Of the reference.
         rng: Of the samples and rays.
     """
     law, top = motion.law, min(of_inputs, of_states)
@@ -289,7 +300,7 @@ def _measured_hold(
             break
         top /= 2
         margins, falls = motion.margins(top, rng)
-    c = margins.integrator_error
+    c = margins.integrator_error + drift.relative
     top = min(top, of_states / (margins.growth**0.5 + c) ** 2)
     if of_states < np.inf:
         # What the states' bounds leave room for is proven sooner.

@@ -140,9 +140,9 @@ def _findings(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]
 
 
 def _quick_findings(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]:
-    from swarmstart.terminal_set.checker import closed_form, falsification
+    from swarmstart.terminal_set.checker import closed_form, drift, falsification
 
-    yield closed_form.check_equilibrium(certificate, deadline)
+    yield drift.check_drift(certificate, deadline)
     yield from closed_form.check_bounds(certificate)
     yield falsification.check_refuted(certificate, deadline)
     failed = falsification.find_counterexample(certificate, deadline)

@@ -24,8 +24,8 @@ MOST_STATES = 50
 UNARY = frozenset("neg sq twice inv fabs sqrt sin cos tan exp log atan tanh".split())
 BINARY = frozenset("add sub mul div pow fmin fmax".split())
 _KEYS = frozenset(
-    "format version sha256 dynamics reference bounds K P alpha dt substeps Q_m margins "
-    "refuted design proof statements".split()
+    "format version sha256 dynamics reference bounds K P alpha core dt substeps Q_m "
+    "margins refuted design proof statements".split()
 )
 
 Vector = tuple[float, ...]
@@ -61,6 +61,8 @@ class Certificate:
         K: Gain of u = u_ref - K e, shape (nu, nx).
         P: Matrix of V(e) = e'Pe, shape (nx, nx).
         alpha: Level: the set is V(e) <= alpha.
+        core: Level within which the drift of a rounded reference may undo the decrease.
+        drift: That drift, relative to the core's radius; 1/s or, held, a share.
         dt: Time for which an input is held [s]; None: continuous.
         substeps: Runge-Kutta steps a hold; None: continuous.
         Q_m: Reserve e'Q_m e of the decrease, shape (nx, nx).
@@ -78,6 +80,8 @@ class Certificate:
     K: Matrix
     P: Matrix
     alpha: float
+    core: float
+    drift: float
     dt: float | None
     substeps: int | None
     Q_m: Matrix
@@ -228,6 +232,7 @@ def _certificate(content: dict[str, object]) -> Certificate:
     integrator, growth, growth_proven = _margins(
         content["margins"], held=dt is not None
     )
+    core = _mapping(content["core"], "core", {"level", "drift"})
     _check_remarks(content, nx=nx, nu=nu)
     certificate = Certificate(
         tape=instructions,
@@ -238,6 +243,8 @@ def _certificate(content: dict[str, object]) -> Certificate:
         K=_matrix(content["K"], "K", nu, nx),
         P=_matrix(content["P"], "P", nx, nx),
         alpha=_at_least(content["alpha"], "alpha", 0.0, strict=True),
+        core=_at_least(core["level"], "core.level", 0.0, strict=False),
+        drift=_at_least(core["drift"], "core.drift", 0.0, strict=False),
         dt=dt,
         substeps=_substeps(content["substeps"], held=dt is not None),
         Q_m=_matrix(content["Q_m"], "Q_m", nx, nx),

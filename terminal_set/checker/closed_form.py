@@ -1,8 +1,8 @@
-"""What a certificate states in closed form: matrices, bounds, equilibrium, margin.
+"""What a certificate states in closed form: matrices and bounds.
 
 The largest |K_i e| on e'Pe <= alpha is sqrt(alpha K_i P^-1 K_i'), the largest |e_j| is
 sqrt(alpha (P^-1)_jj). Between samples the set grows by sqrt(growth) + c at most, c the
-relative error of the Runge-Kutta map.
+relative error of the Runge-Kutta map and the drift of the reference.
 """
 
 from __future__ import annotations
@@ -17,16 +17,9 @@ from swarmstart.terminal_set.checker.coordinates import (
     is_positive_definite,
     symmetric,
 )
-from swarmstart.terminal_set.checker.deadline import Deadline
 from swarmstart.terminal_set.checker.findings import Finding, Verdict
-from swarmstart.terminal_set.checker.jets import VALUES, square
-from swarmstart.terminal_set.checker.motion import (
-    Program,
-    live_instructions,
-    rate,
-)
+from swarmstart.terminal_set.checker.jets import square
 
-NEARBY = 1e-12  # of an entry of the reference; it is computed in floats
 ROUNDING = 1e-9  # relative; alpha may be a bound itself, computed in floats
 
 
@@ -39,17 +32,19 @@ def check_matrices(certificate: Certificate) -> list[Finding]:
     Returns:
         One finding a matrix.
     """
-    P, Q_m = symmetric(certificate.P), symmetric(certificate.Q_m)
-    size = max(abs(entry) for row in certificate.Q_m for entry in row)
-    # A reserve may be singular, even 0, and is rounded.
-    raised = Q_m + identity(certificate.nx) * arb(ROUNDING * size or 1.0)
+    P = symmetric(certificate.P)
+    is_zero = not any(entry for row in certificate.Q_m for entry in row)
     return [
         _judged(
             _is_symmetric(certificate.P) and is_positive_definite(P),
             "P is symmetric and positive definite",
         ),
         _judged(
-            _is_symmetric(certificate.Q_m) and is_positive_definite(raised),
+            is_zero
+            or (
+                _is_symmetric(certificate.Q_m)
+                and is_positive_definite(reserve(certificate))
+            ),
             "Q_m is symmetric and positive semidefinite",
         ),
     ]
@@ -86,50 +81,36 @@ def check_bounds(certificate: Certificate) -> list[Finding]:
     return findings
 
 
-def check_equilibrium(certificate: Certificate, deadline: Deadline) -> Finding:
-    """At the reference only states may move on which the dynamics do not depend.
+def reserve(certificate: Certificate) -> arb_mat:
+    """Q_m, raised by what its rounding may have taken away; 0 stays 0.
 
     Args:
         certificate: What the file states.
-        deadline: When to stop.
 
     Returns:
-        The finding.
-
-    Raises:
-        TimeIsUpError: When the deadline has passed.
+        The matrix that is to be semidefinite and that the decrease has in reserve.
     """
-    x = [VALUES.constant(_around(value)) for value in certificate.x_ref]
-    u = [VALUES.constant(_around(value)) for value in certificate.u_ref]
-    rates = [jet.value for jet in rate(Program.of(certificate, deadline), x, u)]
-    felt = {
-        certificate.tape[index][1][0]
-        for index in live_instructions(certificate)
-        if certificate.tape[index][0] == "x"
-    }
-    for j, slope in enumerate(rates):
-        if j in felt and not slope.contains(0):
-            return Finding(
-                Verdict.REFUSED,
-                f"the reference is no equilibrium: x[{j}] moves at {_shown(slope)} and "
-                "the dynamics depend on it",
-            )
-    return Finding(
-        Verdict.PROVED,
-        "the reference is an equilibrium, but for states on which nothing depends",
-    )
+    size = max(abs(entry) for row in certificate.Q_m for entry in row)
+    raised = identity(certificate.nx) * (arb(ROUNDING) * arb(size))
+    return symmetric(certificate.Q_m) + raised
 
 
-def _around(value: float) -> arb:
-    """The points within rounding of a number: one of them is to be the equilibrium."""
-    return arb(value, abs(value) * NEARBY)
+def relative_error(certificate: Certificate) -> arb:
+    """How far a hold ends from the Runge-Kutta map, relative to |e|_P.
+
+    Args:
+        certificate: What the file states; held.
+
+    Returns:
+        The error of the map and the drift of the reference.
+    """
+    return arb(certificate.integrator or 0.0) + arb(certificate.drift)
 
 
 def _growth(certificate: Certificate) -> arb:
     if certificate.growth is None:
         return arb(1)
-    error = arb(certificate.integrator or 0.0)
-    return square(arb(certificate.growth).sqrt() + error)
+    return square(arb(certificate.growth).sqrt() + relative_error(certificate))
 
 
 def _is_symmetric(matrix: Matrix) -> bool:

@@ -1,11 +1,12 @@
 """The statements on V(e) = e'Pe in the coordinates of the search, and at a point.
 
-  continuous       c(e) = 2 e'P R(e) + e'Q_m e
+  continuous       c(e) = 2 e'P R(e) + e'Q_m e + 2 a V(e)
   held             c(e) = V(R(e)) - V(e) + e'Q_m e + (2 c + c^2) V(e)
   between samples  c(e) = V(R_t(e)) - growth V(e), for every t in [0, dt]
-Each must be negative for every e != 0 with V(e) <= alpha. c is the relative error of
-the Runge-Kutta map: |flow - map|_P <= c |e|_P adds at most (2 c + c^2) V(e) where the
-map does not grow.
+Each must be negative for every e != 0 with V(e) <= alpha. a is the drift of the
+reference relative to the core (`drift.py`); c is the relative error of the Runge-Kutta
+map, plus a: |motion - map|_P <= c |e|_P adds at most (2 c + c^2) V(e) where the map
+does not grow.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from collections.abc import Sequence
 from flint import arb, arb_mat
 
 from swarmstart.terminal_set.checker.certificate_file import Certificate, Vector
+from swarmstart.terminal_set.checker.closed_form import relative_error, reserve
 from swarmstart.terminal_set.checker.coordinates import (
     Floats,
     distance_from_identity,
@@ -69,14 +71,15 @@ class PointwiseChange:
             A ball around c(e).
         """
         point = [arb(entry) for entry in e]
-        reserve = _form(self._Q_m, point)
+        change = _form(self._Q_m, point)
         dt = self.certificate.dt
         moved = self.motion.at(point, None if dt is None else arb(dt))
         if dt is None:
             row = arb_mat([point]) * self._P
-            return 2 * (row * arb_mat([[entry] for entry in moved]))[0, 0] + reserve
-        margin = integrator_margin(self.certificate)
-        return self.level(moved) - (1 - margin) * self.level(point) + reserve
+            change += 2 * (row * arb_mat([[entry] for entry in moved]))[0, 0]
+            return change + 2 * arb(self.certificate.drift) * self.level(point)
+        margin = margin_of_map(self.certificate)
+        return self.level(moved) - (1 - margin) * self.level(point) + change
 
     def excess(self, e: Vector, time: float) -> arb:
         """V(R_t(e)) - growth V(e) of the statement between samples.
@@ -107,9 +110,9 @@ class PointwiseChange:
         return self.is_inside(e) and bool(self.excess(e, time) >= 0)
 
 
-def integrator_margin(certificate: Certificate) -> arb:
-    """2 c + c^2 for the relative error c of the Runge-Kutta map."""
-    error = arb(certificate.integrator or 0.0)
+def margin_of_map(certificate: Certificate) -> arb:
+    """2 c + c^2 for the relative error c of the Runge-Kutta map and of the drift."""
+    error = relative_error(certificate)
     return 2 * error + error * error
 
 
@@ -127,15 +130,17 @@ def decrease_statement(
     """
     points = PointwiseChange(certificate, deadline)
     dt = certificate.dt or 0.0
+    kept = reserve(certificate)
     if certificate.dt is None:
         weight = None
+        kept += symmetric(certificate.P) * (2 * arb(certificate.drift))
     else:
-        weight = 1 - integrator_margin(certificate)
+        weight = 1 - margin_of_map(certificate)
     return _statement(
         points,
         times=(dt, dt),
         weight=weight,
-        reserve=symmetric(certificate.Q_m),
+        kept=kept,
         between=False,
     )
 
@@ -170,7 +175,7 @@ def growth_statement(
         PointwiseChange(certificate, deadline),
         times=times,
         weight=arb(certificate.growth or 1.0),
-        reserve=arb_mat(certificate.nx, certificate.nx),
+        kept=arb_mat(certificate.nx, certificate.nx),
         between=True,
     )
 
@@ -214,7 +219,7 @@ def _statement(
     *,
     times: tuple[float, float],
     weight: arb | None,
-    reserve: arb_mat,
+    kept: arb_mat,
     between: bool,
 ) -> Statement:
     def in_coordinates(T: Floats) -> Statement:
@@ -227,7 +232,7 @@ def _statement(
             motion=points.motion,
             T=T,
             image=matrix.inv() if held else matrix.transpose() * P,
-            M=matrix.transpose() * reserve * matrix,
+            M=matrix.transpose() * kept * matrix,
             scale=1 + delta if held else None,
             constant=arb(0) if weight is None else -_least(weight, delta),
             radius=math.nextafter(float(radius), math.inf),

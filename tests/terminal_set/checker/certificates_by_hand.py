@@ -62,6 +62,7 @@ def chen(**changes: Any) -> Content:
         "K": [[2.118, 2.118]],
         "P": [[16.5926, 11.5926], [11.5926, 16.5926]],
         "alpha": 0.99 * CHEN_REFUTED,
+        "core": {"level": 0.0, "drift": 0.0},
         "dt": None,
         "substeps": None,
         "Q_m": [[0.0, 0.0], [0.0, 0.0]],
@@ -72,7 +73,8 @@ def chen(**changes: Any) -> Content:
         "proof": {"boxes": 500, "seconds": 0.02},
         "statements": [
             {
-                "statement": "e'Pe falls by more than e'Q_m e a second",
+                "statement": "e'Pe falls by more than e'Q_m e a second "
+                "outside the stated core, which is not left",
                 "grounds": "proven",
             },
             {
@@ -142,6 +144,7 @@ def formation(R: tuple[float, float] = (1.0, 100.0), **changes: Any) -> Content:
         "K": K.tolist(),
         "P": ((P + P.T) / 2).tolist(),
         "alpha": alpha,
+        "core": {"level": 0.0, "drift": 0.0},
         "dt": 1.0,
         "substeps": 1,
         "Q_m": np.zeros((4, 4)).tolist(),
@@ -158,7 +161,8 @@ def formation(R: tuple[float, float] = (1.0, 100.0), **changes: Any) -> Content:
         "proof": {"boxes": 356, "seconds": 0.04},
         "statements": [
             {
-                "statement": "e'Pe falls by more than e'Q_m e a hold, for the "
+                "statement": "e'Pe falls by more than e'Q_m e a hold "
+                "outside the stated core, which is not left, for the "
                 "Runge-Kutta map and any motion that differs from it by the stated "
                 "error",
                 "grounds": "proven",
@@ -176,3 +180,36 @@ def replaced(content: Content, path: tuple[Any, ...], value: object) -> Content:
         place = place[key]
     place[path[-1]] = value
     return changed
+
+
+def scalar(offset: float = 0.0, **changes: Any) -> Content:
+    """x' = -(x - x_ref) + offset without input, P = 1, the set |e| <= 1."""
+    x_ref = changes.pop("x_ref", 0.0)
+    free = {"u_lower": [None], "u_upper": [None], "x_lower": [None], "x_upper": [None]}
+    content = chen(
+        dynamics={
+            "nx": 1,
+            "nu": 1,
+            "tape": [
+                ["x", 0],
+                ["const", x_ref],
+                ["sub", 1, 0],
+                ["const", offset],
+                ["add", 2, 3],
+            ],
+            "xdot": [4],
+        },
+        reference={"x": [x_ref], "u": [0.0]},
+        bounds=free,
+        K=[[0.0]],
+        P=[[1.0]],
+        alpha=1.0,
+        Q_m=[[0.0]],
+        refuted=None,
+        design={"name": "by hand", "Q": None, "R": None, "kappa": None},
+    )
+    if "dt" in changes:
+        margin = {"relative_error": 1e-3, "grounds": "measured", "samples": 1}
+        held = {"integrator": margin, "between_samples": None}
+        content |= {"substeps": 1, "margins": held, "statements": []}
+    return signed(content | changes)
