@@ -219,6 +219,20 @@ def test_end_is_judged_by_the_terminal_rows() -> None:
     assert checker.at_end(np.array([0.0, -1.0]), NONE, NONE, sizes) == []
 
 
+def test_slack_is_how_far_inside_each_row_is_at_least() -> None:
+    rows = PathConstraint(expression=X, lower=[-4, -np.inf], upper=[4, 9])
+    problem = posed(constraints=[rows, X[0] + U <= 5])
+    points = Points(
+        np.arange(3.0), np.array([[0, 3, -3.5], [0, 1, 2]]), np.array([[0, 1, 0.0]]),
+        np.empty((0, 3)),
+    )  # fmt: skip
+    found = Checker(problem).slack(points, NONE)
+    assert found == {(0, 0): 0.5, (0, 1): 7.0, (1, 0): 1.0}
+    beyond = replace(points, states=points.states + 3)
+    assert Checker(problem).slack(beyond, NONE)[0, 0] == -2
+    assert Checker(posed()).slack(points, NONE) == {}
+
+
 def test_signals_move_limits() -> None:
     problem = posed(signals=S, constraints=[X[0] <= S])
     assert at_start(problem, [0, 0]) == []

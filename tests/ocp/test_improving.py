@@ -290,6 +290,30 @@ def test_margins_are_tried_only_where_they_could_help(
     assert found == Answer(before, planner, NOTHING)
 
 
+APART = Separation(relative=ca.vertcat(X - 0.5, 1), distance=0.5, along="segments")
+
+
+@pytest.mark.parametrize(
+    ("status", "rounds"),
+    [
+        (SolutionStatus.BROKEN, 1),
+        (SolutionStatus.INFEASIBLE, 1),
+        (SolutionStatus.MISMATCH, 0),
+        (SolutionStatus.NOT_FINITE, 0),
+    ],
+)
+def test_what_points_leave_infeasible_along_segments_is_given_margins(
+    monkeypatch: pytest.MonkeyPatch, status: SolutionStatus, rounds: int
+) -> None:
+    planner = planner_of(stated(U**2, (X - 1) ** 2, APART))
+    solution = answered(planner)
+    worse = replace(broken(solution, 0.4), status=status)
+    made = Rounds(monkeypatch, [worse, broken(solution, 0, confirmed=True)])
+    before = broken(solution, 0.4, cost=1.0)
+    repaired(planner, before, [0.0], NOTHING, rng=np.random.default_rng(0))
+    assert len(made.planners) == 1 + rounds
+
+
 @pytest.mark.parametrize(
     ("costs", "kept"), [([3.0, 2.0], 2.0), ([0.9, 2.0], 0.9), ([3.0, 4.0], 1.0)]
 )
@@ -297,8 +321,7 @@ def test_segments_are_first_polished_as_points_and_the_cheapest_confirmed_is_kep
     monkeypatch: pytest.MonkeyPatch, costs: list[float], kept: float
 ) -> None:
     """The NLP sees points: of an answer along segments it knows nothing yet."""
-    apart = Separation(relative=ca.vertcat(X - 0.5, 1), distance=0.5, along="segments")
-    planner = planner_of(stated(U**2, (X - 1) ** 2, apart))
+    planner = planner_of(stated(U**2, (X - 1) ** 2, APART))
     solution = answered(planner)
     one, other = (broken(solution, 0, cost=c, confirmed=True) for c in costs)
     rounds = Rounds(monkeypatch, [one, other])

@@ -83,6 +83,14 @@ def test_same_switch_counts_once_and_constant_ones_do_not() -> None:
     assert set(two.names) == {"fabs(x_0)", "fabs(x_1)"}
 
 
+def test_shared_expressions_are_looked_at_once() -> None:
+    """Two to the power of 60 ways lead to the innermost expression."""
+    cost = ca.fabs(X[0])
+    for _ in range(60):
+        cost = ca.sin(cost) * ca.cos(cost)
+    assert kinks_of(stated(cost=cost)).names == ("fabs(x_0)",)
+
+
 def touched(name: str, path: list[list[float]]) -> bool:
     """Return whether a path of x_0, given interval by interval, touches a switch."""
     kinks = kinks_of(stated(cost=OPERATIONS[name](X[0])))

@@ -13,6 +13,7 @@ from scipy.linalg import null_space
 from swarmstart.ocp import (
     Bounds,
     Fitness,
+    Known,
     Model,
     OptimalControlProblem,
     PathConstraint,
@@ -29,19 +30,22 @@ SURE = 1e-5
 
 
 def point_at(
-    problem: OptimalControlProblem, controls: Array, x0: list[float]
+    problem: OptimalControlProblem,
+    controls: Array,
+    x0: list[float],
+    known: Known = NOTHING,
 ) -> NlpPoint:
     """Return the rolled-out point of controls, without multipliers."""
     fitness, program = Fitness(problem, backend="casadi"), multiple_shooting(problem)
-    states = fitness.states(controls, x0)
-    sizes = fitness.arguments.sizes_along(controls, states, x0, NOTHING)
+    states = fitness.states(controls, x0, known)
+    sizes = fitness.arguments.sizes_along(controls, states, x0, known)
     w = program.variables(controls, states[:, problem.checks :: problem.checks], sizes)
     limits = program.limits(sizes)
     return NlpPoint(
         program=program,
         cost_size=sizes.cost,
         w=w,
-        q=program.arguments(*shared_arguments(problem, x0, NOTHING), sizes),
+        q=program.arguments(*shared_arguments(problem, x0, known), sizes),
         lam_g=np.zeros(limits.lbg.size),
         lam_x=np.zeros(w.size),
         limits=limits,
@@ -177,7 +181,24 @@ def test_multiplier_of_a_limit_that_does_not_exist_counts_in_full() -> None:
     slope = np.array(free.program.derivatives["grad_f"](free.w, free.q)[1]).ravel()
     assert stationarity(free) > 1e-2
     nothing = np.zeros_like(free.lam_g)
-    assert stationarity(replace(free, lam_g=nothing, lam_x=-slope)) > 1e-2
+    found = stationarity(replace(free, lam_g=nothing, lam_x=-slope))
+    # Nothing is left of the sum, but the multiplier itself, in parts of at least one.
+    most = np.abs(slope).max()
+    assert found == pytest.approx(most / max(1, 2 * most), rel=1e-12)
+
+
+@pytest.mark.parametrize("room", [0.25, 0.75, 1.5, 4.0])
+def test_multiplier_of_a_far_limit_counts_by_its_distance_but_once_at_most(
+    room: float,
+) -> None:
+    """In the NLP's numbers, a control's size being the width of its bounds."""
+    problem = scalar(U, 0, limits=(-2 * room, 2 - 2 * room))
+    point = with_multipliers(point_at(problem, np.full((1, 3), -2 * room), [0.5]))
+    assert stationarity(point) <= 1e-13
+    away = replace(point, limits=point.limits._replace(lbx=point.limits.lbx - room))
+    most = np.abs(point.lam_x).max()
+    size = max(1, 2 * most)
+    assert stationarity(away) == pytest.approx(min(room, 1) * most / size, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -205,6 +226,59 @@ def test_curvature_of_scalar_problems_at_rest(
     assert curvature(point) is expected
 
 
+@pytest.mark.parametrize(
+    ("bend", "expected"),
+    [
+        (1.1e-7, Curvature.POSITIVE),
+        (0.9e-7, Curvature.FLAT),
+        (-0.9e-6, Curvature.FLAT),
+        (-1.1e-6, Curvature.NEGATIVE),
+    ],
+)
+def test_bend_has_a_sign_from_a_part_in_1e7_of_the_largest_on(
+    bend: float, expected: Curvature
+) -> None:
+    """Of the control that bends least; a fall is sure from ten times that on."""
+    u = ca.SX.sym("u", 2)
+    problem = OptimalControlProblem(
+        Model(states=X, controls=u, ode=0 * u[0]),
+        horizon=1.0,
+        intervals=2,
+        stage_cost=u[0] ** 2 + bend * u[1] ** 2,
+        bounds=Bounds(controls=(-1, 1)),
+    )
+    assert curvature(point_at(problem, np.zeros((2, 2)), [0.0])) is expected
+
+
+@pytest.mark.parametrize("falls", [None, 0, 1, 2])
+def test_signals_of_each_interval_bend_the_cost_there(falls: int | None) -> None:
+    """s u^2, the signal s being held at -1 over one interval, at 1 over the others."""
+    s = ca.SX.sym("s")
+    problem = scalar(s * U**2, 0, signals=s, checks=2, quadrature="left")
+    signal = np.ones((1, 7))
+    if falls is not None:
+        signal[0, 2 * falls] = -1
+    point = point_at(problem, np.zeros((1, 3)), [0.0], Known(signals=signal))
+    expected = Curvature.POSITIVE if falls is None else Curvature.NEGATIVE
+    assert curvature(point) is expected
+
+
+def test_curvature_that_overflows_says_nothing() -> None:
+    """The end weighs a state that grows by 1e50^4 / 24 in a step, beside a calm one."""
+    x = ca.SX.sym("x", 2)
+    problem = OptimalControlProblem(
+        Model(states=x, controls=U, ode=ca.vertcat(1e50 * x[0], U)),
+        horizon=1.0,
+        intervals=1,
+        terminal_cost=ca.sumsqr(x),
+        bounds=Bounds(controls=(-1, 1), states=(-1, 1)),
+        substeps=1,
+    )
+    point = point_at(problem, np.zeros((1, 1)), [0.0, 0.0])
+    with np.errstate(over="ignore", invalid="ignore"):
+        assert curvature(point) is Curvature.FLAT
+
+
 def test_two_controls_for_one_thing_are_flat() -> None:
     u = ca.SX.sym("u", 2)
     for weight, expected in ((0, Curvature.FLAT), (1e-3, Curvature.POSITIVE)):
@@ -229,7 +303,12 @@ def test_two_controls_for_one_thing_are_flat() -> None:
         ({"terminal": [X - 1]}, [1, 1, 1], Curvature.NEGATIVE),
         # ... and with one interval none.
         ({"terminal": [X - 1], "intervals": 1}, [1], Curvature.POSITIVE),
-        # A row that is active at every check leaves none.
+        # A row that is active at every check leaves none, in whatever unit.
+        (
+            {"constraints": [PathConstraint(expression=X + U, upper=9, scale=1e8)]},
+            [6.75, 5.0625, 3.796875],
+            Curvature.POSITIVE,
+        ),
         ({"constraints": [X + U <= 9]}, [6.75, 5.0625, 3.796875], Curvature.POSITIVE),
     ],
 )

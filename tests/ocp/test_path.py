@@ -235,3 +235,45 @@ def test_magnitude_adds_what_the_cost_takes_off(
     path = traced(problem, np.array([[1.0, -1.0, 1.0, -1.0]]), [0, 0])
     assert path.cost == pytest.approx(-20)
     assert path.magnitude == pytest.approx(4 + 20)
+
+
+def test_path_of_three_states_and_its_kinks() -> None:
+    """A switch between a state, a control, a parameter and a signal, all at once."""
+    x, p = ca.SX.sym("x", 3), ca.SX.sym("p")
+    side = x[2] - S - p * U
+    problem = OptimalControlProblem(
+        Model(states=x, controls=U, parameters=p, ode=ca.vertcat(1, 0, U)),
+        horizon=4.0,
+        intervals=4,
+        stage_cost=ca.fabs(side),
+        signals=S,
+        checks=2,
+    )
+    signals = np.linspace(0, 4, 9)[None]  # The signal is the time.
+
+    def touches(controls: list[float], start: float, parameter: float) -> bool:
+        path = traced(
+            problem, np.array([controls]), [0, 7, start],
+            parameters=np.array([parameter]), signals=signals,
+        )  # fmt: skip
+        np.testing.assert_allclose(path.states[0], path.times, atol=1e-12)
+        np.testing.assert_array_equal(path.states[1], 7)
+        nodes = start + np.concatenate([[0], np.cumsum(controls)])
+        steps = (path.times.size - 1) // 4
+        np.testing.assert_allclose(path.states[2, ::steps], nodes, atol=1e-12)
+        return bool(path.kinks)
+
+    # The side begins an interval at start + sum of u - t - p u, and moves by u - 1.
+    assert touches([1, 1, 1, 1], 0.5, 0.5)  # It is 0 all along,
+    assert not touches([1, 1, 1, 1], 0.7, 0.5)  # or 0.2.
+    assert touches([1, 1, 1, -1], 0.7, 0.5)  # It falls from 1.2 to -0.8 in the last
+    assert touches([-1, 1, 1, 1], 0.7, 0.5)  # or first interval,
+    assert not touches([1, 1, 1, 0.5], 1.9, 2.0)  # or jumps from -0.1 to 0.9.
+
+
+def test_states_that_are_lost_touch_nothing_that_can_be_told() -> None:
+    problem = straight(stage_cost=ca.fabs(X[1]))
+    assert traced(problem, np.zeros((1, 4)), [0, 0]).kinks == ("fabs(x_1)",)
+    lost = traced(problem, np.zeros((1, 4)), [np.nan, 0])
+    assert lost.kinks == ()
+    assert lost.not_finite == (0.0, "x_0")

@@ -13,6 +13,7 @@ from swarmstart.ocp import (
     Bounds,
     Connection,
     Constraint,
+    Known,
     Model,
     OptimalControlProblem,
     PathConstraint,
@@ -31,6 +32,7 @@ from swarmstart.ocp.fitness import NOTHING
 from swarmstart.ocp.repair import (
     added,
     at_points,
+    finer_checks,
     has_segments,
     hurried,
     needed,
@@ -297,6 +299,41 @@ def four_discs(intervals: int, along: Along = "points") -> OptimalControlProblem
 def clearance(solution: Solution) -> float:
     x, y = solution.path.states[:2]
     return min(float(np.hypot(x - a, y - b).min()) - r for a, b, r in DISCS)
+
+
+@pytest.mark.parametrize(
+    ("substeps", "times"),
+    [(4, [1, 2, 4]), (6, [1, 2, 2]), (2, [1, 2, 2]), (3, [1, 2, 4]), (1, [1, 2, 4])],
+)
+def test_later_attempts_look_more_often_on_the_same_steps_if_these_can_be_shared(
+    substeps: int, times: list[int]
+) -> None:
+    problem = moving(substeps=substeps)
+    assert [finer_checks(problem, attempt) for attempt in range(3)] == times
+
+
+def test_chord_of_points_that_move_by_signals_is_cut_where_it_is() -> None:
+    """A thing that passes at 1 m/s, from ahead by 3 m: in the third second it meets."""
+    at = ca.SX.sym("at", 2)
+    apart = Separation(relative=X - at, distance=0.75, along="segments")
+    problem = moving(
+        PathConstraint(expression=X[1], upper=99),
+        apart,
+        signals=at,
+        checks=2,
+        bounds=Bounds(controls=(-1, 1)),
+    )
+    t = problem.times
+    known = Known(signals=np.stack([5.5 - t, 0 * t + 0.5]))
+    planner = Planner(problem, search=None, backend="casadi")
+    plan = planner.evaluated(np.zeros((1, 4)), [0, 0], known=known, source=Source.GUESS)
+    solution = verified(problem, plan, [0, 0], known)
+    asked = needed(problem, solution, [0, 0], known)
+    (found,) = (e for e in asked if e.name.startswith("the chord of"))
+    # Relative: (2 t - 5.5, -0.5); the chord from 2.5 to 3 s passes 0.5 m away.
+    assert found.amount == pytest.approx(0.75 - 0.5)
+    assert (found.time, found.constraint, found.row, found.above) == (3.0, 1, 0, False)
+    assert found.scale == 0.75
 
 
 @pytest.mark.parametrize(

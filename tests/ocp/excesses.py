@@ -1,0 +1,24 @@
+"""What a search adds up of one constraint, from two values of its expression."""
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp import Constraint
+from swarmstart.ocp.shooting import path_violation
+
+Array = NDArray[np.float64]
+A, B = ca.SX.sym("a", 2), ca.SX.sym("b", 2)
+
+
+def excess_of(constraint: Constraint) -> Callable[[Array, Array], float]:
+    """Return what a search adds up, with scales that are given."""
+    excess = constraint.excess(A, B)
+    scale = np.asarray(1.0 if constraint.scale is None else constraint.scale)
+    broken = path_violation(
+        constraint, excess, ca.SX(1 / np.broadcast_to(scale, (excess.numel(),)))
+    )
+    function = ca.Function("excess", [A, B], [broken])
+    return lambda a, b: float(function(a, b))
