@@ -8,10 +8,13 @@ import pytest
 
 from swarmstart.terminal_set import (
     Change,
+    InvalidShapeError,
     MovingCentreError,
     Reference,
+    TerminalSet,
     continuous_change,
     continuous_terminal_set,
+    held_change,
     prove_level,
 )
 
@@ -58,3 +61,47 @@ def test_at_a_rounded_equilibrium_the_relative_motion_is_exactly_zero() -> None:
     expected = np.array([0.0, 9.81 * np.sin(a) + u_a])
     moved = np.array(change.motion([a, 0.0])).ravel()
     np.testing.assert_allclose(moved, expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("moved", [0, 1])
+def test_one_entry_that_moves_is_enough_to_be_refused(moved: int) -> None:
+    e = ca.SX.sym("e", 2)
+    motion = -e + ca.DM([1e-6 * (moved == k) for k in range(2)])
+    with pytest.raises(MovingCentreError):
+        Change(
+            motion=ca.Function("motion", [e], [motion]), P=np.eye(2),
+            Q_m=np.zeros((2, 2)), is_held=True,
+        )  # fmt: skip
+
+
+def test_a_motion_of_another_size_is_refused() -> None:
+    e, wide = ca.SX.sym("e", 2), ca.SX.sym("e", 3)
+    for motion in (
+        ca.Function("motion", [e], [e[0]]),
+        ca.Function("motion", [wide], [wide[:2]]),
+        ca.Function("motion", [e], [ca.horzcat(e, e)]),
+    ):
+        with pytest.raises(InvalidShapeError, match="the motion must have shape"):
+            Change(motion=motion, P=np.eye(2), Q_m=np.zeros((2, 2)), is_held=False)
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+def test_the_change_is_what_the_definition_says(is_held: bool) -> None:
+    """Of x' = x + u^3 - 1 about (1, 0), or of a step by that: with a margin."""
+    rng = np.random.default_rng(0)
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [ca.vertcat(x[1] * x[0], x[0] + u**3 - 1)])
+    P, Q_m = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([[1.0, -0.25], [-0.25, 3.0]])
+    x_ref, u_ref, K = np.array([1.0, -0.5]), np.array([0.25]), np.array([[0.7, -0.3]])
+    own = TerminalSet(
+        K=K, P=P, alpha=1.0, x_ref=x_ref, u_ref=u_ref, dt=None, design="own"
+    )
+    make = held_change if is_held else continuous_change
+    for margin in (None, Q_m):
+        change = make(f, own, Q_m=margin)
+        assert change.is_held is is_held
+        for e in rng.normal(size=(5, 2)):
+            moved = np.array(f(x_ref + e, u_ref - K @ e) - f(x_ref, u_ref)).ravel()
+            expected = moved @ P @ moved - e @ P @ e if is_held else 2 * e @ P @ moved
+            expected += 0 if margin is None else e @ margin @ e
+            assert float(change.function(e)) == pytest.approx(expected, rel=1e-12)

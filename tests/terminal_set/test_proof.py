@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from time import perf_counter
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -16,10 +18,18 @@ from swarmstart.terminal_set import (
     continuous_change,
     continuous_terminal_set,
     held_change,
+    proof,
     refuted_level,
     sampled_terminal_set,
 )
-from swarmstart.terminal_set.proof import prove_level
+from swarmstart.terminal_set.enclosure import Undecided
+from swarmstart.terminal_set.proof import (
+    COVER,
+    Limits,
+    prove_level,
+    radius_of,
+    search_ball,
+)
 
 Array = NDArray[np.float64]
 Posed = tuple[Change, TerminalSet]
@@ -191,3 +201,135 @@ def test_refuses_a_level_that_is_none(alpha: float) -> None:
     change, _ = chen()
     with pytest.raises(NotPositiveError, match="alpha must be a positive number"):
         prove_level(change, alpha)
+
+
+@pytest.mark.parametrize("nx", [1, 2, 3])
+def test_boxes_cover_the_ball_and_all_of_it_is_looked_at(nx: int) -> None:
+    """Cut again and again: every direction and radius lies in a box of some face."""
+    seen: list[tuple[Array, Array]] = []
+
+    def decided(lower: Array, upper: Array) -> Undecided:
+        seen.append((lower, upper))
+        again = upper[0] - lower[0] > 0.3
+        w_long = (upper - lower)[1:].max(axis=0) > 0.6
+        left = again | w_long
+        spread = (upper - lower)[:, left]
+        return Undecided(lower[:, left], upper[:, left], spread)
+
+    limits = Limits(max_boxes=10**6, until=np.inf)
+    search = search_ball(decided, nx, 1.25, limits=limits)
+    assert search.finished and search.counterexample is None
+    assert search.boxes == sum(lower.shape[1] for lower, _ in seen)
+    lower, upper = (np.hstack(side) for side in zip(*seen, strict=True))
+    np.testing.assert_array_equal(lower[0].min(), 0.0)
+    np.testing.assert_array_equal(upper[0].max(), 1.25)
+    small = ((upper - lower)[0] <= 0.3) & ((upper - lower)[1:].max(axis=0) <= 0.6)
+    lower, upper = lower[:, small], upper[:, small]
+    rng = np.random.default_rng(0)
+    w = rng.normal(size=(nx, 200))
+    w /= np.abs(w).max(axis=0)
+    points = np.vstack([1.25 * rng.random(200), w])
+    inside = (lower[..., None] <= points[:, None]) & (
+        points[:, None] <= upper[..., None]
+    )
+    assert (inside.all(axis=0).sum(axis=0) >= 1).all()
+    # No more than that: what is cut in two is as large as before.
+    volume = (upper - lower)[0] * np.prod(
+        np.where(upper == lower, 1.0, upper - lower)[1:], axis=0
+    )
+    assert volume.sum() == pytest.approx(2 * nx * 1.25 * 2 ** (nx - 1), rel=1e-12)
+
+
+def test_boxes_are_looked_at_in_chunks_and_none_is_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(proof, "CHUNK", 3)
+    sizes: list[int] = []
+
+    def decided(lower: Array, upper: Array) -> Undecided:
+        sizes.append(lower.shape[1])
+        left = upper[0] > 0.3
+        return Undecided(
+            lower[:, left], upper[:, left], np.eye(3)[:, [0] * int(left.sum())]
+        )
+
+    limits = Limits(max_boxes=1000, until=np.inf)
+    search = search_ball(decided, 2, 1.0, limits=limits)
+    # Of 4 faces, cut twice in their radius: to 1/2, and to 1/4 and 3/4; and so on.
+    assert max(sizes) == 3 and search.boxes == sum(sizes)
+    assert not search.finished  # The outermost box never gets below 0.3.
+
+
+def test_search_is_given_up_at_its_limits_only() -> None:
+    def never(lower: Array, upper: Array) -> Undecided:
+        return Undecided(lower, upper, upper - lower)
+
+    def found(left: Undecided) -> Array:
+        return left.upper[:, 0]
+
+    late, early = (Limits(max_boxes=12, until=until) for until in (np.inf, 0.0))
+    one = search_ball(never, 2, 1.0, limits=late)
+    # 4 faces, then 8, then 16 of them halved: more than 12 in all at the second look.
+    assert (one.finished, one.boxes) == (False, 4 + 8 + 16)
+    exact = search_ball(never, 2, 1.0, limits=Limits(max_boxes=28, until=np.inf))
+    assert exact.boxes == 28 + 32
+    assert search_ball(never, 2, 1.0, limits=early).boxes == 4
+    met = search_ball(never, 2, 1.0, limits=late, broken=found)
+    assert met.boxes == 4 and not met.finished
+    np.testing.assert_array_equal(met.counterexample, [1, -1, 1])
+
+
+def test_box_that_cannot_be_cut_ends_the_search() -> None:
+    def flat(lower: Array, upper: Array) -> Undecided:
+        spread = upper - lower
+        spread[:, -1] = 0.0
+        return Undecided(lower, upper, spread)
+
+    limits = Limits(max_boxes=10**6, until=np.inf)
+    search = search_ball(flat, 2, 1.0, limits=limits)
+    assert (search.finished, search.boxes) == (False, 4)
+
+
+def test_ball_is_larger_than_the_ellipsoid_by_what_its_coordinates_are_off() -> None:
+    """e'Pe >= (1 - d) |z|^2, so that sqrt(alpha / (1 - d)) is enough."""
+    for defect in (0.0, 1e-6, 0.1, 0.49):
+        assert radius_of(4.0, defect) >= 2 / np.sqrt(1 - defect)
+        assert radius_of(4.0, defect) == 2 * (1 + COVER + defect)
+    for defect in (0.5, 1.0, np.inf, np.nan):
+        assert radius_of(4.0, defect) == np.inf
+
+
+def test_coordinates_that_are_of_no_use_prove_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    change, _ = chen()
+    monkeypatch.setattr(proof, "radius_of", lambda alpha, defect: np.inf)
+    found = prove_level(change, 0.1)
+    assert (found.proven, found.boxes, found.counterexample) == (False, 0, None)
+    assert (found.alpha, found.seconds < 60) == (0.1, True)
+
+
+def test_time_that_a_proof_took_is_its_own() -> None:
+    change, _ = chen()
+    began = perf_counter()
+    found = prove_level(change, 0.5)
+    assert 0 < found.seconds <= perf_counter() - began
+
+
+def test_counterexample_is_the_worst_of_the_boxes_outer_middles() -> None:
+    """c = |e|^2 - 1 in coordinates turned by T = 2 I; a NaN counts as the worst."""
+    e = ca.SX.sym("e", 2)
+    c = ca.Function("c", [e], [ca.sumsqr(e) - 1])
+    lower = np.array([[0.0, 0.1, 0.2], [0.0, 0.5, 1.0], [1.0, 1.0, -0.5]])
+    upper = np.array([[0.25, 0.75, 0.5], [0.0, 1.5, 1.0], [1.0, 1.0, 0.5]])
+    boxes = Undecided(lower, upper, upper - lower)
+    found = proof._counterexample(c, 2 * np.eye(2), boxes)
+    assert found is not None
+    np.testing.assert_allclose(found, 1.5 * np.array([1, 1]) / np.sqrt(2))
+    inner = Undecided(lower[:, :1], upper[:, :1], upper[:, :1])
+    assert proof._counterexample(c, 2 * np.eye(2), inner) is None
+    edge = ca.Function("c", [e], [ca.sumsqr(e) - 0.25])
+    assert proof._counterexample(edge, 2 * np.eye(2), inner) is not None
+    lost = ca.Function("c", [e], [ca.log(0.3 - e[0]) - 9])
+    worst = proof._counterexample(lost, 2 * np.eye(2), boxes)
+    assert worst is not None and worst[0] > 0.3

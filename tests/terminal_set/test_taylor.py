@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import permutations, product
+
 import casadi as ca
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from swarmstart.terminal_set import taylor
 from swarmstart.terminal_set.cells import Cells
 from swarmstart.terminal_set.taylor import TaylorForm
 
@@ -109,3 +114,152 @@ def test_where_nothing_is_known_the_widest_side_is_to_be_cut() -> None:
     bound, spread = TaylorForm(c, np.eye(2))(Cells(lower, upper))
     assert not bound[0] < np.inf
     assert spread[:, 0].argmax() == 1
+
+
+DIFFERENT = [(i, j) for i in range(NX) for j in range(i, NX)]
+TRIPLES = [(i, j, k) for i, j in DIFFERENT for k in range(j, NX)]
+
+
+class Cubic:
+    """c = g'e + e'He/2 + D[e, e, e]/6 by chance, with H and D symmetric.
+
+    Attributes:
+        function: e -> c(e).
+        H: Hessian at 0.
+        D: Third derivatives.
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.g, H = rng.normal(size=NX), rng.normal(size=(NX, NX))
+        D = rng.normal(size=(NX, NX, NX))
+        self.H: Array = H + H.T
+        orders = permutations(range(3))
+        self.D: Array = np.sum([np.transpose(D, order) for order in orders], axis=0)
+        e = ca.SX.sym("e", NX)
+        c = ca.dot(ca.DM(self.g), e) + ca.bilin(ca.DM(self.H), e, e) / 2
+        for i, j, k in product(range(NX), repeat=3):
+            c += self.D[i, j, k] * e[i] * e[j] * e[k] / 6
+        self.function = ca.Function("c", [e], [c])
+
+    def bends(self, e: Array) -> Array:
+        """Return Hessians at points, (n, n, m)."""
+        return self.H[..., None] + np.einsum("ijk,km->ijm", self.D, e)
+
+    def value_and_slope(self, e: Array) -> Array:
+        """Return value and gradient, (1 + n, m)."""
+        slope = self.g[:, None] + np.einsum("ij,jm->im", self.H, e)
+        slope += np.einsum("ijk,jm,km->im", self.D, e, e) / 2
+        values: Array = np.array(self.function.map(e.shape[1])(e))
+        return np.vstack([values, slope])
+
+    def hessian(self, e: Array) -> Array:
+        """Return the different entries of the Hessian."""
+        return np.array([self.bends(e)[pair] for pair in DIFFERENT])
+
+    def third(self, e: Array) -> Array:
+        """Return the different third derivatives."""
+        return np.array([np.full(e.shape[1], self.D[triple]) for triple in TRIPLES])
+
+
+def known_within(
+    exact: Callable[[Array], Array], share: float
+) -> Callable[[Array, Array], tuple[Array, Array]]:
+    """Return an interval evaluation whose intervals reach a share to each side."""
+
+    def evaluation(lower: Array, upper: Array) -> tuple[Array, Array]:
+        value = exact((lower + upper) / 2)
+        half = share * np.abs(value)
+        return value - half, value + half
+
+    return evaluation
+
+
+def turned(D: Array, T: Array) -> Array:
+    return np.asarray(np.einsum("ijk,ia,jb,kc->abc", D, T, T, T))
+
+
+def bound_and_pull(
+    c: Cubic, T: Array, cell: Cells, share: float
+) -> tuple[float, Array, Array]:
+    """Return the head's bound in one cell, its slopes along z, and how they differ.
+
+    Args:
+        c: The cubic.
+        T: e = T z.
+        cell: One cell.
+        share: Half the width of all intervals; a quarter of it is padding.
+    """
+    z, d, size = cell.z[:, 0], cell.reach[:, 0], np.abs(T)
+    value, *slopes = c.value_and_slope((T @ z)[:, None])[:, 0]
+    slope = np.array(slopes)
+    highest = slope + share * np.abs(slope)
+    steps, along = cell.linear(T.T @ slope[:, None])
+    bends = c.bends((T @ z)[:, None])[..., 0]
+    largest = np.abs(bends) * (1 + share)
+    wide = size.T @ (share * np.abs(bends) + share / 4 * largest) @ size
+    # Slopes are unsure by their own intervals, and by the rounding of the point.
+    unsure = size.T @ (share * np.abs(slope) + share / 4 * np.abs(highest))
+    unsure += wide @ np.abs(z)
+    moved = np.abs(highest) @ (share / 4 * size @ np.abs(z))
+    M = T.T @ bends @ T
+    entries = np.abs(M) + wide
+    np.fill_diagonal(entries, np.maximum(np.diag(M) + np.diag(wide), 0))
+    tensor = np.abs(c.D) * (share + share / 4 * (1 + share))
+    third = np.einsum("ijk,j,k->i", np.abs(turned(c.D, T)), d, d)
+    third += np.einsum("ijk,j,k->i", turned(tensor, size), d, d)
+    bound = value + share * abs(value) + steps.sum() + unsure @ d + moved
+    bound += d @ entries @ d / 2 + third @ d / 6
+    return bound, along, (np.abs(M) + wide) @ d + third / 2
+
+
+@settings(deadline=None, max_examples=15)
+@given(seed=seeds)
+@pytest.mark.parametrize("share", [0.0, 2.0**-5])
+def test_bound_is_the_sum_of_its_terms(share: float, seed: int) -> None:
+    """Of a cubic, one cell after the other; intervals and rounding visibly wide."""
+    rng = np.random.default_rng(seed)
+    c, T = Cubic(rng), rng.normal(size=(NX, NX))
+    form = TaylorForm(c.function, np.eye(NX)).turned(T)
+    lower, upper = boxes(rng, 0.7)
+    cells = Cells(lower, upper)
+    patch = pytest.MonkeyPatch()
+    patch.setattr(taylor, "PADDING", share / 4)
+    if share:
+        for name in ("value_and_slope", "hessian", "third"):
+            exact = getattr(c, name)
+            patch.setattr(form, f"_{name}", known_within(exact, share))
+    bound, spread = form(cells)
+    patch.undo()
+    for m in range(BOXES):
+        one = Cells(lower[:, [m]], upper[:, [m]])
+        expected, along, pull = bound_and_pull(c, T, one, share)
+        assert bound[m] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+        np.testing.assert_allclose(
+            spread[:, m], one.spread(along, pull[:, None])[:, 0], rtol=1e-9
+        )
+
+
+def test_third_order_grows_with_the_cube_of_the_distance() -> None:
+    rng = np.random.default_rng(3)
+    c, T = Cubic(rng), rng.normal(size=(NX, NX))
+    cells, d = Cells(*boxes(rng, 0.7)), rng.random((NX, BOXES))
+    found = TaylorForm(c.function, T).beyond_second_order(cells, d)
+    sizes = np.abs(turned(c.D, T))
+    expected = np.einsum("ijk,im,jm,km->m", sizes, d, d, d) / 6
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_derivatives_over_boxes_are_turned_with_room_for_all_in_them() -> None:
+    rng = np.random.default_rng(0)
+    c, T = Cubic(rng), rng.normal(size=(NX, NX))
+    form, size = TaylorForm(c.function, T), np.abs(T)
+    lower, width = rng.normal(size=(NX, BOXES)), rng.random((NX, BOXES))
+    middle, radius = form.hessians(lower, lower + width)
+    at = c.bends(lower + width / 2)
+    off = np.einsum("ijk,km->ijm", np.abs(c.D), width / 2)
+    for m in range(BOXES):
+        np.testing.assert_allclose(middle[m], T.T @ at[..., m] @ T, atol=1e-9)
+        np.testing.assert_allclose(radius[m], size.T @ off[..., m] @ size, atol=1e-9)
+    slopes = form.hessian_slopes(lower, lower + width)
+    expected = np.abs(turned(c.D, T))[..., -1]
+    np.testing.assert_allclose(slopes, np.stack([expected] * BOXES), atol=1e-9)
