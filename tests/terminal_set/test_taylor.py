@@ -143,7 +143,8 @@ class Cubic:
 
     def bends(self, e: Array) -> Array:
         """Return Hessians at points, (n, n, m)."""
-        return self.H[..., None] + np.einsum("ijk,km->ijm", self.D, e)
+        moved: Array = np.einsum("ijk,km->ijm", self.D, e)
+        return self.H[..., None] + moved
 
     def value_and_slope(self, e: Array) -> Array:
         """Return value and gradient, (1 + n, m)."""
