@@ -2,6 +2,9 @@
 
 Three are here because nobody looked at them before the proof was finished: the F-8, the
 jet engine and the magnet. They were measured once and nothing was changed after.
+
+From the pole to the centre, the features that end a set are such as a search for
+counterexamples does not see: a pole, the edge of the domain, or something thin.
 """
 
 from collections.abc import Callable
@@ -260,6 +263,64 @@ def magnet() -> System:
     )
 
 
+def autonomous(xdot: ca.SX, x: ca.SX, *, room: float) -> System:
+    """Return x' = f(x) with P = I and bounds far out: it is f that ends the set."""
+    nx, u = x.numel(), ca.SX.sym("u")
+    x_ref = np.zeros(nx)
+    own = TerminalSet(
+        K=np.zeros((1, nx)), P=np.eye(nx), alpha=1.0, x_ref=x_ref,
+        u_ref=np.zeros(1), dt=None, design="given",
+    )  # fmt: skip
+    return System(
+        dynamics=ca.Function("autonomous", [x, u], [xdot + 0 * u]),
+        reference=Reference(
+            x_ref=x_ref,
+            u_ref=np.zeros(1),
+            u_lower=-np.ones(1),
+            u_upper=np.ones(1),
+            x_lower=np.full(nx, -room),
+            x_upper=np.full(nx, room),
+        ),
+        weights=plain(nx, 1),
+        given=own,
+    )
+
+
+def spiral(rate: Callable[[ca.SX], ca.SX], *, room: float = 8.0) -> System:
+    """Return a spiral whose radius r grows by rate(r^2) r a second."""
+    x = ca.SX.sym("x", 2)
+    g = rate(ca.sumsqr(x))
+    return autonomous(ca.vertcat(g * x[0] - x[1], g * x[1] + x[0]), x, room=room)
+
+
+def pole() -> System:
+    """1 + x0 is divided by: at x0 = -1 the sign of the damping jumps."""
+    x = ca.SX.sym("x", 2)
+    xdot = ca.vertcat(x[1] - x[0], -x[0] - x[1] / (1 + x[0]))
+    return autonomous(xdot, x, room=30.0)
+
+
+def tank() -> System:
+    """A tank that runs empty at x = -1: the root of less is not defined."""
+    x = ca.SX.sym("x")
+    return autonomous(0.5 - 0.5 * ca.sqrt(x + 1) - 0.3 * x, x, room=5.5)
+
+
+def jump() -> System:
+    """Within 1e-6 of r = 1 the decay turns into growth."""
+    return spiral(lambda square: ca.tanh((square - 1) / 1e-6))
+
+
+def bump() -> System:
+    """Decay everywhere but within 1e-3 of r = 1."""
+    return spiral(lambda square: 1.5 * ca.exp(-(((square - 1) / 1e-3) ** 2)) - 1)
+
+
+def centre() -> System:
+    """Nearly a centre: damped by 1e-6 within r = 1, undamped outside."""
+    return spiral(lambda square: -1e-6 * (1 - square))
+
+
 SYSTEMS: dict[str, Callable[[], System]] = {
     "Chen and Allgoewer, Q_m = Q*": chen,
     "van der Pol, reversed": van_der_pol,
@@ -281,6 +342,11 @@ SYSTEMS: dict[str, Callable[[], System]] = {
     "F-8": crusader,
     "jet engine": jet_engine,
     "ball and magnet": magnet,
+    "pole": pole,
+    "tank": tank,
+    "thin jump": jump,
+    "thin bump": bump,
+    "nearly a centre": centre,
     "close formation, 5 states": lambda: wingman(height_of_first_order=True),
     "close formation, 6 states": lambda: wingman(height_of_first_order=False),
 }

@@ -28,10 +28,8 @@ from swarmstart.terminal_set.certification import (
 from swarmstart.terminal_set.choice import (
     Candidate,
     NoProvenSetError,
-    ProvenLevel,
     largest_proven_set,
     log_volume,
-    proven_level,
 )
 from swarmstart.terminal_set.decrease import (
     Change,
@@ -63,6 +61,7 @@ from swarmstart.terminal_set.level import (
     literal_level,
     smaller_side,
 )
+from swarmstart.terminal_set.level_search import ProvenLevel, proven_level
 from swarmstart.terminal_set.linearisation import (
     InvalidDynamicsError,
     held_spectral_radius,

@@ -30,7 +30,6 @@ from swarmstart.terminal_set.arrays import (
     positive_semidefinite,
 )
 from swarmstart.terminal_set.certificate import Certificate, HeldMargins, Weights
-from swarmstart.terminal_set.choice import proven_level
 from swarmstart.terminal_set.decrease import Change, continuous_change, held_change
 from swarmstart.terminal_set.design import (
     ForeignCertificateError,
@@ -43,6 +42,7 @@ from swarmstart.terminal_set.evidence import Refutation
 from swarmstart.terminal_set.growth import prove_growth
 from swarmstart.terminal_set.held_motion import HeldMotion
 from swarmstart.terminal_set.level import level_from_inputs, level_from_states
+from swarmstart.terminal_set.level_search import proven_level
 from swarmstart.terminal_set.linearisation import linearise
 from swarmstart.terminal_set.prerequisites import require_stable_hold
 from swarmstart.terminal_set.reference import Reference

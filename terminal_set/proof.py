@@ -184,9 +184,11 @@ def _halves(boxes: Undecided) -> Boxes:
 
 
 def _counterexample(c: ca.Function, T: Array, boxes: Undecided) -> FloatArray | None:
-    """Return a deviation where c is not below 0, or is none, among the boxes' ends."""
+    """Return the nearest of the boxes' ends where c is not below 0, or is no number."""
     w = (boxes.lower[1:] + boxes.upper[1:]) / 2
     e = T @ (boxes.upper[0] * w / np.linalg.norm(w, axis=0))
-    values = np.array(c.map(e.shape[1])(e)).ravel()
-    worst = int(np.argmax(values))
-    return None if values[worst] < 0 else e[:, worst]  # NaN is the largest.
+    breaks = ~(np.array(c.map(e.shape[1])(e)).ravel() < 0)
+    if not breaks.any():
+        return None
+    nearest = int(np.argmin(np.where(breaks, boxes.upper[0], np.inf)))
+    return np.asarray(e[:, nearest])

@@ -21,8 +21,6 @@ from swarmstart.terminal_set import (
     held_change,
     largest_proven_set,
     log_volume,
-    prove_level,
-    proven_level,
     sampled_terminal_set,
 )
 
@@ -93,24 +91,6 @@ def upright() -> Callable[[float], tuple[Change, TerminalSet]]:
     return pose
 
 
-def test_below_a_counterexample_as_much_is_proven_as_can_be(
-    upright: Callable[[float], tuple[Change, TerminalSet]],
-) -> None:
-    change, found = upright(1.0)
-    level = proven_level(change, found.alpha, rng=np.random.default_rng(0))
-    assert level.refutation is not None and level.refutation.alpha < found.alpha
-    assert level.alpha == pytest.approx(0.99 * level.refutation.alpha, rel=1e-12)
-    assert prove_level(change, level.alpha).proven
-
-
-def test_the_bounds_level_is_proven_where_nothing_speaks_against_it(
-    upright: Callable[[float], tuple[Change, TerminalSet]],
-) -> None:
-    change, _ = upright(1.0)
-    level = proven_level(change, 1.0, rng=np.random.default_rng(0))
-    assert level.refutation is None and level.alpha == 1.0
-
-
 def doubtful(scale: float, found: TerminalSet) -> TerminalSet:
     """The design, or with a P under which nothing falls where the scale is negative."""
     if scale > 0:
@@ -152,20 +132,3 @@ def test_the_volume_is_that_of_the_half_axes() -> None:
         expected = np.log(half_axes * np.sqrt(alpha)).sum()
         volume = log_volume(Ellipsoid(P=(P + P.T) / 2, alpha=alpha))
         assert volume == pytest.approx(expected, rel=1e-12)
-
-
-def test_a_model_that_is_not_defined_everywhere_gets_a_smaller_set() -> None:
-    """sqrt(1 + x): the bounds' level reaches far beyond x = -1."""
-    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
-    xdot = ca.vertcat(x[1], ca.sqrt(x[0] + 1) - 1 + u)
-    dynamics = ca.Function("root", [x, u], [xdot])
-    bounds = Reference(
-        x_ref=np.zeros(2), u_ref=np.zeros(1),
-        u_lower=-50 * np.ones(1), u_upper=50 * np.ones(1),
-    )  # fmt: skip
-    found = continuous_terminal_set(dynamics, bounds, Q=np.eye(2), R=np.eye(1))
-    level = proven_level(
-        continuous_change(dynamics, found), found.alpha, rng=np.random.default_rng(0)
-    )
-    assert 0 < level.alpha < found.alpha
-    assert Ellipsoid(P=found.P, alpha=level.alpha).extent()[0] < 1

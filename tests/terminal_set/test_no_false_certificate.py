@@ -15,6 +15,8 @@ from swarmstart.terminal_set import TerminalSet, continuous_change, prove_level
 TOO_SLOW = {"close formation, 6 states", "cart and pole"}
 NAMES = [name for name in SYSTEMS if name not in TOO_SLOW]
 SAMPLES = 10_000
+UNREFUTED = {"tank"}
+"""Beyond the set it is the model that ends: no state refutes the next level."""
 
 
 @pytest.fixture(scope="module", params=NAMES)
@@ -24,7 +26,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="module")
 def terminal_set(name: str) -> TerminalSet:
-    return certified(SYSTEMS[name](), 20.0)
+    return certified(SYSTEMS[name](), 60.0)
 
 
 def test_states_of_a_certified_set_do_what_it_promises(
@@ -43,11 +45,14 @@ def test_proven_and_refuted_levels_meet_within_two_percent(
     assert certificate.gap is None or certificate.gap <= 0.02
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if SYSTEMS[name]().dt is None])
+@pytest.mark.parametrize(
+    "name",
+    [name for name in NAMES if SYSTEMS[name]().dt is None and name not in UNREFUTED],
+)
 def test_from_the_refuted_level_on_nothing_is_proven(name: str) -> None:
     """Of inputs that move all the time; for the others the margin is measured."""
     system = SYSTEMS[name]()
-    terminal_set = certified(system, 20.0)
+    terminal_set = certified(system, 60.0)
     certificate = terminal_set.certificate
     assert certificate is not None and certificate.refutation is not None
     change = continuous_change(system.dynamics, terminal_set, Q_m=certificate.Q_m)
