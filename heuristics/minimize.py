@@ -18,7 +18,7 @@ from swarmstart.heuristics.compiled_loop import (
     next_chunk,
 )
 from swarmstart.heuristics.initial import Initial
-from swarmstart.heuristics.interrupts import put_off
+from swarmstart.heuristics.interrupts import heeded, put_off
 from swarmstart.heuristics.order import Order
 from swarmstart.heuristics.result import (
     GenerationEvent,
@@ -251,7 +251,8 @@ class _Run:
         search = self._search
         progress = _progress(search, self._budget, seconds)
         population = search.ask(progress=progress)
-        returned = self._objective(population)
+        with heeded():
+            returned = self._objective(population)
         cost, violation = values_of(returned, population.shape[1])
         with put_off():
             search.tell(cost, violation)

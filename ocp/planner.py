@@ -21,6 +21,7 @@ from swarmstart.heuristics import (
     default_order,
     minimize,
 )
+from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.basins import points, polish_basins
 from swarmstart.ocp.checking import Checker, Excess
 from swarmstart.ocp.errors import InvalidProblemError
@@ -233,14 +234,15 @@ class Planner:
         if self.polisher is None:
             return plan
         try:
-            polished, evaluations = polish_basins(
-                self.polisher,
-                starts,
-                x0,
-                known,
-                tolerance=self.problem.tolerance,
-                near=near or self.search is not None,
-            )
+            with heeded():
+                polished, evaluations = polish_basins(
+                    self.polisher,
+                    starts,
+                    x0,
+                    known,
+                    tolerance=self.problem.tolerance,
+                    near=near or self.search is not None,
+                )
         except KeyboardInterrupt:
             raise PlanningInterrupted(plan) from None
         best = self._plan(

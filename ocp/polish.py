@@ -21,10 +21,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls
-from swarmstart.ocp.interrupts import noticed
 from swarmstart.ocp.optimality import NlpPoint, is_stationary
 from swarmstart.ocp.polish_options import IpoptOptions, PolishOptions
 from swarmstart.ocp.scaling import Sizes
@@ -237,19 +237,15 @@ class Polisher:
         q = program.arguments(*shared_arguments(problem, x0, known), sizes)
         limits = program.limits(sizes)
         solver = self._near if near else self._far
-        with noticed() as asked_to_stop:
-            try:
+        try:
+            with heeded():
                 answer = solver(
                     x0=program.variables(controls, ends, sizes), p=q, **limits._asdict()
                 )
-            except RuntimeError as error:
-                if asked_to_stop():
-                    raise KeyboardInterrupt from None
-                raise SolveError(
-                    f"{self._options.plugin} could not be run: {_last_line(error)}"
-                ) from error
-            if asked_to_stop():
-                raise KeyboardInterrupt
+        except RuntimeError as error:
+            raise SolveError(
+                f"{self._options.plugin} could not be run: {_last_line(error)}"
+            ) from error
         w, lam_g, lam_x = (
             np.array(answer[name]).ravel() for name in ("x", "lam_g", "lam_x")
         )

@@ -13,6 +13,7 @@ from swarmstart.heuristics import (
     algorithm_of,
     generator_of,
 )
+from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.improving import (
@@ -128,19 +129,23 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         )
     controls = None if guess is None else _controls(guess)
     try:
-        plan = planner.plan(x0, known=known, guess=controls, rng=rng)
+        with heeded():
+            plan = planner.plan(x0, known=known, guess=controls, rng=rng)
     except PlanningInterrupted as stopped:
         raise SolveInterrupted(verified(problem, stopped.partial, x0, known)) from None
-    solution = verified(problem, plan, x0, known)
+    with heeded():
+        solution = verified(problem, plan, x0, known)
     try:
-        answer = Answer(solution, planner, known)
-        if repair:
-            answer = repaired(planner, solution, x0, known, rng=rng)
-        solution = settled_answer(planner, answer, x0, known, rng)
-        solution = followed_down(planner, solution, x0, known, rng)
+        with heeded():
+            answer = Answer(solution, planner, known)
+            if repair:
+                answer = repaired(planner, solution, x0, known, rng=rng)
+            settled = settled_answer(planner, answer, x0, known, rng)
+        solution = settled
+        with heeded():
+            return followed_down(planner, settled, x0, known, rng)
     except KeyboardInterrupt:
         raise SolveInterrupted(solution) from None
-    return solution
 
 
 def search_settings(
