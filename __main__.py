@@ -2,6 +2,6 @@
 
 import sys
 
-from swarmstart.cases.cli import main
+from swarmstart.cases.cli import program
 
-sys.exit(main())
+sys.exit(program())

@@ -17,19 +17,21 @@ import hashlib
 import json
 import multiprocessing
 import os
+import signal
 import threading
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from swarmstart.cases.record import prepare_folder, write_json
+from swarmstart.cases.files import locked, remove_rests, write_json
 from swarmstart.cases.registry import load
-from swarmstart.cases.versions import versions
+from swarmstart.cases.versions import environment
 from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics.interrupts import heeded, put_off
 
 MARK = "cell.json"
 ATTEMPTS = 2
@@ -60,7 +62,7 @@ class Cell:
     @property
     def key(self) -> str:
         """The 16 characters that name the cell."""
-        determines = {"work": self.work, "job": self.job, **_environment()}
+        determines = {"work": self.work, "job": self.job, **environment()}
         text = json.dumps(
             determines, sort_keys=True, separators=(",", ":"), allow_nan=False
         )
@@ -82,18 +84,6 @@ class Outcome:
     failure: str
     seconds: float
     folder: Path
-
-
-@cache
-def _environment() -> dict[str, Any]:
-    """Return what determines every cell: the packages' versions, and this code."""
-    root = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha256()
-    for folder in ("cases", "ocp", "heuristics", "terminal_set"):
-        for file in sorted((root / folder).rglob("*")):
-            if file.suffix in (".py", ".yaml"):
-                digest.update(file.read_bytes())
-    return {"versions": versions(), "code": digest.hexdigest()}
 
 
 def finished(cell: Cell, root: Path) -> Outcome | None:
@@ -138,32 +128,45 @@ def carried_out(
         told: Called after each cell.
 
     Raises:
+        FolderInUseError: If another command works there.
         RecordError: If nothing can be written to the folder.
         KeyboardInterrupt: On Ctrl-C, saying what is kept.
     """
-    prepare_folder(root)
     distinct = {cell.key: cell for cell in cells}
-    outcomes = {key: finished(cell, root) for key, cell in distinct.items()}
-    missing = [cell for key, cell in distinct.items() if outcomes[key] is None]
-    count = len(distinct) - len(missing)
-    told(count, len(distinct), "kept from before")
-    try:
-        for cell, outcome in _worked(missing, root, workers) if missing else ():
-            outcomes[cell.key], count = outcome, count + 1
-            told(count, len(distinct), cell.label)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            f"{count} of {len(distinct)} runs are kept in {root}; the same command "
-            "goes on from there"
-        ) from None
+    with locked(root):
+        outcomes = {key: finished(cell, root) for key, cell in distinct.items()}
+        missing = [cell for key, cell in distinct.items() if outcomes[key] is None]
+        _remove_rests(root)
+        told(len(distinct) - len(missing), len(distinct), "kept from before")
+        try:
+            with heeded(), closing(_worked(missing, root, workers)) as worked:
+                for cell, outcome in worked:
+                    outcomes[cell.key] = outcome
+                    count = sum(outcome is not None for outcome in outcomes.values())
+                    told(count, len(distinct), cell.label)
+        except KeyboardInterrupt:
+            _remove_rests(root)
+            kept = sum(finished(cell, root) is not None for cell in distinct.values())
+            raise KeyboardInterrupt(
+                f"{kept} of {len(distinct)} runs are kept in {root}; the same command "
+                "goes on from there"
+            ) from None
     found = [outcomes[cell.key] for cell in cells]
     return [outcome for outcome in found if outcome is not None]
 
 
+def _remove_rests(root: Path) -> None:
+    """Remove what workers that were killed left in the cells' folders."""
+    for folder in root.iterdir():
+        remove_rests(folder)
+
+
 def _worked(
     cells: Sequence[Cell], root: Path, workers: int
-) -> Iterator[tuple[Cell, Outcome]]:
+) -> Generator[tuple[Cell, Outcome], None, None]:
     """Yield each cell with its outcome, as they finish."""
+    if not cells:
+        return
     from pebble import ProcessPool
 
     before = {name: os.environ.get(name) for name in BLAS_THREADS}
@@ -174,7 +177,8 @@ def _worked(
         initializer=_follow_parent,
     )
     try:
-        pending = {_scheduled(pool, cell, root): (cell, 1) for cell in cells}
+        with put_off(), _kept_from_workers():  # Half a pool cannot be stopped.
+            pending = {_scheduled(pool, cell, root): (cell, 1) for cell in cells}
         while pending:
             done, _ = wait(pending, timeout=POLL_S, return_when=FIRST_COMPLETED)
             for future in done:
@@ -183,13 +187,32 @@ def _worked(
                 if failure and attempt < ATTEMPTS and _is_death(future):
                     pending[_scheduled(pool, cell, root)] = (cell, attempt + 1)
                 else:
-                    yield cell, _outcome(cell, root / cell.key, failure)
+                    yield cell, _outcome(cell, root, failure)
         pool.close()  # type: ignore[no-untyped-call]
     finally:
-        pool.stop()  # type: ignore[no-untyped-call]
-        pool.join()
+        with put_off():
+            pool.stop()  # type: ignore[no-untyped-call]
+            pool.join()
         for name, value in before.items():
             os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+@contextmanager
+def _kept_from_workers() -> Iterator[None]:
+    """Start processes and threads that Ctrl-C and the end of a terminal do not reach.
+
+    A terminal sends both to all processes of a command; the command itself ends its
+    workers then.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    kept = {signal.SIGINT, signal.SIGHUP}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, kept)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _scheduled(pool: Any, cell: Cell, root: Path) -> Future[None]:
@@ -216,9 +239,10 @@ def _failure(future: Future[None]) -> str:
     return f"its process died: {error}"
 
 
-def _outcome(cell: Cell, folder: Path, failure: str) -> Outcome:
+def _outcome(cell: Cell, root: Path, failure: str) -> Outcome:
     """Return a finished cell's outcome; that of one without an end is recorded here."""
-    if failure:
+    folder = root / cell.key
+    if failure and finished(cell, root) is None:  # It may have ended all the same.
         _commit(cell, folder, failure=failure, again=True)
     found = _read(folder)
     if found is None:

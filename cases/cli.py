@@ -9,18 +9,27 @@ Everything heavy is imported by the command that needs it.
 
 import argparse
 import logging
-import os
 import signal
 import sys
-import traceback
+import threading
 from collections.abc import Callable, Sequence
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from swarmstart.cases.output import (
+    OutputError,
+    answer,
+    finish,
+    occupy_closed_streams,
+    say,
+    tell,
+)
 from swarmstart.cases.registry import POLISHES, SEARCHES
 from swarmstart.errors import SwarmstartError
 
 DONE, INTERNAL, INVALID, GATE, INFEASIBLE, FILE, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
+
+logger = logging.getLogger(__name__)
 
 MOST_FLAWS = 20
 """What is wrong with a scenario beyond that many is counted."""
@@ -37,6 +46,30 @@ exit codes: 0 done, 1 internal error, 2 invalid input, 3 a gate failed,
 4 no feasible solution, 5 a file could not be read or written, 130 interrupted"""
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser whose help is an answer: argparse says nothing if it cannot be shown."""
+
+    def print_help(self, file: object = None) -> None:
+        answer(self.format_help().rstrip())
+
+
+def program() -> int:
+    """Run the command line as what a process is for; return the exit code.
+
+    Signals that come when the command is over change nothing any more.
+    """
+    occupy_closed_streams()
+    try:
+        code = _interruptible(None, afterwards=lambda _: signal.SIG_IGN)
+    except SystemExit as leaving:  # of argparse
+        code = int(leaving.code or DONE)
+    try:
+        finish()
+    except OutputError as error:
+        return _reported(error)
+    return code
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command.
 
@@ -46,41 +79,84 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    signal.signal(signal.SIGTERM, _interrupt)
-    options = parser().parse_args(arguments)
+    before = {number: signal.getsignal(number) for number in _requests()}
+    return _interruptible(arguments, afterwards=before.__getitem__)
+
+
+def _interruptible(
+    arguments: Sequence[str] | None, *, afterwards: Callable[[int], Any]
+) -> int:
+    """Run a command that signals interrupt; afterwards they are handled otherwise."""
+    asked_to_stop: list[int] = []
+    is_over = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if not is_over:
+            asked_to_stop.append(number)
+            raise KeyboardInterrupt
+
+    numbers = _requests()
+    try:
+        for number in numbers:
+            signal.signal(number, interrupt)
+        return _carried_out(arguments, asked_to_stop)
+    except KeyboardInterrupt:  # A second one, while something is said of the first.
+        return INTERRUPTED
+    finally:
+        is_over = True
+        for number in numbers:
+            signal.signal(number, afterwards(number))
+
+
+def _requests() -> list[int]:
+    """Return the signals that ask to stop, without those that are to be ignored."""
+    if threading.current_thread() is not threading.main_thread():
+        return []  # Python delivers none there.
+    names = ("SIGINT", "SIGTERM", "SIGHUP")
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    return [n for n in numbers if signal.getsignal(n) not in (signal.SIG_IGN, None)]
+
+
+def _carried_out(arguments: Sequence[str] | None, asked_to_stop: list[int]) -> int:
+    """Run a command; return the exit code, however it ends."""
+    try:
+        options = _parsed(arguments)
+        command: Callable[[argparse.Namespace], int] = options.command
+        return command(options)
+    except KeyboardInterrupt as interrupt:
+        say(f"interrupted{': ' if interrupt.args else ''}{interrupt}")
+        return INTERRUPTED
+    except BrokenPipeError:  # The reader of our output has gone; nobody to tell.
+        return DONE
+    except Exception as error:
+        logger.debug("", exc_info=True)
+        if asked_to_stop:  # What the interrupt became on its way.
+            say("interrupted")
+            return INTERRUPTED
+        return _reported(error)
+
+
+def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return the options; what a command does not know is its own error."""
+    options, unknown = parser().parse_known_args(arguments)
+    if unknown:
+        options.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     if options.debug:
         logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
         logging.getLogger("swarmstart").setLevel(logging.DEBUG)
-    command: Callable[[argparse.Namespace], int] = options.command
-    try:
-        code = command(options)
-        sys.stdout.flush()
-    except KeyboardInterrupt as interrupt:
-        _say(f"interrupted{': ' if interrupt.args else ''}{interrupt}")
-        return INTERRUPTED
-    except BrokenPipeError:  # The reader of our output has gone; nobody to tell.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
-    except Exception as error:  # noqa: BLE001 - the last resort of a command line
-        if options.debug:
-            traceback.print_exc()
-        try:
-            return _reported(error)
-        except BrokenPipeError:
-            return INVALID
-    return code
+    return options
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line."""
-    top = argparse.ArgumentParser(
+    top = _Parser(
         prog="swarmstart",
         description="Warm starts for nonlinear optimal control by population search.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("--version", action=_Version, nargs=0, help="versions that matter")
-    common = argparse.ArgumentParser(add_help=False)
+    common = _Parser(add_help=False)
     common.add_argument(
         "--debug", action="store_true", help="show tracebacks and timings"
     )
@@ -96,14 +172,18 @@ def parser() -> argparse.ArgumentParser:
     listing = commands.add_parser(
         "list", help="scenarios, searches, measures", parents=[common]
     )
+    listing.add_argument(
+        "text", nargs="?", default="", metavar="TEXT",
+        help="only what contains it, in its name, title or heading",
+    )  # fmt: skip
     listing.add_argument("--json", action="store_true", help="one JSON object")
-    listing.set_defaults(command=_list)
+    listing.set_defaults(command=_list, parser=listing)
 
     check = commands.add_parser(
         "check", help="is this scenario valid: every error at once", parents=[common]
     )
     check.add_argument("scenarios", nargs="+", metavar="SCENARIO")
-    check.set_defaults(command=_check)
+    check.set_defaults(command=_check, parser=check)
 
     about = "JSON Schema of the scenario format, for editors"
     schema = commands.add_parser("schema", help=about, parents=[common])
@@ -111,11 +191,11 @@ def parser() -> argparse.ArgumentParser:
         "kind", nargs="?", default="formation_flight", metavar="KIND",
         help="of scenario; default: formation_flight",
     )  # fmt: skip
-    schema.set_defaults(command=_schema)
+    schema.set_defaults(command=_schema, parser=schema)
     return top
 
 
-def _add_run(run: argparse.ArgumentParser) -> None:
+def _add_run(run: _Parser) -> None:
     run.add_argument(
         "scenario", metavar="SCENARIO", help="a name of `swarmstart list`, or a path"
     )
@@ -132,6 +212,10 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         help="change one value of the scenario; may be given several times",
     )
     run.add_argument("--out", metavar="DIR", help="default: results/<scenario>/<key>")
+    run.add_argument(
+        "--force", action="store_true",
+        help="write into --out whatever is there; files of other names stay",
+    )  # fmt: skip
     run.add_argument("--no-figures", action="store_true", help="do not draw")
     run.add_argument("--animation", choices=["gif", "mp4"], help="animate the flight")
     run.add_argument("--json", action="store_true", help="one JSON object on stdout")
@@ -146,10 +230,10 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--print-config", action="store_true", help="print the resolved scenario"
     )
-    run.set_defaults(command=_run)
+    run.set_defaults(command=_run, parser=run)
 
 
-def _add_replicate(replicate: argparse.ArgumentParser) -> None:
+def _add_replicate(replicate: _Parser) -> None:
     several = replicate.add_mutually_exclusive_group()
     several.add_argument(
         "--quick", action="store_true", help="one seed: 'not judged' where too few"
@@ -166,10 +250,10 @@ def _add_replicate(replicate: argparse.ArgumentParser) -> None:
     )
     replicate.add_argument("--out", metavar="DIR", help="default: results/replication")
     _add_campaign(replicate, markdown=True)
-    replicate.set_defaults(command=_replicate)
+    replicate.set_defaults(command=_replicate, parser=replicate)
 
 
-def _add_compare(compare: argparse.ArgumentParser) -> None:
+def _add_compare(compare: _Parser) -> None:
     compare.add_argument("scenarios", nargs="+", metavar="SCENARIO")
     compare.add_argument(
         "--solvers", default=SOLVERS, metavar="NAME,...",
@@ -197,7 +281,7 @@ def _add_compare(compare: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     compare.add_argument("--out", metavar="DIR", help="default: results/compare")
     _add_campaign(compare)
-    compare.set_defaults(command=_compare)
+    compare.set_defaults(command=_compare, parser=compare)
 
 
 def _add_campaign(command: argparse.ArgumentParser, *, markdown: bool = False) -> None:
@@ -235,7 +319,7 @@ def _run(options: argparse.Namespace) -> int:
 def _list(options: argparse.Namespace) -> int:
     from swarmstart.cases.listing import print_listing
 
-    print_listing(as_json=options.json)
+    print_listing(options.text, as_json=options.json)
     return DONE
 
 
@@ -257,7 +341,7 @@ def _schema(options: argparse.Namespace) -> int:
     from swarmstart.cases.registry import KINDS
 
     if options.kind not in KINDS:
-        _say(f"expected KIND to be one of {', '.join(KINDS)}, found {options.kind!r}")
+        say(f"expected KIND to be one of {', '.join(KINDS)}, found {options.kind!r}")
         return INVALID
     from swarmstart.cases.schema import scenario_schema
 
@@ -295,44 +379,39 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
-    """Treat a request to terminate as Ctrl-C: finished work is kept."""
-    raise KeyboardInterrupt
-
-
-def answer(text: str) -> None:
-    """Print what a command was asked for; all else is said on standard error."""
-    print(text)  # noqa: T201
-
-
-def _say(text: str) -> None:
-    print(f"swarmstart: {text}", file=sys.stderr)  # noqa: T201 - all talk goes there
-
-
 def _reported(error: Exception) -> int:
     """Tell an error in one message and return its exit code."""
     from swarmstart.cases.document import UnreadableFileError, YamlError
-    from swarmstart.cases.record import RecordError
+    from swarmstart.cases.files import RecordError
     from swarmstart.cases.scenario import InvalidScenarioError
 
     if isinstance(error, InvalidScenarioError):
         for flaw in error.flaws[:MOST_FLAWS]:
-            _say_with_frame(str(flaw), flaw.frame)
+            _tell_with_frame(str(flaw), flaw.frame)
         if len(error.flaws) > MOST_FLAWS:
-            _say(f"and {len(error.flaws) - MOST_FLAWS} more of the kind")
+            say(f"and {len(error.flaws) - MOST_FLAWS} more of the kind")
         return INVALID
     if isinstance(error, YamlError):
-        _say_with_frame(str(error), error.frame)
+        _tell_with_frame(str(error), error.frame)
         return INVALID
-    if isinstance(error, UnreadableFileError | RecordError):
-        _say(str(error))
-        return FILE
     if isinstance(error, SwarmstartError):
-        _say(str(error))
+        say(str(error))
+        of_file = isinstance(error, UnreadableFileError | RecordError | OutputError)
+        return FILE if of_file else INVALID
+    return _reported_of_system(error)
+
+
+def _reported_of_system(error: Exception) -> int:
+    """Tell an error that is none of this package's own and return its exit code."""
+    if isinstance(error, OSError):
+        say(f"expected to read and write files, found: {error}")
+        return FILE
+    if isinstance(error, MemoryError):
+        say(f"expected enough memory, found too little: {error}")
         return INVALID
-    _say(f"internal error: {type(error).__name__}: {error} (--debug shows where)")
+    say(f"internal error: {type(error).__name__}: {error} (--debug shows where)")
     return INTERNAL
 
 
-def _say_with_frame(text: str, frame: str) -> None:
-    print("\n".join(filter(None, (text, frame))), file=sys.stderr)  # noqa: T201
+def _tell_with_frame(text: str, frame: str) -> None:
+    tell("\n".join(filter(None, (text, frame))))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import os
 import statistics
 from collections.abc import Sequence
@@ -12,20 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from swarmstart.cases.campaign import carried_out
-from swarmstart.cases.cli import DONE, INFEASIBLE, answer
+from swarmstart.cases.cli import DONE, INFEASIBLE
 from swarmstart.cases.comparison import Entry, Row, entry_of, rows_of
+from swarmstart.cases.files import locked, to_json
+from swarmstart.cases.output import answer
 from swarmstart.cases.progress import Progress
-from swarmstart.cases.record import to_json, write_text
+from swarmstart.cases.results_table import append_rows, require_table
 from swarmstart.cases.scenario import read_document, resolve
 from swarmstart.cases.solvers import Solver, budget_of, search_share, solver_of
 from swarmstart.cases.versions import versions
 
 RESULTS = Path("results") / "compare"
-COLUMNS = (
-    "scenario", "variant", "solver", "seed", "feasible", "claimed_cost",
-    "claimed_violation", "verified_cost", "verified_violation", "evaluations",
-    "seconds", "status", "failure", "cell",
-)  # fmt: skip
+TABLE = "results.csv"
 HEAD = (
     "solver",
     "feasible",
@@ -48,6 +44,7 @@ def compare_command(options: argparse.Namespace) -> int:
         for name in dict.fromkeys(options.scenarios)
     ]
     root = Path(options.out) if options.out else RESULTS
+    require_table(root / TABLE)
     cells = [cell for each in entries for entry in each for cell in entry.cells]
     workers = options.workers or os.cpu_count() or 1
     with Progress("compare", quiet=options.quiet) as progress:
@@ -56,8 +53,8 @@ def compare_command(options: argparse.Namespace) -> int:
         )
     by_key = {cell.key: one for cell, one in zip(cells, outcomes, strict=True)}
     rows = [rows_of(each, by_key, seeds=options.seeds) for each in entries]
-    table = _csv([row for each in rows for row in each])
-    write_text(root / "results.csv", table)
+    with locked(root):
+        append_rows(root / TABLE, [row for each in rows for row in each])
     answer(
         to_json(_content(rows, options))
         if options.json
@@ -93,28 +90,6 @@ def _budget_of_search(solver: Solver, budget: dict[str, Any]) -> list[str]:
     if solver.search == "none":
         return []
     return [f"budget={to_json(search_share(solver, budget))}"]
-
-
-def _csv(rows: Sequence[Row]) -> str:
-    """Return one row a run."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        for cell, outcome in zip(row.entry.cells, row.outcomes, strict=True):
-            result = outcome.result or {}
-            writer.writerow(
-                {
-                    "scenario": row.entry.scenario,
-                    "variant": cell.job["variant"],
-                    "solver": row.entry.solver.name,
-                    "seed": cell.job["seed"],
-                    "failure": outcome.failure,
-                    "cell": cell.key,
-                    **{name: result[name] for name in COLUMNS if name in result},
-                }
-            )
-    return text.getvalue()
 
 
 def _content(rows: Sequence[Sequence[Row]], options: argparse.Namespace) -> Any:
@@ -169,7 +144,7 @@ def _report(
         lines += [
             f"  {row.entry.solver.name}: {f}" for row in each for f in _failures(row)
         ]
-    return "\n".join([*lines, "", f"results  {root / 'results.csv'}"])
+    return "\n".join([*lines, "", f"results  {root / TABLE}"])
 
 
 def _cells(row: Row) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.record import write_atomically
+from swarmstart.cases.files import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -2,43 +2,87 @@
 
 import json
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from swarmstart.cases.document import shown
+from swarmstart.cases.output import answer
 from swarmstart.cases.registry import KINDS, POLISHES, SEARCHES, load
 from swarmstart.cases.scenario import shipped
+from swarmstart.errors import SwarmstartError
 
 _TITLE = re.compile(r"^title: *[\"']?(.*?)[\"']? *$", re.MULTILINE)
 
 
-def listing() -> dict[str, dict[str, Any]]:
-    """Return scenarios, searches, polishes, and measures by kind of scenario."""
-    return {
+class NothingListedError(SwarmstartError, LookupError):
+    """Nothing in the list contains the text asked for."""
+
+
+def listing(text: str = "") -> dict[str, dict[str, Any]]:
+    """Return scenarios, searches, polishes, and measures by kind of scenario.
+
+    Args:
+        text: Only entries that contain it, in name or title, or whose heading does.
+
+    Raises:
+        NothingListedError: If there is none.
+    """
+    everything = {
         "scenarios": {name: _title(path) for name, path in shipped().items()},
         "searches": {name: entry.title for name, entry in SEARCHES.items()},
         "polishes": dict(POLISHES),
-        "measures": {name: dict(load(entry.measures)) for name, entry in KINDS.items()},
+    }
+    found: dict[str, dict[str, Any]] = {
+        heading: _containing(text, heading, entries)
+        for heading, entries in everything.items()
+    }
+    found["measures"] = {
+        kind: _containing(text, f"measures of {kind}", dict(load(entry.measures)))
+        for kind, entry in KINDS.items()
+    }
+    if not any((*found["measures"].values(), *(found[name] for name in everything))):
+        raise NothingListedError(
+            f"expected a text that something in the list contains, found {shown(text)}"
+        )
+    return found
+
+
+def print_listing(text: str, *, as_json: bool) -> None:
+    """Print the listing, as one JSON object or for a person.
+
+    Args:
+        text: As in `listing`.
+        as_json: Whether as JSON.
+    """
+    found = listing(text)
+    if as_json:
+        answer(json.dumps({"schema": 1, **found}))
+        return
+    measures = found.pop("measures")
+    sections = {**found, **{f"measures of {kind}": measures[kind] for kind in measures}}
+    parts = [_section(heading, entries) for heading, entries in sections.items()]
+    answer("\n\n".join(filter(None, parts)))
+
+
+def _containing(text: str, heading: str, entries: Mapping[str, str]) -> dict[str, str]:
+    """Return the entries with a text in name or title; all, if the heading has it."""
+    wanted = text.casefold()
+    return {
+        name: title
+        for name, title in entries.items()
+        if wanted in f"{heading}\n{name}\n{title}".casefold()
     }
 
 
-def print_listing(*, as_json: bool) -> None:
-    """Print the listing, as one JSON object or for a person."""
-    everything = listing()
-    if as_json:
-        print(json.dumps({"schema": 1, **everything}))  # noqa: T201
-        return
-    for heading in ("scenarios", "searches", "polishes"):
-        _print_section(heading, everything[heading])
-    for kind, measures in everything["measures"].items():
-        _print_section(f"measures of {kind}", measures)
-
-
-def _print_section(heading: str, entries: dict[str, str]) -> None:
-    width = max(map(len, entries), default=0)
-    print(heading)  # noqa: T201
-    for name, text in entries.items():
-        print(f"  {name.ljust(width)}  {text}")  # noqa: T201
-    print()  # noqa: T201
+def _section(heading: str, entries: Mapping[str, str]) -> str:
+    """Return a heading and its entries, a line each; empty without any."""
+    if not entries:
+        return ""
+    width = max(map(len, entries))
+    return "\n".join(
+        [heading, *(f"  {name.ljust(width)}  {text}" for name, text in entries.items())]
+    )
 
 
 def _title(path: Path) -> str:

@@ -12,6 +12,8 @@ import time as clock
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from swarmstart.cases.output import tell
+
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
 
@@ -21,7 +23,7 @@ LINE_EVERY_S = 5.0
 
 def fancy() -> bool:
     """Return whether standard error is a terminal that may be drawn on."""
-    return sys.stderr.isatty() and "CI" not in os.environ
+    return sys.stderr is not None and sys.stderr.isatty() and "CI" not in os.environ
 
 
 class Progress:
@@ -73,7 +75,7 @@ class Progress:
             self._said = now
             left = self._left(now, done, total)
             text = f"{self._title}: {what}, step {done} of {total}{left}"
-            print(text, file=sys.stderr, flush=True)  # noqa: T201 - progress is talk
+            tell(text)
 
     def _draw(self, done: int, total: int, what: str) -> None:
         if self._bar is None:

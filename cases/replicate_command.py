@@ -14,10 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from swarmstart.cases.campaign import Cell, Outcome, carried_out, finished
-from swarmstart.cases.cli import DONE, GATE, answer
+from swarmstart.cases.cli import DONE, GATE
+from swarmstart.cases.files import (
+    locked,
+    require_ours,
+    to_json,
+    write_json,
+    write_text,
+)
+from swarmstart.cases.output import answer
 from swarmstart.cases.page import embedded, rendered
 from swarmstart.cases.progress import Progress
-from swarmstart.cases.record import to_json, write_json, write_text
 from swarmstart.cases.replication import (
     Chapter,
     ChapterClaim,
@@ -36,6 +43,7 @@ from swarmstart.cases.versions import versions
 from swarmstart.errors import SwarmstartError
 
 RESULTS = Path("results") / "replication"
+COMMAND = "swarmstart replicate"
 TYPICAL_S = 2.5
 """Of a cell of which nothing is known yet."""
 
@@ -78,6 +86,8 @@ def replicate_command(options: argparse.Namespace) -> int:
         foreseen = _foreseen(cells, folder, workers)
         answer(to_json(foreseen) if options.json else _dry(foreseen))
         return DONE
+    stem = "-".join(["replication", *map(str, sorted(set(options.only)))])
+    _require_own(root, stem)
     with Progress("replicate", quiet=options.quiet) as progress:
         outcomes = carried_out(cells, folder, workers=workers, told=progress.update)
     by_key = dict(zip((cell.key for cell in cells), outcomes, strict=True))
@@ -86,18 +96,27 @@ def replicate_command(options: argparse.Namespace) -> int:
         for claim, parts in zip(plan.claims, plan.parts, strict=True)
     ]
     content = _content(plan, claims, len(cells), options)
-    stem = "-".join(["replication", *map(str, sorted(set(options.only)))])
-    write_json(
-        root / f"{stem}.json",
-        {**content, "wall_s": clock.perf_counter() - began},
-    )
     page = rendered("replication.html", {**content, "figures": _figures(plan, by_key)})
-    write_text(root / f"{stem}.html", page)
+    with locked(root):
+        _require_own(root, stem)
+        write_json(
+            root / f"{stem}.json",
+            {**content, "wall_s": clock.perf_counter() - began},
+        )
+        write_text(root / f"{stem}.html", page)
     if options.json:
         answer(to_json(content))
     else:
         answer(markdown(content) if options.markdown else _report(content, root / stem))
     return DONE if all(claim.is_expected for claim in claims) else GATE
+
+
+def _require_own(root: Path, stem: str) -> None:
+    """Refuse to replace a record and a page that this command has not written."""
+    record, page = root / f"{stem}.json", root / f"{stem}.html"
+    command = f'"command": "{COMMAND}'
+    require_ours(record, lambda text: command in text, "the record of a replication")
+    require_ours(page, lambda _: record.exists(), "the page of a replication")
 
 
 def _planned(only: Sequence[int], seeds: int | None) -> Plan:
@@ -161,7 +180,7 @@ def _content(
     only = "".join(f" --only {number}" for number in options.only)
     return {
         "schema": 1,
-        "command": "swarmstart replicate"
+        "command": COMMAND
         + (" --quick" if options.quick else "")
         + (f" --seeds {options.seeds}" if options.seeds else "")
         + only,

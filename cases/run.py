@@ -6,7 +6,7 @@ on from there, with the same bits as if it had not been interrupted.
 
 from __future__ import annotations
 
-import json
+import contextlib
 import logging
 import time as clock
 from collections.abc import Callable, Mapping
@@ -19,22 +19,25 @@ import yaml
 
 from swarmstart.cases.claims import judged
 from swarmstart.cases.feasibility import found_plans, planned
+from swarmstart.cases.files import locked, write_arrays, write_json, write_text
 from swarmstart.cases.kind import Flight, Measure
+from swarmstart.cases.partial import load_partial, remove_partial, save_partial
 from swarmstart.cases.record import (
-    load_partial,
-    prepare_folder,
-    remove_partial,
+    FIGURES,
+    MARK,
+    SCENARIO,
+    TRAJECTORY,
+    Recording,
+    kept_figures,
+    require_own,
     run_key,
-    save_partial,
-    trajectory_arrays,
-    write_arrays,
-    write_json,
-    write_text,
+    withdraw,
 )
 from swarmstart.cases.scenario import Resolved
+from swarmstart.cases.trajectory_arrays import trajectory_arrays
 from swarmstart.cases.versions import versions
+from swarmstart.heuristics.interrupts import heeded, put_off
 from swarmstart.ocp import Step, Trajectory, chosen_backend, collected, fly
-from swarmstart.ocp.interrupts import noticed
 
 logger = logging.getLogger(__name__)
 
@@ -105,6 +108,7 @@ class Run:
             "kind": settings["kind"],
             "variant": self.resolved.variant,
             "seed": self.seed,
+            "key": key_of(self.resolved, self.seed),
             "search": settings["search"]["name"],
             "polish": settings["polish"],
             "status": self.status,
@@ -143,9 +147,7 @@ def run(
     resolved: Resolved,
     *,
     seed: int,
-    folder: Path | None = None,
-    figures: bool = True,
-    animation: str | None = None,
+    recording: Recording | None = None,
     progress: Progress = lambda done, steps, what: None,
 ) -> Run:
     """Fly a scenario, measure it, and record it.
@@ -153,42 +155,59 @@ def run(
     Args:
         resolved: The scenario.
         seed: The seed of all randomness.
-        folder: Where to record; None means nowhere, and no figures.
-        figures: Whether to draw.
-        animation: "gif" or "mp4" for an animation beside the figures.
+        recording: Where and how to record; None means nowhere, and no figures.
         progress: Told after each step.
 
     Raises:
         Interrupted: On Ctrl-C; the finished steps are in the folder.
+        OccupiedFolderError: If the folder holds anything but a record of this run.
+        FolderInUseError: If another command writes to the folder.
         RecordError: If a file cannot be written.
         SwarmstartError: If the animation cannot be made here.
     """
+    if recording is None:
+        return _run(resolved, seed, None, progress)
+    with locked(recording.folder):  # Tried before the flight, not after it.
+        if not recording.force:
+            key = key_of(resolved, seed)
+            require_own(recording.folder, key, _scenario_text(resolved))
+        return _run(resolved, seed, recording, progress)
+
+
+def _run(
+    resolved: Resolved, seed: int, recording: Recording | None, progress: Progress
+) -> Run:
+    """Run, with the folder locked and known to be the run's own."""
     began = clock.perf_counter()
     kind, scenario = resolved.kind, resolved.scenario
-    if folder is not None:
-        prepare_folder(folder)  # Before the flight, not after it.
-    if animation:
-        kind.check_animation(animation)
+    if recording is not None and recording.animation:
+        kind.check_animation(recording.animation)
     progress(0, scenario.steps, "building")
-    flight = kind.build(scenario)
+    with heeded():
+        flight = kind.build(scenario)
     logger.debug("built after %.2f s", clock.perf_counter() - began)
+    folder = recording.folder if recording else None
     steps, resumed = _flown(resolved, flight, seed, folder, progress)
     logger.debug("flown after %.2f s", clock.perf_counter() - began)
     try:
-        finished = _measured(resolved, flight, collected(flight.plant, steps), seed)
-        wall_s = clock.perf_counter() - began
-        finished = replace(finished, wall_s=wall_s, resumed=resumed)
-        if folder is None:
-            return finished
-        drawn = _recorded(finished, folder, figures, animation, progress)
-        logger.debug("drawn after %.2f s", clock.perf_counter() - began)
-        finished = replace(finished, folder=folder, figures=tuple(drawn))
-        write_json(folder / "run.json", finished.summary())  # The commit mark: last.
-        remove_partial(folder)
+        with heeded():
+            finished = _measured(resolved, flight, collected(flight.plant, steps), seed)
+            wall_s = clock.perf_counter() - began
+            finished = replace(finished, wall_s=wall_s, resumed=resumed)
+            if recording is None:
+                return finished
+            drawn = _recorded(finished, recording, progress)
+            logger.debug("drawn after %.2f s", clock.perf_counter() - began)
     except KeyboardInterrupt:
         if folder is None:
             raise
         raise Interrupted(folder, len(steps)) from None
+    finished = replace(finished, folder=recording.folder, figures=tuple(drawn))
+    with put_off():
+        write_json(
+            recording.folder / MARK, finished.summary()
+        )  # The commit mark: last.
+        remove_partial(recording.folder)
     return finished
 
 
@@ -236,10 +255,11 @@ def _flown(
     def save() -> None:
         if folder is not None and flown:
             steps, (*_, state) = zip(*flown, strict=True)
-            save_partial(folder, key, collected(flight.plant, steps), state)
+            with put_off():
+                save_partial(folder, key, collected(flight.plant, steps), state)
 
     try:
-        with noticed() as asked_to_stop:
+        with heeded() as asked_to_stop:
             for step in fly(
                 flight.plant,
                 flight.controller,
@@ -260,7 +280,8 @@ def _flown(
     except KeyboardInterrupt:
         if folder is None or not flown:
             raise
-        save()
+        with contextlib.suppress(KeyboardInterrupt):  # It is said below.
+            save()
         raise Interrupted(folder, len(flown)) from None
     return [step for step, _ in flown], len(kept)
 
@@ -302,53 +323,29 @@ def _status(flight: Flight, trajectory: Trajectory) -> tuple[str, bool]:
     )
 
 
-def _recorded(
-    finished: Run,
-    folder: Path,
-    figures: bool,
-    animation: str | None,
-    progress: Progress,
-) -> list[Path]:
-    """Write all but run.json, which follows when the rest is there; return figures."""
-    resolved, flight = finished.resolved, finished.flight
+def _recorded(finished: Run, recording: Recording, progress: Progress) -> list[Path]:
+    """Write all but the mark, which follows when the rest is there; return figures."""
+    resolved, flight, folder = finished.resolved, finished.flight, recording.folder
     kind, scenario, steps = resolved.kind, resolved.scenario, resolved.scenario.steps
-    _record(finished, folder)
+    figures = kept_figures(folder, key_of(resolved, finished.seed))
+    if figures is None:
+        withdraw(folder)
+    write_text(folder / SCENARIO, _scenario_text(resolved))
+    write_arrays(folder / TRAJECTORY, trajectory_arrays(finished.trajectory))
+    for name, content in flight.documents.items():
+        write_text(folder / name, content)
     drawn: list[Path] = []
-    if figures:
+    if recording.figures:
         progress(steps, steps, "drawing")
-        drawn = kind.figures(scenario, flight, finished.trajectory, folder / "figures")
-    if animation:
+        drawn = kind.figures(scenario, flight, finished.trajectory, folder / FIGURES)
+    if recording.animation:
         progress(steps, steps, "animating")
-        file = folder / "figures" / f"flight.{animation}"
+        file = folder / FIGURES / f"flight.{recording.animation}"
         kind.animate(scenario, flight, finished.trajectory, file)
         drawn.append(file)
-    return drawn
+    return [*drawn, *(file for file in figures or () if file not in drawn)]
 
 
-def _withdraw(folder: Path) -> None:
-    """Remove the commit mark of an earlier run in the folder, and what it wrote.
-
-    Only what that run says it drew and wrote is removed: the folder may be anybody's.
-    """
-    mark = folder / "run.json"
-    try:
-        earlier = json.loads(mark.read_text())
-        drawn, written = earlier["figures"], earlier.get("documents", [])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        drawn, written = [], []
-    mark.unlink(missing_ok=True)
-    for place, names in ((folder / "figures", drawn), (folder, written)):
-        for name in names:
-            (place / Path(str(name)).name).unlink(missing_ok=True)
-
-
-def _record(finished: Run, folder: Path) -> None:
-    """Write the scenario, the trajectory, and what else belongs to the flight."""
-    _withdraw(folder)
-    text = yaml.safe_dump(
-        dict(finished.resolved.settings), sort_keys=False, allow_unicode=True
-    )
-    write_text(folder / "scenario.yaml", text)
-    write_arrays(folder / "trajectory.npz", trajectory_arrays(finished.trajectory))
-    for name, content in finished.flight.documents.items():
-        write_text(folder / name, content)
+def _scenario_text(resolved: Resolved) -> str:
+    """Return the resolved scenario as it is recorded."""
+    return yaml.safe_dump(dict(resolved.settings), sort_keys=False, allow_unicode=True)

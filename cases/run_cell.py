@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmstart.cases.campaign import Cell
+from swarmstart.cases.record import Recording
 from swarmstart.cases.run import run
 from swarmstart.cases.scenario import Resolved, resolved_again
 
@@ -37,8 +38,8 @@ def fly(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     finished = run(
         resolved,
         seed=job["seed"],
-        folder=folder if job["figures"] else None,
-        figures=job["figures"],
+        # The folder is the cell's own, whatever an attempt before has left there.
+        recording=Recording(folder=folder, force=True) if job["figures"] else None,
     )
     summary = finished.summary()
     kept = ("status", "measures", "wall_s", "backend", "figures")

@@ -4,17 +4,19 @@ import argparse
 import difflib
 import math
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from swarmstart.cases.claims import holds
-from swarmstart.cases.cli import DONE, GATE, INFEASIBLE, answer
+from swarmstart.cases.cli import DONE, GATE, INFEASIBLE
+from swarmstart.cases.document import printable
+from swarmstart.cases.files import to_json
 from swarmstart.cases.kind import NEVER, Measure
+from swarmstart.cases.output import answer, say
 from swarmstart.cases.progress import Progress
-from swarmstart.cases.record import to_json
+from swarmstart.cases.record import Recording
 from swarmstart.cases.run import Run, default_folder, run
 from swarmstart.cases.scenario import Resolved, read_document, resolve
 from swarmstart.errors import SwarmstartError
@@ -50,9 +52,12 @@ def run_command(options: argparse.Namespace) -> int:
         finished = run(
             resolved,
             seed=options.seed,
-            folder=folder,
-            figures=not options.no_figures,
-            animation=options.animation,
+            recording=Recording(
+                folder=folder,
+                figures=not options.no_figures,
+                animation=options.animation,
+                force=options.force,
+            ),
             progress=progress.update,
         )
     answer(to_json(finished.summary()) if options.json else _report(finished))
@@ -118,18 +123,14 @@ def _exit_code(finished: Run, conditions: list[Condition]) -> int:
         why = finished.resolved.kind.undefined.get(measure, "")
         met = _met(condition, finished.measures[measure], why)
         if met is None:
-            _say(f"--fail-on not judged: {measure} is not defined: {why}")
+            say(f"--fail-on not judged: {measure} is not defined: {why}")
         elif met:
             value = finished.measures[measure]
             found = why if value is None else to_json(value)
             failed.append(f"{measure} = {found} {relation} {to_json(bound)}")
     for failure in failed:
-        _say(f"gate failed: {failure}")
+        say(f"gate failed: {printable(failure)}")
     return GATE if failed else DONE
-
-
-def _say(text: str) -> None:
-    print(f"swarmstart: {text}", file=sys.stderr)  # noqa: T201
 
 
 def _report(finished: Run) -> str:
@@ -138,7 +139,10 @@ def _report(finished: Run) -> str:
     title = finished.resolved.scenario.title
     variant = f", {finished.resolved.variant}" if finished.resolved.variant else ""
     method = f"{summary['search']}, polish {summary['polish']}, seed {finished.seed}"
-    lines = [f"{title} ({summary['scenario']}{variant}; {method})", finished.status]
+    lines = [
+        f"{printable(title)} ({summary['scenario']}{variant}; {method})",
+        finished.status,
+    ]
     if finished.resumed:
         lines.append(f"went on after step {finished.resumed}, where it had stopped")
     lines.append("")
@@ -175,6 +179,7 @@ def _table(rows: list[tuple[str, ...]]) -> list[str]:
     """Return rows as aligned lines; the last column is not padded."""
     if not rows:
         return []
+    rows = [tuple(map(printable, row)) for row in rows]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
     return [
         "  "

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from swarmstart.cases.drawing import colour, new_figure
+from swarmstart.cases.files import replacing
 from swarmstart.cases.formation.build import FormationFlight, leader_positions
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.planar import by_uav
-from swarmstart.cases.record import RecordError
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Trajectory
 
@@ -87,19 +87,13 @@ def animate(
 
     frames = np.arange(0, times.size, max(1, round(1.0 / (times[1] - times[0]))))
     writer = animation.writers[name](fps=FRAMES_PER_S)
-    temporary = file.with_name(f".{file.name}.tmp{file.suffix}")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with writer.saving(figure, str(temporary), dpi=90):
-            for k in frames:
-                for number, states in enumerate(dense):
-                    trails[number].set_data(states[2, : k + 1], states[3, : k + 1])
-                    heads[number].set_data(states[2, k : k + 1], states[3, k : k + 1])
-                virtual.set_data(leader[0, k : k + 1], leader[1, k : k + 1])
-                writer.grab_frame()
-        temporary.replace(file)
-    except OSError as error:
-        reason = error.strerror or error
-        raise RecordError(f"{file}: expected a file to write to: {reason}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    with (
+        replacing(file, suffix=file.suffix) as temporary,
+        writer.saving(figure, str(temporary), dpi=90),
+    ):
+        for k in frames:
+            for number, states in enumerate(dense):
+                trails[number].set_data(states[2, : k + 1], states[3, : k + 1])
+                heads[number].set_data(states[2, k : k + 1], states[3, k : k + 1])
+            virtual.set_data(leader[0, k : k + 1], leader[1, k : k + 1])
+            writer.grab_frame()

@@ -139,7 +139,7 @@ def test_what_another_run_left_is_not_gone_on_from(
     with monkeypatch.context() as patched:
         patched.setattr(run_module, "fly", interrupted_after(2))
         assert command(*SMALL, "--out", tmp_path).code == 130
-    other = (*SMALL, "--seed", "1", "--out", tmp_path)
+    other = (*SMALL, "--seed", "1", "--out", tmp_path, "--force")
     assert command(*other).code == 0
     alone = tmp_path / "alone"
     assert command(*SMALL, "--seed", "1", "--out", alone).code == 0

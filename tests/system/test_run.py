@@ -125,7 +125,7 @@ def test_the_trajectory_has_the_documented_arrays(flown: tuple[Path, Any]) -> No
             f"plan_{name}": (2, UAVS)
             for name in (
                 *("cost", "violation", "feasible", "source", "evaluations"),
-                *("polish", "start_excess"),
+                *("polish", "start_excess", "is_new"),
             )
         },
         "search_cost": (2, UAVS),
@@ -257,7 +257,9 @@ def test_a_folder_that_cannot_be_written_leaves_with_5_before_the_flight(
     said = command("run", "formation_v", *TINY, "--out", tmp_path / blocked)
     assert (said.code, said.out) == (5, "")
     assert said.err.startswith(f"swarmstart: {tmp_path / blocked}")
-    assert "expected a file to write to" in said.err and said.err.count("\n") == 1
+    assert (
+        "expected a folder to write files to" in said.err and said.err.count("\n") == 1
+    )
     assert (tmp_path / "out").read_text() == "mine"
 
 
@@ -343,7 +345,7 @@ def test_an_animation_as_mp4_without_ffmpeg_is_refused_before_the_flight(
     )
 
 
-def test_a_run_again_leaves_nothing_that_the_run_before_wrote(
+def test_another_run_is_forced_and_leaves_nothing_that_the_run_before_wrote(
     command: Command, tmp_path: Path
 ) -> None:
     folder = tmp_path / "r"
@@ -352,7 +354,11 @@ def test_a_run_again_leaves_nothing_that_the_run_before_wrote(
     (folder / "figures" / "mine.png").touch()
     (folder / "mine.json").touch()
     bounds_only = ("--set", "dual_mode.certify=false")
-    assert command(*tiny, "--no-figures", *bounds_only).code == 0
+    refused = command(*tiny, "--no-figures", *bounds_only)
+    assert (refused.code, refused.out) == (2, "")
+    assert "found the record of another run" in refused.err
+    assert (folder / "certificate.json").exists()
+    assert command(*tiny, "--no-figures", *bounds_only, "--force").code == 0
     assert [file.name for file in (folder / "figures").iterdir()] == ["mine.png"]
     assert {file.name for file in folder.glob("*.json")} == {"run.json", "mine.json"}
 

@@ -10,6 +10,7 @@ from matplotlib.patches import Circle
 from PIL import Image
 
 from swarmstart.cases.drawing import colour
+from swarmstart.cases.files import RecordError
 from swarmstart.cases.formation.animation import (
     MissingWriterError,
     animate,
@@ -25,7 +26,6 @@ from swarmstart.cases.formation.figures import (
     tracks_figure,
 )
 from swarmstart.cases.formation.scenario import FormationScenario
-from swarmstart.cases.record import RecordError
 from swarmstart.ocp import Trajectory
 
 if TYPE_CHECKING:
