@@ -22,6 +22,7 @@ import threading
 import time as clock
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +35,7 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.interrupts import heeded, put_off
 
 MARK = "cell.json"
-ATTEMPTS = 2
+ATTEMPTS, POOLS = 2, 3
 BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 POLL_S = 0.2
 
@@ -165,30 +166,56 @@ def _worked(
     cells: Sequence[Cell], root: Path, workers: int
 ) -> Generator[tuple[Cell, Outcome], None, None]:
     """Yield each cell with its outcome, as they finish."""
-    if not cells:
-        return
-    from pebble import ProcessPool
+    left = list(cells)
+    for _ in range(POOLS):
+        left = yield from _worked_in_pool(left, root, workers)
+    for cell in left:
+        yield cell, _outcome(cell, root, "its process died, and others with it")
 
-    before = {name: os.environ.get(name) for name in BLAS_THREADS}
-    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # Read when NumPy is imported.
-    pool = ProcessPool(
-        max_workers=min(workers, len(cells)),
-        context=multiprocessing.get_context("spawn"),
-        initializer=_follow_parent,
-    )
-    try:
+
+def _worked_in_pool(
+    cells: Sequence[Cell], root: Path, workers: int
+) -> Generator[tuple[Cell, Outcome], None, list[Cell]]:
+    """Yield cells with their outcomes; return those left when a pool breaks.
+
+    A pool breaks if a worker dies at the wrong moment; then all of its cells end.
+    """
+    left: list[Cell] = []
+    if not cells:
+        return left
+    with _pool(min(workers, len(cells))) as pool:
         with put_off(), _kept_from_workers():  # Half a pool cannot be stopped.
             pending = {_scheduled(pool, cell, root): (cell, 1) for cell in cells}
         while pending:
             done, _ = wait(pending, timeout=POLL_S, return_when=FIRST_COMPLETED)
             for future in done:
                 cell, attempt = pending.pop(future)
-                failure = _failure(future)
-                if failure and attempt < ATTEMPTS and _is_death(future):
-                    pending[_scheduled(pool, cell, root)] = (cell, attempt + 1)
+                if isinstance(future.exception(), BrokenProcessPool):
+                    left.append(cell)
+                elif attempt < ATTEMPTS and _is_death(future):
+                    try:
+                        pending[_scheduled(pool, cell, root)] = (cell, attempt + 1)
+                    except RuntimeError:  # The pool has broken meanwhile.
+                        left.append(cell)
                 else:
-                    yield cell, _outcome(cell, root, failure)
-        pool.close()  # type: ignore[no-untyped-call]
+                    yield cell, _outcome(cell, root, _failure(future))
+    return left
+
+
+@contextmanager
+def _pool(workers: int) -> Iterator[Any]:
+    """Make a pool whose processes have one BLAS thread each; they end with it."""
+    from pebble import ProcessPool
+
+    before = {name: os.environ.get(name) for name in BLAS_THREADS}
+    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # Read when NumPy is imported.
+    pool = ProcessPool(
+        max_workers=workers,
+        context=multiprocessing.get_context("spawn"),
+        initializer=_follow_parent,
+    )
+    try:
+        yield pool
     finally:
         with put_off():
             pool.stop()  # type: ignore[no-untyped-call]

@@ -8,11 +8,16 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from swarmstart.cases import campaign, files
 from swarmstart.cases.campaign import MARK, Cell, Outcome, carried_out, finished
+from swarmstart.cases.files import FolderInUseError, locked
 
 WORK = "swarmstart.tests.cases.campaign_work"
 PATIENCE_S = 30.0
@@ -107,6 +112,49 @@ def test_an_error_that_cannot_be_sent_fails_its_own_cell_only(tmp_path: Path) ->
 def test_a_worker_that_dies_costs_nothing_but_another_attempt(tmp_path: Path) -> None:
     (outcome,) = done([cell("die_once", 7)], tmp_path)
     assert (outcome.result, outcome.failure) == ({"square": 49}, "")
+
+
+@pytest.mark.parametrize("broken", [1, campaign.POOLS])
+def test_cells_of_a_pool_that_broke_are_done_in_another(
+    broken: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pebble ends every cell of a pool if a worker dies at the wrong moment."""
+    schedule, pools = campaign._scheduled, []
+
+    def scheduled(pool: Any, one: Cell, root: Path) -> Future[None]:
+        if pool not in pools:
+            pools.append(pool)
+        if len(pools) > broken or one.label == "square 4":
+            return schedule(pool, one, root)
+        future: Future[None] = Future()
+        future.set_exception(BrokenProcessPool("All workers expired"))
+        return future
+
+    monkeypatch.setattr(campaign, "_scheduled", scheduled)
+    cells = [cell("square", number) for number in (3, 4)]
+    first, second = done(cells, tmp_path)
+    assert second.result == {"square": 16}
+    if broken < campaign.POOLS:
+        assert (first.result, first.failure) == ({"square": 9}, "")
+    else:
+        assert first.failure == "its process died, and others with it"
+        assert finished(cells[0], tmp_path) is None
+
+
+def test_a_cell_that_ended_before_its_process_died_is_not_replaced(
+    tmp_path: Path,
+) -> None:
+    first = cell("square_and_die", 3)
+    (outcome,) = done([first], tmp_path)
+    assert (outcome.result, outcome.failure) == ({"square": 9}, "")
+
+
+def test_two_campaigns_do_not_work_in_one_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "PATIENCE_S", 0.1)
+    with locked(tmp_path), pytest.raises(FolderInUseError):
+        done([cell("square", 3)], tmp_path)
 
 
 def test_workers_have_one_blas_thread_and_the_parent_keeps_its_own(
