@@ -241,16 +241,48 @@ def test_bound_is_the_sum_of_its_terms(share: float, seed: int) -> None:
 
 
 def test_third_order_grows_with_the_cube_of_the_distance() -> None:
+    """And is looked for in the whole box around a cell, with room for rounding."""
     rng = np.random.default_rng(3)
     c, T = Cubic(rng), rng.normal(size=(NX, NX))
     cells, d = Cells(*boxes(rng, 0.7)), rng.random((NX, BOXES))
-    found = TaylorForm(c.function, T).beyond_second_order(cells, d)
-    sizes = np.abs(turned(c.D, T))
+    form = TaylorForm(c.function, T)
+    asked: list[tuple[Array, Array]] = []
+
+    def third(lower: Array, upper: Array) -> tuple[Array, Array]:
+        asked.append((lower, upper))
+        return c.third(lower), c.third(upper)
+
+    patch = pytest.MonkeyPatch()
+    patch.setattr(form, "_third", third)
+    patch.setattr(taylor, "PADDING", 2.0**-6)
+    found = form.beyond_second_order(cells, d)
+    patch.undo()
+    sizes = np.abs(turned(c.D, T)) + turned(np.abs(c.D), np.abs(T)) * 2.0**-6
     expected = np.einsum("ijk,im,jm,km->m", sizes, d, d, d) / 6
     np.testing.assert_allclose(found, expected, rtol=1e-9)
+    ((lower, upper),) = asked
+    reach = np.abs(T) @ cells.z_reach * (1 + 2.0**-6)
+    np.testing.assert_allclose(lower, T @ cells.z_middle - reach, rtol=1e-12)
+    np.testing.assert_allclose(upper, T @ cells.z_middle + reach, rtol=1e-12)
 
 
-def test_derivatives_over_boxes_are_turned_with_room_for_all_in_them() -> None:
+def test_where_one_slope_is_unknown_the_widest_side_is_cut(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(4)
+    cells, form = Cells(*boxes(rng, 0.7)), TaylorForm(example(), np.eye(NX))
+    spread = np.ones((1 + NX, BOXES))
+    spread[1, 3], spread[2, 5] = np.nan, np.inf
+    monkeypatch.setattr(form, "_bounded", lambda _: (np.zeros(BOXES), spread))
+    _, found = form(cells)
+    for m in range(BOXES):
+        expected = cells.half[:, m] if m in (3, 5) else np.ones(1 + NX)
+        np.testing.assert_array_equal(found[:, m], expected)
+
+
+def test_derivatives_over_boxes_are_turned_with_room_for_all_in_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     rng = np.random.default_rng(0)
     c, T = Cubic(rng), rng.normal(size=(NX, NX))
     form, size = TaylorForm(c.function, T), np.abs(T)
@@ -261,6 +293,7 @@ def test_derivatives_over_boxes_are_turned_with_room_for_all_in_them() -> None:
     for m in range(BOXES):
         np.testing.assert_allclose(middle[m], T.T @ at[..., m] @ T, atol=1e-9)
         np.testing.assert_allclose(radius[m], size.T @ off[..., m] @ size, atol=1e-9)
+    monkeypatch.setattr(form, "_third", known_within(c.third, 0.25))
     slopes = form.hessian_slopes(lower, lower + width)
-    expected = np.abs(turned(c.D, T))[..., -1]
-    np.testing.assert_allclose(slopes, np.stack([expected] * BOXES), atol=1e-9)
+    expected = np.abs(turned(c.D, T)) + turned(0.25 * np.abs(c.D), size)
+    np.testing.assert_allclose(slopes, np.stack([expected[..., -1]] * BOXES), atol=1e-9)
