@@ -31,6 +31,8 @@ from typing import Any
 import numpy as np
 
 PACKAGE = "swarmstart"
+CALLED_FROM_PYTHON = "no_cpython_wrapper"
+"""The option of a kernel that says who calls it; it changes from call to call."""
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(...))
 
 
@@ -222,7 +224,8 @@ def _function_of(value: Any) -> types.FunctionType | None:
 
 def _options_of(value: Any) -> str:
     """Return the options a kernel is compiled with, as text."""
-    return repr(sorted(getattr(value, "targetoptions", {}).items(), key=repr))
+    options = getattr(value, "targetoptions", {})
+    return repr(sorted((k, v) for k, v in options.items() if k != CALLED_FROM_PYTHON))
 
 
 @cache

@@ -17,26 +17,39 @@ import pickle
 import platform
 import sys
 from collections.abc import Callable
+from contextvars import ContextVar
 from functools import cache
 from typing import Any, TypeVar, cast
 
 import llvmlite
 import numba
 import numpy as np
+from numba.core import cgutils
 from numba.core import types as numba_types
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
+from numba.core.sigutils import normalize_signature
+from numba.core.types import unliteral
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from swarmstart.code_cache import load, store
-from swarmstart.fingerprint import UnknownValueError, fingerprint
+from swarmstart.compile_time import announce, compiling
+from swarmstart.fingerprint import CALLED_FROM_PYTHON, UnknownValueError, fingerprint
 
 Array = NDArray[np.float64]
 Count = NDArray[np.int64]
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
+_ANNOUNCED = {
+    "heuristics": ("the search", "about 10 s"),
+    "terminal_set": ("interval arithmetic", "some seconds"),
+}
+_OTHER = "kernels", "some seconds"
 _RESULT: Any = CompileResult  # Untyped in some versions of Numba.
 _SERIALISE: Any = dumps
 log = logging.getLogger(__name__)
@@ -55,11 +68,92 @@ def ieee_kernel(function: Function) -> Function:
     return _compiled(function, error_model="numpy")
 
 
+def prepare(function: Callable[..., object], *arguments: object) -> None:
+    """Load or compile a kernel for arguments of these types, without calling it.
+
+    Args:
+        function: A kernel; of another function nothing is prepared.
+        arguments: Values of the types that it will be called with.
+    """
+    if isinstance(function, _Kernel):
+        function.compile(_types_of(arguments))
+
+
+def address_of(function: Callable[..., object], *arguments: object) -> int:
+    """Return where the machine code of a kernel is, for `call_at`.
+
+    Args:
+        function: A kernel that returns None.
+        arguments: Values of the types that it will be called with.
+    """
+    kinds = _types_of(arguments)
+    dispatcher = cast(Any, function)
+    dispatcher.get_call_template(kinds, {})
+    compiled = dispatcher.overloads[kinds]
+    name = compiled.fndesc.llvm_func_name
+    return int(compiled.library.get_pointer_to_function(name))
+
+
+def _types_of(arguments: tuple[object, ...]) -> tuple[Any, ...]:
+    return tuple(numba.typeof(argument) for argument in arguments)
+
+
 def _compiled(function: Function, **options: Any) -> Function:
-    dispatcher: Any = numba.njit(**options)(function)
-    if dispatcher is not function:  # As it is with NUMBA_DISABLE_JIT=1.
-        dispatcher._cache = _KernelCache(dispatcher)
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined, unused-ignore]
+        return function
+    options = {"nopython": True, "no_cfunc_wrapper": True, **options}
+    dispatcher: Any = _Kernel(py_func=function, targetoptions=options)
+    dispatcher._cache = _KernelCache(dispatcher)
     return cast(Function, dispatcher)
+
+
+_for_kernel: ContextVar[bool] = ContextVar("_for_kernel", default=False)
+"""Whether what is compiled now will be called by machine code only."""
+
+
+class _Kernel(CPUDispatcher):
+    """A function compiled by Numba, for Python or for other kernels.
+
+    Code that only other kernels call needs no part that takes Python objects apart:
+    for kernels whose arguments are records of many arrays that is a third of the work.
+    Such a part is made when Python calls the kernel with those types after all.
+    """
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Compile for a kernel that calls this one; return what it must know.
+
+        A constant counts as a number: else code would be made for each constant.
+        """
+        plain = tuple(unliteral(kind) for kind in args)
+        named = {name: unliteral(kind) for name, kind in kws.items()}
+        token = _for_kernel.set(True)
+        try:
+            return super().get_call_template(plain, named)
+        finally:
+            _for_kernel.reset(token)
+
+    def compile(self, sig: Any) -> Any:
+        """Return Python's entry of the code for a signature, compiled or loaded."""
+        arguments, _ = normalize_signature(sig)
+        with compiling(), global_compiler_lock:
+            kept = self.overloads.get(tuple(arguments))
+            if not _for_kernel.get() and kept is not None and _is_inner(kept):
+                del self.overloads[tuple(arguments)]
+            self.targetoptions[CALLED_FROM_PYTHON] = _for_kernel.get()
+            return super().compile(sig)
+
+    def add_overload(self, cres: Any) -> None:
+        """Take code in; Python finds it only if it has an entry for Python."""
+        if _is_inner(cres):
+            self.overloads[tuple(cres.signature.args)] = cres
+        else:
+            super().add_overload(cres)
+
+
+def _is_inner(result: Any) -> bool:
+    """Return whether machine code has no entry for Python."""
+    name = result.fndesc.llvm_cpython_wrapper_name
+    return not result.library.get_pointer_to_function(name)
 
 
 class _KernelCache(_Cache):
@@ -77,6 +171,7 @@ class _KernelCache(_Cache):
         key = self._key(signature, target_context.codegen())
         code = None if key is None else load(key)
         if code is None:
+            announce(*_ANNOUNCED.get(_room_of(self._dispatcher), _OTHER))
             return None
         return _RESULT._rebuild(target_context, *pickle.loads(code))
 
@@ -105,8 +200,14 @@ class _KernelCache(_Cache):
             name = self._dispatcher.py_func.__qualname__
             log.debug("machine code of %s is not kept: it reads %s", name, error)
             return None
-        parts = own, arguments, codegen.magic_tuple(), _toolchain(), _settings()
+        inner = _for_kernel.get()
+        parts = own, arguments, inner, codegen.magic_tuple(), _toolchain(), _settings()
         return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def _room_of(dispatcher: Any) -> str:
+    """Return the folder of this package that a kernel stands in; may be empty."""
+    return str(dispatcher.py_func.__module__).partition(".")[2].partition(".")[0]
 
 
 def _described(kind: Any) -> str:
@@ -136,3 +237,31 @@ def _toolchain() -> tuple[str, ...]:
 
 def _settings() -> tuple[object, ...]:
     return tuple(repr(getattr(numba.config, name, None)) for name in _OPTIONS)
+
+
+def _call_at(
+    typing_context: Any, address: Any, arguments: Any
+) -> tuple[Any, Callable[..., Any]]:
+    """Call a kernel that returns None at its address, as Numba calls it."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        kinds = tuple(signature.args[1])
+        convention = context.call_conv
+        called = convention.get_function_type(numba_types.none, kinds)
+        entry = builder.inttoptr(values[0], called.as_pointer())
+        given = cgutils.unpack_tuple(builder, values[1], len(kinds))
+        status, _ = convention.call_function(
+            builder, entry, numba_types.none, kinds, given
+        )
+        with cgutils.if_unlikely(builder, status.is_error):
+            convention.return_status_propagate(builder, status)
+        return context.get_dummy_value()
+
+    return numba_types.void(numba_types.int64, arguments), generate
+
+
+call_at = cast(Callable[[int, tuple[object, ...]], None], intrinsic(_call_at))
+"""Call a kernel that returns None: (its address, its arguments) -> None.
+
+The arguments must be of the types that `address_of` was given.
+"""

@@ -22,6 +22,7 @@ import numpy as np
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.bounds import NAMES
 from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.copying import take_column
 from swarmstart.heuristics.order import (
     RunningOrder,
     begin_level,
@@ -219,7 +220,7 @@ def take_generation(
         if precedes(rule, weight, level, cost[i], violation[i], least, least_violation):
             least, least_violation, best = cost[i], violation[i], i
     if best >= 0:
-        state.best[:] = asked[:, best]
+        take_column(asked, best, state.best)
         state.best_cost[0] = least
         state.best_violation[0] = least_violation
         state.improved[0] = state.generation[0] + 1

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.copying import copy_column, fill_column
 from swarmstart.heuristics.order import RunningOrder, better_at, is_finite
 from swarmstart.kernel import Array, Count, kernel
 
@@ -106,7 +107,7 @@ def offer(
     while place > 0 and _beats(order, cost, violation, archive, place - 1):
         _move(archive, place - 1, place)
         place -= 1
-    archive.points[:, place] = point
+    fill_column(point, archive.points, place)
     archive.cost[place] = cost
     archive.violation[place] = violation
 
@@ -138,6 +139,6 @@ def _beats(
 @kernel
 def _move(archive: Archive, source: int, target: int) -> None:
     if source != target:
-        archive.points[:, target] = archive.points[:, source]
+        copy_column(archive.points, source, archive.points, target)
         archive.cost[target] = archive.cost[source]
         archive.violation[target] = archive.violation[source]

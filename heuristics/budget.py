@@ -33,8 +33,8 @@ class Budget:
         evaluations: Largest number of individuals evaluated, at least 1; None means no
             limit.
         seconds: Wall time in s, above 0, after which no generation is started (the
-            first always is); None means no limit. It includes the compilation of the
-            kernels, a few seconds once per machine.
+            first always is); None means no limit. It begins when all machine code is
+            loaded, or compiled once per machine.
         target: Cost at which the search stops, once a feasible point has it; None means
             none.
         stagnation: Generations without a better point after which it stops, at least 1;

@@ -32,6 +32,7 @@ from swarmstart.heuristics.algorithm import (
 from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box, between
 from swarmstart.heuristics.chaos import draw_seeds, leave_traps, logistic
+from swarmstart.heuristics.copying import copy_points
 from swarmstart.heuristics.order import RunningOrder, better
 from swarmstart.heuristics.sampling import smooth_fractions
 from swarmstart.heuristics.swarm import (
@@ -111,7 +112,7 @@ def propose(
         if settings.reseed != NONE and has_converged(settings, state):  # step 6
             place_worse_half(rng, settings, state)  # step 7
         fly(rng, inertia(settings, state), swarm_best(state), settings, state)  # step 5
-    asked[:] = state.position
+    copy_points(state.position, asked)
 
 
 @kernel

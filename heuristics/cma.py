@@ -52,6 +52,7 @@ from swarmstart.heuristics.cma_constants import (
     weights_of,
 )
 from swarmstart.heuristics.cma_restarts import has_ended, record_length, write_record
+from swarmstart.heuristics.copying import copy_points, fill_column
 from swarmstart.heuristics.order import RunningOrder, ranking
 from swarmstart.kernel import Array, Count, kernel
 
@@ -120,7 +121,7 @@ def propose(
 ) -> None:
     """Sample, after a restart where one is due, and repair."""
     if state.generation[0] == 0:
-        asked[:] = state.sampled
+        copy_points(state.sampled, asked)
         return
     if settings.restarts and state.ended[0] == 1:
         for d in range(state.mean.size):
@@ -129,7 +130,7 @@ def propose(
         state.restarts[0] += 1
     sample(rng, state, asked.shape[1])
     for i in range(asked.shape[1]):
-        asked[:, i] = settings.lower
+        fill_column(settings.lower, asked, i)
         for k, d in enumerate(settings.free):
             low, high = settings.lower[d], settings.upper[d]
             x = low + (high - low) * state.sampled[k, i]
@@ -311,7 +312,7 @@ def decompose(state: CMAESState) -> None:
     eigenvalues, eigenvectors = np.linalg.eigh(state.covariance)
     for k in range(eigenvalues.size):
         state.lengths[k] = math.sqrt(max(eigenvalues[k], LENGTH_LEAST**2))
-    state.axes[:] = eigenvectors
+    copy_points(eigenvectors, state.axes)
     state.decomposed[0] = state.age[0]
 
 

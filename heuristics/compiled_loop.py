@@ -4,15 +4,11 @@ propose, evaluate, accept are called from one compiled loop, which comes back af
 chunk of generations for the clock and for Ctrl-C. The kernels are those of ask and
 tell, called with the same numbers in the same order, so both loops give the same bits.
 
-Numba keeps the machine code of a loop on disk, and looks for changes in this file only.
-So a fingerprint of all files here is part of what it keeps the code under.
+The loop calls the kernels at their addresses: so it is compiled in a moment, and they
+but once for both ways.
 """
 
-import hashlib
 from collections.abc import Callable
-from functools import cache
-from pathlib import Path
-from types import FunctionType
 from typing import Any, NamedTuple, Protocol, cast
 
 import numba
@@ -22,8 +18,14 @@ from numba.extending import intrinsic
 
 from swarmstart.heuristics.algorithm import Kernels, State
 from swarmstart.heuristics.archive import Archive, collect
-from swarmstart.heuristics.stopping import GOES_ON, Limits, finished, progress_of
-from swarmstart.kernel import Array, Count, kernel
+from swarmstart.heuristics.stopping import (
+    GOES_ON,
+    UNLIMITED,
+    Limits,
+    finished,
+    progress_of,
+)
+from swarmstart.kernel import Array, Count, address_of, call_at, kernel
 
 CHUNK = 1
 """Generations before the first look at the clock."""
@@ -32,14 +34,16 @@ CHUNK_S = 0.02
 LARGEST_CHUNK = 4096
 
 
-def next_chunk(generations: int, seconds: float) -> int:
+def next_chunk(generations: int, seconds: float, *, left: float = np.inf) -> int:
     """Return how many generations to run next.
 
     Args:
         generations: How many were run last, at least 1.
         seconds: How long they took [s].
+        left: How long the search may still take [s].
     """
-    fitting = generations * CHUNK_S / max(seconds, CHUNK_S / LARGEST_CHUNK)
+    wanted = min(CHUNK_S, max(left, 0.0))
+    fitting = generations * wanted / max(seconds, CHUNK_S / LARGEST_CHUNK)
     return min(max(int(fitting), 1), LARGEST_CHUNK)
 
 
@@ -116,43 +120,50 @@ def can_loop(objective: object) -> bool:
     return hasattr(objective, "attach") and not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
-@cache
-def loop_of(kernels: Kernels) -> Callable[..., None]:
-    """Return the compiled loop of an algorithm.
+class Entries(NamedTuple):
+    """Where the machine code of an algorithm's kernels is.
 
-    The kernels stand in for globals of `_loop`, not for variables of a closure, and the
-    fingerprint in its name: so Numba finds in a later process what it kept.
-
-    Args:
-        kernels: Its two kernels.
-
-    Returns:
-        (rng, settings, searched, work, pointers, limits) -> None, as `_loop`.
+    Attributes:
+        propose: Address of `propose`, for `call_at`.
+        accept: Address of `accept`.
+        collect: Address of `archive.collect`.
     """
-    names = {**globals(), "propose": kernels.propose, "accept": kernels.accept}
-    # Of two algorithms with the same types Numba would find the other's loop.
-    whose = "_".join(f"{k.__module__}.{k.__name__}" for k in kernels).replace(".", "_")
-    loop = FunctionType(_loop.__code__, names, f"loop_{whose}_{_fingerprint()}")
-    loop.__qualname__ = loop.__name__
-    return kernel(loop)
+
+    propose: int
+    accept: int
+    collect: int
 
 
-def propose(
-    rng: np.random.Generator, settings: object, state: State, asked: Array
-) -> None:
-    """Stand for an algorithm's kernel in `_loop`."""
-
-
-def accept(
-    settings: object, state: State, asked: Array, cost: Array, violation: Array
-) -> None:
-    """Stand for an algorithm's kernel in `_loop`."""
-
-
-def _loop(
+def entries_of(
+    kernels: Kernels,
     rng: np.random.Generator,
     settings: Any,
     searched: tuple[State, Archive],
+) -> Entries:
+    """Compile or load the kernels of an algorithm; return where they are.
+
+    Args:
+        kernels: Its kernels.
+        rng: What they will be called with, here and below.
+        settings: Kernel settings of the algorithm.
+        searched: State and archive of the search.
+    """
+    state, archive = searched
+    asked, values = np.empty((state.best.size, 0)), np.empty(0)
+    order, told = settings.order, (asked, values, values)
+    return Entries(
+        propose=address_of(kernels.propose, rng, settings, state, asked),
+        accept=address_of(kernels.accept, settings, state, *told),
+        collect=address_of(collect, order, archive, *told),
+    )
+
+
+@kernel
+def loop(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
+    rng: np.random.Generator,
+    settings: Any,
+    searched: tuple[State, Archive],
+    entries: Entries,
     work: Work,
     pointers: Pointers,
     limits: Limits,
@@ -165,28 +176,21 @@ def _loop(
         n = state.size[0]
         if n > work.cost.size or state.evaluations[0] + n > limits.evaluations:
             break
-        state.progress[0] = progress_of(state.evaluations[0], n, limits.evaluations)
+        if limits.evaluations < UNLIMITED:  # Else the clock tells it, before a chunk.
+            state.progress[0] = progress_of(state.evaluations[0], n, limits.evaluations)
         asked = memory[: dim * n].reshape((dim, n))
         cost, violation = work.cost[:n], work.violation[:n]
-        propose(rng, settings, state, asked)
+        call_at(entries.propose, (rng, settings, state, asked))
         call_kernel(pointers.function, pointers.inputs, pointers.outputs, n)
-        accept(settings, state, asked, cost, violation)
-        collect(settings.order, archive, asked, cost, violation)
+        call_at(entries.accept, (settings, state, asked, cost, violation))
+        told = settings.order, archive, asked, cost, violation
+        call_at(entries.collect, told)
         work.best_cost[k] = state.best_cost[0]
         work.best_violation[k] = state.best_violation[0]
         work.done[0] = k + 1
         work.done[1] = finished(settings.order, state, limits)
         if work.done[1] != GOES_ON:
             break
-
-
-@cache
-def _fingerprint() -> str:
-    """Return a name's worth of hash that changes with any module of this folder."""
-    digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:12]
 
 
 def _call_kernel(

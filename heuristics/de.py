@@ -39,6 +39,7 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.copying import copy_points
 from swarmstart.heuristics.order import RunningOrder, best_index
 from swarmstart.heuristics.trials import (
     cross_binomially,
@@ -108,7 +109,7 @@ def propose(
 ) -> None:
     """One trial for each individual: mutation and crossover."""
     if state.generation[0] == 0:
-        asked[:] = state.population
+        copy_points(state.population, asked)
         return
     dim, size = asked.shape
     plan = new_plan(dim, size)

@@ -26,6 +26,12 @@ from swarmstart.heuristics.algorithm import (
     take_generation,
 )
 from swarmstart.heuristics.box import Box, between
+from swarmstart.heuristics.copying import (
+    copy_points,
+    copy_values,
+    fill_column,
+    take_column,
+)
 from swarmstart.heuristics.order import (
     RunningOrder,
     best_index,
@@ -78,7 +84,7 @@ def propose(
     asked: Array,
 ) -> None:
     """Two children for each pair of parents (the last one single if size is odd)."""
-    asked[:] = state.population
+    copy_points(state.population, asked)
     if state.generation[0] == 0:
         return
     size = asked.shape[1]
@@ -131,16 +137,17 @@ def accept(
     Before generation 0 the costs of the parents are infinite: none of them is kept.
     """
     elite = best_index(settings.order, state.cost, state.violation)
-    elite_point = state.population[:, elite].copy()
+    elite_point = np.empty(asked.shape[0])
+    take_column(state.population, elite, elite_point)
     elite_cost, elite_violation = state.cost[elite], state.violation[elite]
-    state.population[:] = asked
-    state.cost[:] = cost
-    state.violation[:] = violation
+    copy_points(asked, state.population)
+    copy_values(cost, state.cost)
+    copy_values(violation, state.violation)
     worst = worst_index(settings.order, cost, violation)
     if settings.elitism and better(
         settings.order, elite_cost, elite_violation, cost[worst], violation[worst]
     ):
-        state.population[:, worst] = elite_point
+        fill_column(elite_point, state.population, worst)
         state.cost[worst] = elite_cost
         state.violation[worst] = elite_violation
     take_generation(settings.order, state, asked, cost, violation)

@@ -57,6 +57,7 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.copying import copy_column, copy_points
 from swarmstart.heuristics.order import RunningOrder, better, worst_index
 from swarmstart.heuristics.success_history import (
     FIRST_MEMORY,
@@ -144,7 +145,7 @@ def propose(
     """One trial for each individual, with parameters drawn around the memory."""
     dim, size = asked.shape
     if state.generation[0] == 0:
-        asked[:] = state.pool[:, :size]
+        copy_points(state.pool, asked)
         return
     trim_archive(rng, settings, state)
     plan = new_plan(dim, size)
@@ -190,7 +191,7 @@ def trim_archive(
     while state.archived[0] > room:
         k = draw_index(rng, state.archived[0])
         state.archived[0] -= 1
-        state.pool[:, first + k] = state.pool[:, first + state.archived[0]]
+        copy_column(state.pool, first + state.archived[0], state.pool, first + k)
 
 
 @kernel
@@ -226,7 +227,8 @@ def keep_losers(state: LSHADEState, improvement: Array) -> None:
             if improvement[i] > 0.0:
                 row[k] = row[i]
                 k += 1
-    state.archived[0] += (improvement > 0.0).sum()
+    for i in range(improvement.size):
+        state.archived[0] += improvement[i] > 0.0
 
 
 @kernel
@@ -250,7 +252,7 @@ def remove_worst(order: RunningOrder, state: LSHADEState, size: int) -> None:
         n = state.size[0]
         worst = worst_index(order, state.cost[:n], state.violation[:n])
         state.size[0] = last = n - 1
-        state.pool[:, worst] = state.pool[:, last]
+        copy_column(state.pool, last, state.pool, worst)
         state.cost[worst] = state.cost[last]
         state.violation[worst] = state.violation[last]
 

@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.compile_time import Stopwatch, stopwatch
 from swarmstart.heuristics.algorithm import Algorithm, require
 from swarmstart.heuristics.arguments import algorithm_of, box_of, generator_of
 from swarmstart.heuristics.box import Box
@@ -131,7 +132,7 @@ def run(
         objective: As in `minimize`.
         budget: When to stop. Evaluations count from the beginning of the search, so
             that a continued search ends as an uninterrupted one; seconds count from
-            this call.
+            this call, without what loading and compiling machine code takes.
         on_generation: As in `minimize`.
 
     Returns:
@@ -144,26 +145,26 @@ def run(
         SearchInterrupted: On Ctrl-C, once a generation is finished; the search can be
             run on.
     """
-    begin = time.perf_counter()
     budget = budget_of(budget)
     _require_callable(objective, on_generation)
     _require_one_generation(search, budget)
     advance = _Run(search, objective, budget, on_generation)
-    stopped = None
-    try:
-        while stopped is None:
-            stopped = (
-                advance(time.perf_counter() - begin)
-                or FINISHED[search.finished(budget.limits())]
-                or _used_up(search, budget, time.perf_counter() - begin)
-            )
-    except KeyboardInterrupt as interrupt:
-        search.abandon()
-        if not search.generations:
-            raise
-        partial = advance.result(StopReason.INTERRUPTED, begin)
-        raise SearchInterrupted(partial) from interrupt
-    return advance.result(stopped, begin)
+    with stopwatch() as watch:
+        stopped = None
+        try:
+            while stopped is None:
+                stopped = (
+                    advance(watch.seconds)
+                    or FINISHED[search.finished(budget.limits())]
+                    or _used_up(search, budget, watch.seconds)
+                )
+        except KeyboardInterrupt as interrupt:
+            search.abandon()
+            if not search.generations:
+                raise
+            partial = advance.result(StopReason.INTERRUPTED, watch)
+            raise SearchInterrupted(partial) from interrupt
+        return advance.result(stopped, watch)
 
 
 class _Run:
@@ -181,11 +182,8 @@ class _Run:
         self._objective = objective
         self._budget = budget
         self._on_generation = on_generation
-        self._compiled = (
-            on_generation is None
-            and budget.evaluations is not None
-            and can_loop(objective)
-        )
+        self._compiled = on_generation is None and can_loop(objective)
+        search.prepare(compiled=self._compiled)
         self._generations = CHUNK
         self._costs: list[Array] = []
         self._violations: list[Array] = []
@@ -199,16 +197,18 @@ class _Run:
         Returns:
             Why to stop, if on_generation said so.
         """
-        if self._compiled and self._chunk():
+        progress = _progress(self._search, self._budget, seconds)
+        left = (self._budget.seconds or np.inf) - seconds
+        if self._compiled and self._chunk(progress, left):
             return None
-        return self._generation(seconds)
+        return self._generation(progress)
 
-    def result(self, stopped: StopReason, begin: float) -> SearchResult:
+    def result(self, stopped: StopReason, watch: Stopwatch) -> SearchResult:
         """Return what was found.
 
         Args:
             stopped: Why the search stopped.
-            begin: When it began.
+            watch: Started when it began.
         """
         search, best, none = self._search, self._search.best, np.empty(0)
         return SearchResult(
@@ -222,14 +222,19 @@ class _Run:
             history_violation=locked(np.concatenate([none, *self._violations])),
             nonfinite=search.nonfinite,
             basins=search.basins,
-            seconds=time.perf_counter() - begin,
+            seconds=watch.seconds,
+            compile_seconds=search.compile_seconds + watch.compile_seconds,
             snapshot=search.snapshot(),
         )
 
-    def _chunk(self) -> bool:
+    def _chunk(self, progress: float, left: float) -> bool:
         """Advance in compiled code; return whether that was possible.
 
         Ctrl-C waits until the history has what was done, here and below.
+
+        Args:
+            progress: Fraction of the budget used.
+            left: Wall time left [s].
         """
         begin = time.perf_counter()
         with put_off():
@@ -237,19 +242,20 @@ class _Run:
                 cast(CompiledObjective, self._objective),
                 generations=self._generations,
                 limits=self._budget.limits(),
+                progress=progress,
             )
             if work is None:
                 return False
             done = int(work.done[0])
             self._costs.append(work.best_cost[:done])
             self._violations.append(work.best_violation[:done])
-        self._generations = next_chunk(max(done, 1), time.perf_counter() - begin)
+        spent = time.perf_counter() - begin
+        self._generations = next_chunk(max(done, 1), spent, left=left - spent)
         return True
 
-    def _generation(self, seconds: float) -> StopReason | None:
+    def _generation(self, progress: float) -> StopReason | None:
         """Advance by one generation from Python."""
         search = self._search
-        progress = _progress(search, self._budget, seconds)
         population = search.ask(progress=progress)
         with heeded():
             returned = self._objective(population)

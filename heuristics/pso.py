@@ -35,6 +35,7 @@ from swarmstart.heuristics.algorithm import (
 )
 from swarmstart.heuristics.bounds import CODES, Bounds
 from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.copying import copy_points
 from swarmstart.heuristics.order import RunningOrder
 from swarmstart.heuristics.sampling import sample_uniform
 from swarmstart.heuristics.swarm import (
@@ -97,7 +98,7 @@ def propose(
         else:
             attractor = swarm_best(state)
         fly(rng, settings.inertia, attractor, settings, state)
-    asked[:] = state.position
+    copy_points(state.position, asked)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -15,6 +15,7 @@ from swarmstart.heuristics.algorithm import (
     take_generation,
 )
 from swarmstart.heuristics.box import Box, between
+from swarmstart.heuristics.copying import copy_points
 from swarmstart.heuristics.order import RunningOrder
 from swarmstart.kernel import Array, Count, kernel
 
@@ -54,7 +55,7 @@ def propose(
     asked: Array,
 ) -> None:
     """Draw a population uniformly in the box, except in generation 0."""
-    asked[:] = state.population
+    copy_points(state.population, asked)
     if state.generation[0] == 0:
         return
     dim, size = asked.shape

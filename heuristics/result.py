@@ -64,7 +64,9 @@ class SearchResult:
         history_violation: Violation of that point, same shape.
         nonfinite: Individuals whose cost or violation was not finite.
         basins: The best distinct basins met, the best first; see `archive`.
-        seconds: Wall time of this call in s.
+        seconds: Wall time of this call, without that of loading and compiling machine
+            code [s].
+        compile_seconds: Wall time of loading and compiling machine code [s].
         snapshot: All that the search knows at its end; `Search` continues from it. Of
             an interrupted search it has the generations that were finished; if one was
             under way, what follows is another generation than it would have been.
@@ -82,6 +84,7 @@ class SearchResult:
     basins: tuple[Individual, ...]
     seconds: float
     snapshot: Snapshot
+    compile_seconds: float = 0.0
 
 
 class SearchInterrupted(KeyboardInterrupt):

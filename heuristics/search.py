@@ -13,6 +13,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.compile_time import stopwatch
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.algorithm import (
     Algorithm,
@@ -24,9 +25,11 @@ from swarmstart.heuristics.archive import collect, new_archive
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.compiled_loop import (
     CompiledObjective,
+    Entries,
     Pointers,
     Work,
-    loop_of,
+    entries_of,
+    loop,
     new_work,
 )
 from swarmstart.heuristics.default import default_order
@@ -34,7 +37,7 @@ from swarmstart.heuristics.initial import Initial, Values, initial_population
 from swarmstart.heuristics.interrupts import put_off
 from swarmstart.heuristics.order import Order
 from swarmstart.heuristics.stopping import GOES_ON, Limits, finished
-from swarmstart.kernel import Array
+from swarmstart.kernel import Array, prepare
 
 ROOM = 4
 """An archive keeps this many times the basins asked for: members that a better point
@@ -87,6 +90,7 @@ class Search:
         box: The box that is searched.
         order: How individuals are ordered.
         rng: Source of randomness; the search advances it.
+        compile_seconds: Wall time spent on machine code, by now [s].
     """
 
     def __init__(  # noqa: PLR0913 - what a search can be told, by name
@@ -145,8 +149,10 @@ class Search:
         self._settings = algorithm.kernel_settings(box, self._order)
         self._basins = basins
         self._archive = new_archive(box, room=ROOM * basins, radius=radius)
+        self.compile_seconds = 0.0
         self._known: Values | None = None
         self._asked: Array | None = None
+        self._entries: Entries | None = None
         self._attached: tuple[CompiledObjective, Work, Pointers] | None = None
         size = algorithm.first_size(box, evaluations)
         if snapshot is not None:
@@ -156,8 +162,9 @@ class Search:
             return
         given = initial if isinstance(initial, Initial) else Initial(points=initial)
         population, self._known = initial_population(box, size, given, rng=rng)
-        with put_off():
+        with put_off(), stopwatch() as watch:
             self._state = algorithm.start(box, population, rng=rng)
+        self.compile_seconds = watch.compile_seconds
         if self._known is not None and self._known[0].size == size:
             self.ask()
             self.tell([], [])
@@ -292,7 +299,12 @@ class Search:
         self._asked = None
 
     def loop(
-        self, objective: CompiledObjective, *, generations: int, limits: Limits
+        self,
+        objective: CompiledObjective,
+        *,
+        generations: int,
+        limits: Limits,
+        progress: float,
     ) -> Work | None:
         """Ask, evaluate and tell several generations in compiled code.
 
@@ -300,6 +312,8 @@ class Search:
             objective: A compiled objective.
             generations: How many at most.
             limits: What ends the search.
+            progress: Fraction of the budget used; with a limit of evaluations it is
+                counted anew for each generation.
 
         Returns:
             What the loop wrote; None, and nothing is done, where the objective cannot
@@ -322,11 +336,40 @@ class Search:
         work = memory._replace(
             best_cost=np.empty(generations), best_violation=np.empty(generations)
         )
-        loop = loop_of(self.algorithm.kernels)
-        searched = (self._state, self._archive)
+        self._state.progress[0] = progress
+        given = self._looped()
         with put_off():
-            loop(self.rng, self._settings, searched, work, pointers, limits)
+            loop(*given, work, pointers, limits)
         return work
+
+    def prepare(self, *, compiled: bool) -> None:
+        """Compile or load what a run calls, so that it need not be done meanwhile.
+
+        Args:
+            compiled: Whether the generations are run by `loop`.
+        """
+        with stopwatch() as watch:
+            self._prepare(compiled)
+        self.compile_seconds += watch.compile_seconds
+
+    def _prepare(self, compiled: bool) -> None:
+        asked, values = np.empty((self.box.dim, 0)), np.empty(0)
+        if compiled:
+            limits = Limits(evaluations=0, target=0.0, stagnation=0)
+            work, nowhere = new_work(self.box.dim, 0, 0), Pointers(0, 0, 0)
+            prepare(loop, *self._looped(), work, nowhere, limits)
+            return
+        kernels, told = self.algorithm.kernels, (asked, values, values)
+        prepare(kernels.propose, self.rng, self._settings, self._state, asked)
+        prepare(kernels.accept, self._settings, self._state, *told)
+        prepare(collect, self._order, self._archive, *told)
+
+    def _looped(self) -> tuple[object, ...]:
+        """Return the first arguments of the compiled loop."""
+        given = self.rng, self._settings, (self._state, self._archive)
+        if self._entries is None:
+            self._entries = entries_of(self.algorithm.kernels, *given)
+        return *given, self._entries
 
     def _attached_to(
         self, objective: CompiledObjective

@@ -21,6 +21,7 @@ import numpy as np
 from swarmstart.heuristics.algorithm import Settings, State, require, take_generation
 from swarmstart.heuristics.bounds import REDRAW, repair, turned
 from swarmstart.heuristics.box import clip
+from swarmstart.heuristics.copying import copy_column
 from swarmstart.heuristics.order import RunningOrder, better, precedes
 from swarmstart.kernel import Array, kernel
 
@@ -97,7 +98,7 @@ def ring_best(order: RunningOrder, state: SwarmState, neighbours: int) -> Array:
             j = (i + step) % size
             if better(order, cost[j], violation[j], cost[best], violation[best]):
                 best = j
-        attractor[:, i] = state.personal[:, best]
+        copy_column(state.personal, best, attractor, i)
     return attractor
 
 
@@ -162,7 +163,7 @@ def remember(
     for i in range(cost.size):
         own, own_violation = state.personal_cost[i], state.personal_violation[i]
         if precedes(rule, weight, level, cost[i], violation[i], own, own_violation):
-            state.personal[:, i] = asked[:, i]
+            copy_column(asked, i, state.personal, i)
             state.personal_cost[i] = cost[i]
             state.personal_violation[i] = violation[i]
     take_generation(settings.order, state, asked, cost, violation)

@@ -5,13 +5,13 @@ The plant is integrated finer than the controller's model, by classical Runge-Ku
 `simulate` collects them.
 """
 
-import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.compile_time import stopwatch
 from swarmstart.ocp.controller import Controller, Decision
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import numbers_of
@@ -56,7 +56,8 @@ class Trajectory:
         dense_times: The plant's steps, shape (T * m + 1,) [s].
         dense_states: At the plant's steps, shape (nx, T * m + 1).
         decisions: What the controller decided, T of them.
-        step_seconds: Wall time of each decision, shape (T,) [s].
+        step_seconds: Wall time of each decision, shape (T,) [s], without that of
+            loading and compiling machine code.
     """
 
     times: Array
@@ -193,9 +194,9 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
             f"and {controller.dt} s"
         )
     for number in range(done, steps):
-        began = clock.perf_counter()
-        decision = controller.decide(number * plant.dt, state, previous, rng=rng)
-        seconds = clock.perf_counter() - began
+        with stopwatch() as watch:
+            decision = controller.decide(number * plant.dt, state, previous, rng=rng)
+            seconds = watch.seconds
         dense = plant(state, decision.control, number * plant.dt)
         if not np.isfinite(dense).all():
             raise InvalidProblemError(

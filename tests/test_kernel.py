@@ -42,7 +42,13 @@ def copied(folder: Path) -> Path:
     package = folder / "swarmstart"
     package.mkdir(parents=True)
     (package / "__init__.py").write_text('__version__ = "0.1.0"\n')
-    for name in ("errors.py", "code_cache.py", "fingerprint.py", "kernel.py"):
+    for name in (
+        "errors.py",
+        "code_cache.py",
+        "compile_time.py",
+        "fingerprint.py",
+        "kernel.py",
+    ):
         shutil.copy(ROOT / name, package / name)
     shutil.copytree(
         ROOT / "heuristics",

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.code_cache import load, store
+from swarmstart.compile_time import compiling
 from swarmstart.fingerprint import source, sources
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp.compiled.emitter import Roll, emit_flat, emit_rollout
@@ -369,11 +370,12 @@ def _target(tapes: Iterable[Tape], precision: Precision) -> Target:
 
 def _cached(key: str, emit: Callable[[], str]) -> Compiled:
     """Return machine code from the cache, or make it and keep it."""
-    code = load(key)
-    if code is None:
-        code = translate(emit())
-        store(key, code)
-    return link(code)
+    with compiling():
+        code = load(key)
+        if code is None:
+            code = translate(emit())
+            store(key, code)
+        return link(code)
 
 
 def _key(functions: Sequence[ca.Function], settings: tuple[object, ...]) -> str:

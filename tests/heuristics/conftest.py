@@ -23,7 +23,6 @@ from swarmstart.heuristics import (
     Pointers,
     RandomSearch,
     SelfAdaptiveDE,
-    compiled_loop,
     epsilon_level,
     feasibility_first,
     static_penalty,
@@ -53,10 +52,6 @@ def _accept(settings, state, asked, cost, violation):  # type: ignore[no-untyped
 
 
 BREATHING = Kernels(propose=numba.njit(_propose), accept=numba.njit(_accept))
-with pytest.MonkeyPatch.context() as patch:
-    # Its arguments are those of random search, under which Numba would keep this loop.
-    patch.setattr(compiled_loop, "kernel", numba.njit)
-    compiled_loop.loop_of(BREATHING)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

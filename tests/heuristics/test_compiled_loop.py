@@ -215,7 +215,7 @@ def test_loop_before_tell_is_refused(compiled: type[Compiled]) -> None:
     search.ask()
     limits = Budget(evaluations=SIZE).limits()
     with pytest.raises(AskTellError, match="before tell"):
-        search.loop(compiled(values, DIM), generations=1, limits=limits)
+        search.loop(compiled(values, DIM), generations=1, limits=limits, progress=0.0)
 
 
 @pytest.mark.parametrize(
