@@ -50,8 +50,6 @@ _ANNOUNCED = {
     "terminal_set": ("interval arithmetic", "some seconds"),
 }
 _OTHER = "kernels", "some seconds"
-_RESULT: Any = CompileResult  # Untyped in some versions of Numba.
-_SERIALISE: Any = dumps
 log = logging.getLogger(__name__)
 
 _OPTIONS = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "ENABLE_AVX")
@@ -173,14 +171,14 @@ class _KernelCache(_Cache):
         if code is None:
             announce(*_ANNOUNCED.get(_room_of(self._dispatcher), _OTHER))
             return None
-        return _RESULT._rebuild(target_context, *pickle.loads(code))
+        return CompileResult._rebuild(target_context, *pickle.loads(code))
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Keep the code compiled for a signature, if another process could use it."""
         key = self._key(signature, result.library.codegen)
         lifted = any(not one.can_cache for one in result.lifted)
         if key is not None and not lifted and not result.library.has_dynamic_globals:
-            store(key, _SERIALISE(result._reduce()))
+            store(key, dumps(result._reduce()))
 
     def enable(self) -> None:
         """Do nothing: it is always on."""

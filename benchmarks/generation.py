@@ -282,7 +282,9 @@ def searched(
 ) -> Work | None:
     """Begin a search and run so many generations of it in the compiled loop."""
     search = Search(algorithm, box, rng=np.random.default_rng(0))
-    return search.loop(objective, generations=generations, limits=UNBOUNDED)
+    return search.loop(
+        objective, generations=generations, limits=UNBOUNDED, progress=0.0
+    )
 
 
 def table(rows: Sequence[Row]) -> list[str]:

@@ -257,7 +257,7 @@ def nth_least(values: Array, number: int, n: int) -> float:
             low = i
         else:
             break
-    return values[n]
+    return float(values[n])
 
 
 @kernel

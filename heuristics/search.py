@@ -8,7 +8,7 @@ import copy
 import json
 from collections.abc import Mapping
 from numbers import Real
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ from swarmstart.heuristics.algorithm import (
     State,
     require,
 )
-from swarmstart.heuristics.archive import collect, new_archive
+from swarmstart.heuristics.archive import Archive, collect, new_archive
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.compiled_loop import (
     CompiledObjective,
@@ -364,12 +364,16 @@ class Search:
         prepare(kernels.accept, self._settings, self._state, *told)
         prepare(collect, self._order, self._archive, *told)
 
-    def _looped(self) -> tuple[object, ...]:
+    def _looped(
+        self,
+    ) -> tuple[np.random.Generator, Any, tuple[State, Archive], Entries]:
         """Return the first arguments of the compiled loop."""
-        given = self.rng, self._settings, (self._state, self._archive)
+        searched = self._state, self._archive
         if self._entries is None:
-            self._entries = entries_of(self.algorithm.kernels, *given)
-        return *given, self._entries
+            self._entries = entries_of(
+                self.algorithm.kernels, self.rng, self._settings, searched
+            )
+        return self.rng, self._settings, searched, self._entries
 
     def _attached_to(
         self, objective: CompiledObjective
