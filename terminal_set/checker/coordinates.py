@@ -98,7 +98,8 @@ def distance_from_identity(matrix: arb_mat) -> arb:
     n = matrix.nrows()
     rest = matrix - identity(n)
     total = sum((square(entry) for entry in rest.entries()), arb(0))
-    return total.sqrt().upper()
+    # The ball of a sum of squares may reach below 0 by its rounding.
+    return total.upper().sqrt().upper()
 
 
 def rotation(matrix: Floats) -> Floats:

@@ -89,6 +89,16 @@ def test_distance_from_the_identity_is_that_of_frobenius() -> None:
     assert float(distance_from_identity(identity(3))) == 0
 
 
+def test_distance_is_a_number_however_near_the_identity_a_matrix_is() -> None:
+    """The ball of a tiny sum of squares may reach below 0, where it has no root."""
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        n = int(rng.integers(1, 5))
+        U, _ = np.linalg.qr(rng.normal(size=(n, n)))
+        matrix = arb_mat(U.T.tolist()) * arb_mat(U.tolist())
+        assert 0 <= float(distance_from_identity(matrix)) < 1e-14
+
+
 @pytest.mark.parametrize("n", [1, 2, 3, 6])
 def test_rotation_has_the_eigenvectors_as_columns(n: int) -> None:
     rng = np.random.default_rng(n)
