@@ -39,7 +39,8 @@ ROOT = Path(__file__).resolve().parent.parent
 FILES = {
     "proofs": (
         *(f"terminal_set/{name}.py" for name in (
-            "intervals", "taylor", "enclosure", "decrease", "growth", "held_motion",
+            "intervals", "interval_functions", "interval_kernel", "smoothness",
+            "taylor", "enclosure", "decrease", "growth", "held_motion",
             "proof", "level", "certification", "prerequisites", "ellipsoid",
             "refutation", "stability", "lyapunov", "lqr", "linearisation",
         )),

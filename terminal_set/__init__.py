@@ -74,11 +74,15 @@ from swarmstart.terminal_set.lyapunov import (
     literal_lyapunov,
     sampled_lyapunov,
 )
-from swarmstart.terminal_set.prerequisites import HeldTooLongError
+from swarmstart.terminal_set.prerequisites import (
+    HeldTooLongError,
+    TooFewSubstepsError,
+)
 from swarmstart.terminal_set.proof import prove_level
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.refutation import refuted_level
 from swarmstart.terminal_set.reliability import UnreliableSolutionError
+from swarmstart.terminal_set.smoothness import NotSmoothError
 from swarmstart.terminal_set.stability import (
     NotStabilisableError,
     UnstableLoopError,
@@ -106,6 +110,7 @@ __all__ = [
     "NotAnEquilibriumError",
     "NotFiniteError",
     "NotPositiveError",
+    "NotSmoothError",
     "NotStabilisableError",
     "Proof",
     "ProofOptions",
@@ -114,6 +119,7 @@ __all__ = [
     "Refutation",
     "SaturatedReferenceError",
     "TerminalSet",
+    "TooFewSubstepsError",
     "UnknownIntervalOperationError",
     "UnprovenSetError",
     "UnreliableSolutionError",

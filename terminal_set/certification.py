@@ -44,9 +44,13 @@ from swarmstart.terminal_set.held_motion import HeldMotion
 from swarmstart.terminal_set.level import level_from_inputs, level_from_states
 from swarmstart.terminal_set.level_search import proven_level
 from swarmstart.terminal_set.linearisation import linearise
-from swarmstart.terminal_set.prerequisites import require_stable_hold
+from swarmstart.terminal_set.prerequisites import (
+    require_enough_substeps,
+    require_stable_hold,
+)
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.refutation import refuted_level
+from swarmstart.terminal_set.smoothness import require_smooth
 
 SHRUNK = 1 - 1e-9
 """Of the growth that bounds of states leave room for: its rounding."""
@@ -179,11 +183,15 @@ def certify(
         NotAnEquilibriumError: The reference moves in a state that matters or has
             bounds, by more than the set can bear.
         HeldTooLongError: The law does not survive the hold.
+        TooFewSubstepsError: The Runge-Kutta map of a hold is too far from the flow.
+        NotSmoothError: The dynamics have no second derivatives at the reference.
+        UnknownIntervalOperationError: They have an operation without interval form.
         UnprovenSetError: No level could be proven.
         NotPositiveError: No bound limits the level.
         SwarmstartError: As `refuted_level` and `prove_level` say.
     """
     options = options or ProofOptions()
+    _require_smooth(dynamics, reference)
     A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
     reference_motion = ReferenceMotion(dynamics, reference)
     for name in ("x_ref", "u_ref"):
@@ -209,6 +217,7 @@ def certify(
         change = continuous_change(dynamics, design, Q_m=margin)
     else:
         require_stable_hold(A, B, design.K, dt)
+        require_enough_substeps(A, B, design, dt=dt, substeps=options.substeps)
         motion = HeldMotion(dynamics, design, dt=dt, substeps=options.substeps)
         moved = reference_motion.over_hold(dt, options.substeps)
         change = held_change(motion.step, design, Q_m=Q_m)
@@ -245,6 +254,14 @@ def certify(
         weights=None,
     )
     return replace(design, alpha=level.alpha, dt=dt, certificate=certificate)
+
+
+def _require_smooth(dynamics: ca.Function, reference: Reference) -> None:
+    """Refuse a reference at which f has no second derivatives; see `smoothness.py`."""
+    at = np.concatenate([reference.x_ref, reference.u_ref])
+    x, u = ca.SX.sym("x", reference.x_ref.size), ca.SX.sym("u", reference.u_ref.size)
+    f = ca.Function(dynamics.name(), [ca.vertcat(x, u)], [dynamics(x, u)])
+    require_smooth(f, at)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

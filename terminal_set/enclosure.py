@@ -30,6 +30,11 @@ from numpy.typing import NDArray
 from swarmstart.terminal_set.cells import PADDING, Cells, added_up, squares
 from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.intervals import IntervalEvaluation
+from swarmstart.terminal_set.smoothness import (
+    NEIGHBOURHOOD,
+    Kinks,
+    require_bounded,
+)
 from swarmstart.terminal_set.taylor import TaylorForm, evaluated
 
 Array = NDArray[np.float64]
@@ -65,14 +70,20 @@ class DecreaseBounds:
 
         Raises:
             UnknownIntervalOperationError: c has an operation without interval form.
+            NotSmoothError: c has no second derivative at the reference.
         """
+        zero, one = np.zeros((len(change.P), 1)), np.eye(len(change.P))
+        form = TaylorForm(change.function, one)
+        form.require_smooth(zero, zero, change.motion.name())
+        _, around = form.hessians(zero - NEIGHBOURHOOD, zero + NEIGHBOURHOOD)
+        if not np.all(np.isfinite(around)):
+            require_bounded(change.motion, zero[:, 0])
         self.T = _diagonalising(change)
-        self.defect = defect(self.T, change.P, np.eye(len(self.T)))
-        self._form = TaylorForm(change.function, self.T)
-        zero = np.zeros((len(self.T), 1))
+        self.defect = defect(self.T, change.P, one)
+        self._form = form.turned(self.T)
         middle, radius = self._form.hessians(zero, zero)
         self._M = beside_diagonal(middle[0], radius[0])
-        self._remainder = _remainder(change, self.T)
+        self._remainder, self._kinks = _remainder(change, self.T)
 
     def __call__(self, lower: Array, upper: Array) -> Undecided:
         """Return where c < 0 is not shown.
@@ -95,6 +106,8 @@ class DecreaseBounds:
         _, (b, d) = self._remainder(from_zero, upper)
         rho = np.where(b > 0, upper[0], lower[0])
         remainder = added_up(0 * rho, np.stack([rho * b, upper[0] ** 2 * d]))
+        kinks, cuts = self._kinks(from_zero, upper)
+        remainder[kinks | cuts] = np.inf
         return quadratic_bound(*self._M, lower[1:], upper[1:]), remainder
 
 
@@ -178,12 +191,13 @@ def _diagonalising(change: Change) -> Array:
     return np.asarray(root @ turn)
 
 
-def _remainder(change: Change, T: Array) -> IntervalEvaluation:
-    """Return (s, w) -> (b, d) of the bound about the centre."""
+def _remainder(change: Change, T: Array) -> tuple[IntervalEvaluation, Kinks]:
+    """Return (s, w) -> (b, d) of the bound about the centre, and where it has kinks."""
     nx, P = len(T), ca.DM(change.P)
     s, w = ca.SX.sym("s"), ca.SX.sym("w", nx)
     direction = ca.DM(T) @ (w / ca.norm_2(w))
-    first = ca.jacobian(change.motion(s * direction), s)
+    moved = change.motion(s * direction)
+    first = ca.jacobian(moved, s)
     second = ca.jacobian(first, s)
     if change.is_held:
         # P is S'S to rounding: squares have tighter intervals than a form in P.
@@ -193,7 +207,9 @@ def _remainder(change: Change, T: Array) -> IntervalEvaluation:
         d = wider / 4 * ca.sumsqr(ca.DM(S) @ second)
     else:
         b, d = ca.dot(P @ direction, second), ca.SX(0)
-    return evaluated(ca.vertcat(b, d), ca.vertcat(s, w))
+    v = ca.vertcat(s, w)
+    kinks = Kinks(ca.Function(change.motion.name(), [v], [moved]))
+    return evaluated(ca.vertcat(b, d), v, takes_jumps=True), kinks
 
 
 def defect(T: Array, P: Array, expected: Array) -> float:

@@ -75,6 +75,7 @@ def prove_growth(
     Raises:
         UnknownIntervalOperationError: The motion has an operation without interval
             form.
+        NotSmoothError: The motion of the reference meets a kink.
     """
     began = clock.perf_counter()
     P, nx, boxes, proven = hold.P, len(hold.P), 0, True
@@ -122,6 +123,7 @@ class _GrowthBounds:
         nx = len(P)
         root = np.linalg.inv(np.linalg.cholesky(P)).T
         first, last = (np.append(np.zeros(nx), time)[:, None] for time in times)
+        form.require_smooth(first, last, "motion")
         middle, _ = form.hessians((first + last) / 2, (first + last) / 2)
         T = np.asarray(root @ np.linalg.eigh(root.T @ middle[0, :nx, :nx] @ root)[1])
         with_time = np.eye(nx + 1)

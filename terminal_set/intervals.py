@@ -4,9 +4,13 @@ An interval [lo, hi] stands for every number in it. A function of boxes returns 
 interval that holds the function's value at every point of the box, rounding included.
 
 `interval_function` turns a CasADi function into a program of registers, which one
-compiled kernel interprets for all boxes (`interval_kernel.py`, which also has the
-interval form of each operation). Compiling the code of each function would take longer
-than a proof.
+compiled kernel interprets for all boxes (`interval_kernel.py`; the interval forms of
+the functions are in `interval_functions.py`). Compiling the code of each function would
+take longer than a proof.
+
+The derivatives of fabs, fmin and fmax have the operations sign and <=, which jump. They
+are taken only if they are asked for: their interval is the hull of both sides if the
+side is not decided. What may be concluded from it is said in `smoothness.py`.
 
 Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis.
 """
@@ -33,6 +37,14 @@ from swarmstart.terminal_set.interval_kernel import BLOCK, CODES, Codes, interpr
 
 Array = NDArray[np.float64]
 
+JUMPS = frozenset(
+    "sign lt le eq ne not and or if_else_zero floor ceil fmod remainder copysign"
+    "".split()
+)
+"""Operations whose value jumps: their derivatives do not show it."""
+_JUMPS_REASON = (
+    "jumps: a proof needs a continuous function (fmin, fmax and fabs are continuous)"
+)
 _LOADED = ("constant", "input")
 """What is in its register before the first instruction."""
 
@@ -51,22 +63,22 @@ class IntervalEvaluation(Protocol):
 
 @dataclass(eq=False)
 class UnknownIntervalOperationError(SwarmstartError, NotImplementedError):
-    """The function has an operation that has no interval form here.
+    """The function has an operation of which nothing can be proven here.
 
     Attributes:
         function: The function's name.
         operation: What the operation is called.
+        reason: Why not, as what follows "which".
     """
 
     function: str
     operation: str
+    reason: str = "has no interval form"
 
     def __str__(self) -> str:
-        """Say which."""
+        """Say which, and why."""
         return (
-            f"{self.function} has the operation {self.operation}, which has no "
-            "interval form here (a proof takes derivatives: those of fabs, fmin and "
-            "fmax have none)"
+            f"{self.function} has the operation {self.operation}, which {self.reason}"
         )
 
 
@@ -78,7 +90,7 @@ class _Program:
         instructions: Code, target and both arguments' registers, shape (number, 4).
         inputs: Register and entry of the argument, shape (number, 2).
         constants: Registers of the constants, shape (number,), kept for them alone.
-        values: The constants, shape (number,).
+        values: Lower and upper ends of the constants, shape (number, 2).
         outputs: The register of each output, shape (number,).
         registers: How many there are.
     """
@@ -91,26 +103,76 @@ class _Program:
     registers: int
 
 
-def interval_function(function: ca.Function) -> IntervalEvaluation:
+def interval_function(
+    function: ca.Function, *, takes_jumps: bool = False
+) -> IntervalEvaluation:
     """Return a function of one column as a function of boxes.
 
     Args:
         function: x (n, 1) -> y (k, 1), of SX or of MX that can be expanded; of a matrix
             y the columns follow each other.
+        takes_jumps: Whether sign and <= are taken too, as hulls: for the derivatives of
+            fabs, fmin and fmax.
+
+    Raises:
+        UnknownIntervalOperationError: If it has an operation without interval form, or
+            one that jumps.
+    """
+    tape = expanded_tape(function)
+    if not takes_jumps:
+        require_no_jumps(tape, function.name())
+    return interval_program(tape, function.name())
+
+
+def expanded_tape(function: ca.Function) -> Tape:
+    """Return the tape of a function of SX, or of MX that can be expanded.
+
+    Args:
+        function: The function.
+
+    Raises:
+        UnknownIntervalOperationError: If an operation is unknown, or it has no tape.
+    """
+    try:
+        return read_tape(expanded(function))
+    except UnknownOperationError as error:
+        raise _refused(function.name(), error) from error
+
+
+def require_no_jumps(tape: Tape, name: str) -> None:
+    """Refuse a function that jumps.
+
+    Args:
+        tape: Its tape.
+        name: Its name.
+
+    Raises:
+        UnknownIntervalOperationError: If an operation jumps.
+    """
+    for node in tape.nodes:
+        if node.operation in JUMPS:
+            raise UnknownIntervalOperationError(name, node.operation, _JUMPS_REASON)
+
+
+def interval_program(tape: Tape, name: str) -> IntervalEvaluation:
+    """Return the interval evaluation of a tape.
+
+    Args:
+        tape: With one input and one output.
+        name: Of its function, for errors.
 
     Raises:
         UnknownIntervalOperationError: If it has an operation without interval form.
     """
     try:
-        program = _program(_reduced(read_tape(expanded(function))))
+        program = _program(_reduced(tape))
     except UnknownOperationError as error:
-        operation = error.operation or str(error)
-        raise UnknownIntervalOperationError(function.name(), operation) from error
+        raise _refused(name, error) from error
 
     def evaluate(lower: Array, upper: Array) -> tuple[Array, Array]:
         values = np.empty((2, len(program.outputs), lower.shape[1]))
         work = np.empty((program.registers, 2, BLOCK))
-        work[program.constants] = program.values[:, None, None]
+        work[program.constants] = program.values[:, :, None]
         boxes = np.stack([lower, upper])
         with np.errstate(all="ignore"):  # Of the kernel when it is plain Python.
             interpret(
@@ -124,6 +186,14 @@ def interval_function(function: ca.Function) -> IntervalEvaluation:
         return values[0], values[1]
 
     return evaluate
+
+
+def _refused(name: str, error: UnknownOperationError) -> UnknownIntervalOperationError:
+    if not error.operation:
+        return UnknownIntervalOperationError(name, "call", f"is of matrices: {error}")
+    if error.operation in JUMPS:
+        return UnknownIntervalOperationError(name, error.operation, _JUMPS_REASON)
+    return UnknownIntervalOperationError(name, error.operation)
 
 
 def _reduced(tape: Tape) -> Tape:
@@ -147,9 +217,20 @@ def _applied(builder: TapeBuilder, operation: str, arguments: tuple[int, ...]) -
         return builder.apply("div", (one, *arguments))
     if operation == "constpow":
         operation = "pow"
+    if operation == "add" and _are_opposite(*(builder.nodes[a] for a in arguments)):
+        # Of the derivatives of fmin and fmax: one of both is true, so this is not 0.
+        operation, arguments = "ties", builder.nodes[arguments[0]].arguments
     if operation not in CODES:
         raise UnknownOperationError(f"{operation} has no interval form", operation)
     return builder.apply(operation, arguments)
+
+
+def _are_opposite(one: Node, other: Node) -> bool:
+    """Return whether two values are a <= b and b <= a."""
+    return (
+        one.operation == other.operation == "le"
+        and one.arguments == other.arguments[::-1]
+    )
 
 
 def _program(tape: Tape) -> _Program:
@@ -182,10 +263,15 @@ def _program(tape: Tape) -> _Program:
         instructions=np.array(rows, dtype=np.int64).reshape(-1, 4),
         inputs=np.array(inputs, dtype=np.int64).reshape(-1, 2),
         constants=np.array([target for target, _ in constants], dtype=np.int64),
-        values=np.array([value for _, value in constants]),
+        values=np.array([_ends(value) for _, value in constants]).reshape(-1, 2),
         outputs=np.array([register[number] for number in outputs], dtype=np.int64),
         registers=count,
     )
+
+
+def _ends(value: float) -> tuple[float, float]:
+    """Return a constant's interval: the whole line if it is no number."""
+    return (-np.inf, np.inf) if np.isnan(value) else (value, value)
 
 
 def _last_uses(tape: Tape) -> dict[int, list[int]]:

@@ -102,6 +102,45 @@ def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[FloatArray, FloatArray]
         NotFiniteError: A or B holds NaN or infinity.
         InvalidShapeError: A is not square or B has another number of rows.
     """
+    block, nx = _block(A, B, dt)
+    exponential = scipy.linalg.expm(block)[:nx]
+    return read_only(exponential[:, :nx].copy()), read_only(exponential[:, nx:].copy())
+
+
+def runge_kutta_hold(
+    A: ArrayLike, B: ArrayLike, dt: float, *, substeps: int
+) -> tuple[FloatArray, FloatArray]:
+    """Sample a linear system by the classic Runge-Kutta method.
+
+    A step of it is the series of the exponential to fourth order.
+
+    Args:
+        A: System matrix, shape (nx, nx), 1/s.
+        B: Input matrix, shape (nx, nu).
+        dt: Length of a hold, > 0, s.
+        substeps: Runge-Kutta steps in it, at least 1.
+
+    Returns:
+        Ad of shape (nx, nx) and Bd of shape (nx, nu), read-only.
+
+    Raises:
+        NotPositiveError: dt is not positive and finite.
+        NotFiniteError: A or B holds NaN or infinity, or so does the result.
+        InvalidShapeError: A is not square or B has another number of rows.
+    """
+    block, nx = _block(A, B, dt / substeps)
+    one = np.eye(len(block))
+    series = one
+    with np.errstate(over="ignore", invalid="ignore"):
+        for order in (4, 3, 2, 1):
+            series = one + block @ series / order
+        whole = np.linalg.matrix_power(series, substeps)[:nx]
+    whole = finite_array("the Runge-Kutta map of the hold", whole, whole.shape)
+    return read_only(whole[:, :nx].copy()), read_only(whole[:, nx:].copy())
+
+
+def _block(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[FloatArray, int]:
+    """Return ((A, B), (0, 0)) dt, the system with its input as a constant; and nx."""
     if not 0 < dt < np.inf:
         raise NotPositiveError("dt", dt)
     A = square_matrix("A", A)
@@ -110,8 +149,7 @@ def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[FloatArray, FloatArray]
     block = np.zeros((nx + B.shape[1],) * 2)
     block[:nx, :nx] = A
     block[:nx, nx:] = B
-    exponential = scipy.linalg.expm(block * dt)[:nx]
-    return read_only(exponential[:, :nx].copy()), read_only(exponential[:, nx:].copy())
+    return block * dt, nx
 
 
 def held_spectral_radius(A: ArrayLike, B: ArrayLike, K: ArrayLike, dt: float) -> float:

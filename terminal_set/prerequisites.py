@@ -1,12 +1,22 @@
-"""Check before a proof that a gain is still stable when its input is held."""
+"""Checks before a proof: the gain is stable if it is held, the integrator is too."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from swarmstart.errors import SwarmstartError
-from swarmstart.terminal_set.arrays import FloatArray
-from swarmstart.terminal_set.linearisation import held_spectral_radius
+from swarmstart.terminal_set.arrays import FloatArray, NotFiniteError
+from swarmstart.terminal_set.design import TerminalSet
+from swarmstart.terminal_set.linearisation import (
+    held_spectral_radius,
+    hold,
+    runge_kutta_hold,
+)
+
+MOST_SUBSTEPS = 2**20
+"""Up to how many Runge-Kutta steps a hold are tried before none are recommended."""
 
 
 @dataclass(eq=False)
@@ -30,6 +40,82 @@ class HeldTooLongError(SwarmstartError, ValueError):
             f"spectral radius is {self.spectral_radius:.4g}; it is stable up to "
             f"{self.longest:.3g} s, and a sampled design for any dt"
         )
+
+
+@dataclass(eq=False)
+class TooFewSubstepsError(SwarmstartError, ValueError):
+    """The Runge-Kutta map of a hold is too far from the flow for any proof.
+
+    Attributes:
+        substeps: Runge-Kutta steps a hold.
+        factor: By which the length of a small deviation changes in the map, at most.
+        error: By how much of its length map and flow of a small deviation differ.
+        enough: Number of steps that would do for small deviations; None if that
+            number is above `MOST_SUBSTEPS`.
+    """
+
+    substeps: int
+    factor: float
+    error: float
+    enough: int | None
+
+    def __str__(self) -> str:
+        """Say how many would do."""
+        advice = "shorten the hold"
+        if self.enough is not None:
+            advice = f"use ProofOptions(substeps={self.enough}) or more"
+        return (
+            f"substeps={self.substeps} is too few: near the reference one hold "
+            f"multiplies deviations by {self.factor:.3g} in the Runge-Kutta map, with "
+            f"an error of {self.error:.3g} against the flow, and the sum must stay "
+            f"below 1; {advice}"
+        )
+
+
+def require_enough_substeps(
+    A: FloatArray, B: FloatArray, law: TerminalSet, *, dt: float, substeps: int
+) -> None:
+    """Refuse a Runge-Kutta map with which no level can be proven, however small.
+
+    Lengths are those of P. Of the linear parts, if the flow shrinks every deviation,
+    the map's factor and its error against the flow must together stay below 1.
+
+    Args:
+        A: System matrix, shape (nx, nx), 1/s.
+        B: Input matrix, shape (nx, nu).
+        law: The law and P; its level is not used.
+        dt: How long the input is held [s].
+        substeps: Runge-Kutta steps a hold.
+
+    Raises:
+        TooFewSubstepsError: They do not.
+        NotPositiveError: dt is not positive and finite.
+    """
+    root = np.linalg.cholesky(law.P).T
+    Ad, Bd = hold(A, B, dt)
+    flow = Ad - Bd @ law.K
+
+    def length(matrix: FloatArray) -> float:
+        if not np.all(np.isfinite(matrix)):
+            return float("inf")
+        return float(np.linalg.norm(root @ np.linalg.solve(root.T, matrix.T).T, 2))
+
+    def factor_and_error(substeps: int) -> tuple[float, float]:
+        try:
+            Ad, Bd = runge_kutta_hold(A, B, dt, substeps=substeps)
+        except NotFiniteError:
+            return float("inf"), float("inf")
+        map_ = Ad - Bd @ law.K
+        return length(map_), length(map_ - flow)
+
+    factor, error = factor_and_error(substeps)
+    if factor + error < 1 or not length(flow) < 1:
+        return
+    enough = substeps
+    while enough <= MOST_SUBSTEPS and not sum(factor_and_error(enough)) < 1:
+        enough *= 2
+    tried = enough if enough <= MOST_SUBSTEPS else None
+    raise TooFewSubstepsError(substeps, factor, error, tried)
 
 
 def require_stable_hold(A: FloatArray, B: FloatArray, K: FloatArray, dt: float) -> None:

@@ -11,8 +11,11 @@ from __future__ import annotations
 
 import casadi as ca
 
-from swarmstart.tape import Node, UnknownOperationError, read_tape
-from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
+from swarmstart.tape import Node
+from swarmstart.terminal_set.intervals import (
+    UnknownIntervalOperationError,
+    expanded_tape,
+)
 
 Instruction = list[str | int | float]
 
@@ -38,16 +41,12 @@ def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
     Raises:
         UnknownIntervalOperationError: It has an operation that is not in OPERATIONS.
     """
-    function = dynamics if dynamics.is_a("SXFunction") else dynamics.expand()
-    try:
-        tape = read_tape(function)
-        instructions = [_instruction(node) for node in tape.nodes]
-    except UnknownOperationError as error:
-        raise UnknownIntervalOperationError(function.name(), error.operation) from error
+    tape = expanded_tape(dynamics)
+    instructions = [_instruction(node, dynamics.name()) for node in tape.nodes]
     return instructions, list(tape.outputs[0])
 
 
-def _instruction(node: Node) -> Instruction:
+def _instruction(node: Node, function: str) -> Instruction:
     """Return a value as a file has it."""
     if node.operation == "constant":
         return ["const", node.value]
@@ -55,5 +54,6 @@ def _instruction(node: Node) -> Instruction:
         argument, entry = node.arguments
         return [("x", "u")[argument], entry]
     if node.operation not in OPERATIONS:
-        raise UnknownOperationError(node.operation)
+        reason = "a certificate's file cannot hold"
+        raise UnknownIntervalOperationError(function, node.operation, reason)
     return [OPERATIONS[node.operation], *node.arguments]

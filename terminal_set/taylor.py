@@ -4,10 +4,16 @@ With e = T z, about a point m of a cell, d the distances z - m in it,
 
     c <= c(m) + sup g'd + sup d'Hd/2 + sup |D^3 c [d, d, d]| / 6,
 
-g and H at m, the third derivatives over the whole cell. All are evaluated in intervals
-in the coordinates e, where linear parts of a model are constants, and turned by T in
-numbers: intervals of the turned expressions would be many times wider, since the terms
-that cancel there no longer know of each other.
+g and H at m, the third derivatives over the whole cell. On a cell with a kink only the
+first derivatives may be used (`smoothness.py`): there
+
+    c <= c(m) + sup g'd,
+
+g over the whole cell, and on one with a cut nothing is known.
+
+All are evaluated in intervals in the coordinates e, where linear parts of a model are
+constants, and turned by T in numbers: intervals of the turned expressions would be many
+times wider, since the terms that cancel there no longer know of each other.
 
 Source: Neumaier (1990), Interval Methods for Systems of Equations; Makino and Berz
 (2003), Taylor models and other validated functional inclusion methods.
@@ -24,6 +30,7 @@ from numpy.typing import NDArray
 
 from swarmstart.terminal_set.cells import PADDING, Cells, added_up
 from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
+from swarmstart.terminal_set.smoothness import Kinks
 
 Array = NDArray[np.float64]
 
@@ -43,15 +50,17 @@ class TaylorForm:
         """
         e = ca.SX.sym("e", len(T))
         value = c(e)
+        self._kinks = Kinks(c)
         hessian, gradient = ca.hessian(value, e)
         self._pairs, pairs = _symmetric_entries(len(T), 2)
         self._triples, triples = _symmetric_entries(len(T), 3)
         bends = ca.vertcat(*[hessian[pair] for pair in pairs])
         turns = ca.jacobian(bends, e)
         third = [turns[int(self._pairs[i, j]), k] for i, j, k in triples]
-        self._value_and_slope = evaluated(ca.vertcat(value, gradient), e)
-        self._hessian = evaluated(bends, e)
-        self._third = evaluated(ca.vertcat(*third), e)
+        self._value_and_slope, self._hessian, self._third = (
+            evaluated(column, e, takes_jumps=True)
+            for column in (ca.vertcat(value, gradient), bends, ca.vertcat(*third))
+        )
         self._T, self._size = T, np.abs(T)
 
     def turned(self, T: Array) -> TaylorForm:
@@ -75,6 +84,13 @@ class TaylorForm:
         """
         with np.errstate(invalid="ignore", over="ignore"):
             bound, spread = self._bounded(cells)
+            box = self._box(cells)
+            kinks, cuts = self._kinks(*box)
+            if kinks.any():
+                first, wide = self._bounded_by_slopes(cells, *box)
+                bound = np.where(kinks, first, bound)
+                spread = np.where(kinks, wide, spread)
+        bound, spread = np.where(cuts, np.inf, bound), np.where(cuts, np.nan, spread)
         # Where nothing is known the widest side is cut.
         known = np.isfinite(spread).all(axis=0)
         return bound, np.where(known, spread, cells.half)
@@ -104,6 +120,40 @@ class TaylorForm:
         spread = cells.spread(along, pull + third / 2)
         return added_up(high[0], np.vstack(terms)), spread
 
+    def _box(self, cells: Cells) -> tuple[Array, Array]:
+        """Return boxes of e around the cells."""
+        at, reach = self._T @ cells.z_middle, self._size @ cells.z_reach * (1 + PADDING)
+        return at - reach, at + reach
+
+    def _bounded_by_slopes(
+        self, cells: Cells, lower: Array, upper: Array
+    ) -> tuple[Array, Array]:
+        """Return bounds and spread by first derivatives over the boxes of the cells."""
+        size, at = self._size, self._T @ cells.z
+        _, high = self._value_and_slope(at, at)
+        middle, radius = _middle_and_radius(*self._value_and_slope(lower, upper))
+        slope, unsure = self._T.T @ middle[1:], size.T @ radius[1:]
+        rounded = PADDING * (size @ np.abs(cells.z))
+        moved = (np.abs(middle[1:]) + radius[1:]) * rounded
+        # The slopes turned are rounded too.
+        unsure += PADDING * (size.T @ np.abs(middle[1:]))
+        steps, along = cells.linear(slope)
+        terms = np.vstack([steps, unsure * cells.reach, moved])
+        return added_up(high[0], terms), cells.spread(along, unsure)
+
+    def require_smooth(self, lower: Array, upper: Array, name: str) -> None:
+        """Refuse a box with a kink or a cut.
+
+        Args:
+            lower: Lower corner of a box of e, shape (n, 1).
+            upper: Upper corner.
+            name: What the function is called.
+
+        Raises:
+            NotSmoothError: If there may be one in the box.
+        """
+        self._kinks.require_none(lower, upper, name)
+
     def hessians(self, lower: Array, upper: Array) -> tuple[Array, Array]:
         """Return T'(Hessian of c)T over boxes of e: middles and radii, (m, n, n).
 
@@ -113,7 +163,8 @@ class TaylorForm:
         """
         middle, radius = _middle_and_radius(*self._hessian(lower, upper))
         middle, radius = middle.T[:, self._pairs], radius.T[:, self._pairs]
-        return self._T.T @ middle @ self._T, self._size.T @ radius @ self._size
+        with np.errstate(invalid="ignore", over="ignore"):
+            return self._T.T @ middle @ self._T, self._size.T @ radius @ self._size
 
     def beyond_second_order(self, cells: Cells, d: Array) -> Array:
         """Bound the third-order term of a Taylor series about a point.
@@ -123,11 +174,13 @@ class TaylorForm:
             d: How far that is along each axis, (n, m).
 
         Returns:
-            Upper bounds of |D^3 c [d, d, d]| / 6 over the cells, shape (m,).
+            Upper bounds of |D^3 c [d, d, d]| / 6 over the cells, shape (m,); infinite
+            in those with a kink or a cut.
         """
         with np.errstate(invalid="ignore", over="ignore"):
             third = self._third_order(cells, d)
-        return added_up(0 * d[0], third * d / 6)
+        kinks, cuts = self._kinks(*self._box(cells))
+        return np.where(kinks | cuts, np.inf, added_up(0 * d[0], third * d / 6))
 
     def hessian_slopes(self, lower: Array, upper: Array) -> Array:
         """Bound how fast T'(Hessian of c)T changes along the last axis, (m, n, n).
@@ -143,8 +196,7 @@ class TaylorForm:
 
     def _third_order(self, cells: Cells, d: Array) -> Array:
         """Bound |D^3 c [x, x, .]| over cells, |x_i| <= d_i, (n, m)."""
-        at, reach = self._T @ cells.z_middle, self._size @ cells.z_reach * (1 + PADDING)
-        middle, radius = _middle_and_radius(*self._third(at - reach, at + reach))
+        middle, radius = _middle_and_radius(*self._third(*self._box(cells)))
         tensor = _turned(middle.T[:, self._triples], self._T)
         along = _twice_along(np.abs(tensor), d.T)
         # Of the radius no more than this is needed, and this takes less.
@@ -161,17 +213,22 @@ def _turned(tensor: Array, T: Array) -> Array:
     return tensor
 
 
-def evaluated(expression: ca.SX, v: ca.SX) -> IntervalEvaluation:
+def evaluated(
+    expression: ca.SX, v: ca.SX, *, takes_jumps: bool = False
+) -> IntervalEvaluation:
     """Return the interval evaluation of a column.
 
     Args:
         expression: The column.
         v: What it depends on, a column.
+        takes_jumps: Whether derivatives of kinks are taken, as hulls of both sides;
+            who asks for it looks for the kinks (`smoothness.py`).
 
     Raises:
         UnknownIntervalOperationError: It has an operation without interval form.
     """
-    return interval_function(ca.Function("the_change_of_V", [v], [ca.cse(expression)]))
+    function = ca.Function("the_change_of_V", [v], [ca.cse(expression)])
+    return interval_function(function, takes_jumps=takes_jumps)
 
 
 def _middle_and_radius(low: Array, high: Array) -> tuple[Array, Array]:

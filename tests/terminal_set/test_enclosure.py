@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -19,6 +21,8 @@ from swarmstart.terminal_set.enclosure import (
     quadratic_bound,
     undecided,
 )
+from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
+from swarmstart.terminal_set.smoothness import NotSmoothError
 
 Array = NDArray[np.float64]
 BOXES = 12
@@ -204,3 +208,78 @@ def test_box_is_decided_by_either_bound_and_else_cut_where_it_spreads_most() -> 
     assert only.lower.shape == (2, 2)
     none = undecided(bounded, lower, upper, -np.ones(5), np.zeros(5))
     assert none.lower.shape == (2, 0)
+
+
+def change_of(make: Callable[[Any], ca.SX], *, is_held: bool) -> Change:
+    """c of a motion of one state, with P = 1."""
+    e = ca.SX.sym("e")
+    motion = ca.Function("motion", [e], [make(e)])
+    return Change(motion=motion, P=np.eye(1), Q_m=np.zeros((1, 1)), is_held=is_held)
+
+
+def is_shown(change: Change, rho: tuple[float, float], *, side: float = 1.0) -> bool:
+    """Whether c < 0 is shown on one box; both ends of w are the side."""
+    bounds = DecreaseBounds(change)
+    sign = side * float(np.sign(bounds.T[0, 0]))  # T may turn the axis round.
+    corners = (np.array([[end], [sign]]) for end in rho)
+    return bool(bounds(*corners).lower.size == 0)
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+def test_a_kink_is_never_passed_over(is_held: bool) -> None:
+    """Up to e = 1 the motion is linear, from there on it grows; its formula of the
+    second derivative is 0 on both sides.
+    """
+    start = 0.5 if is_held else -1.0
+    change = change_of(lambda e: start * e + 3 * ca.fmax(e - 1, 0), is_held=is_held)
+    edge = 1.2 if is_held else 1.5  # There V does not change any more.
+    assert is_shown(change, (0.0, 0.99))
+    assert not is_shown(change, (0.0, 2.0))
+    assert not is_shown(change, (0.0, 1.01))  # It is to be cut first.
+    for low, high in ((0.98, 1.02), (1.05, edge - 0.01)):
+        assert is_shown(change, (low, high))
+    assert not is_shown(change, (edge - 0.01, edge + 1e-6))
+
+
+def test_a_box_with_a_kink_about_the_centre_is_cut_along_its_radius() -> None:
+    change = change_of(lambda e: -e + 3 * ca.fmax(e - 1, 0), is_held=False)
+    bounds = DecreaseBounds(change)
+    sign = float(np.sign(bounds.T[0, 0]))
+    left = bounds(np.array([[0.0], [sign]]), np.array([[1.4], [sign]]))
+    assert left.spread[0, 0] == np.inf
+
+
+def test_a_cut_is_never_passed_over() -> None:
+    """With e > 0 behind it the motion points away; its derivatives do not tell."""
+
+    def motion(e: ca.SX) -> Any:
+        return -e + 2 * (ca.atan2(1e-3 + 0 * e, 1) - ca.atan2(1 - e, -1) + 0.75 * np.pi)
+
+    f = ca.Function("f", [e := ca.SX.sym("e")], [motion(e)])
+    centred = change_of(lambda e: f(e) - float(f(0)), is_held=False)
+    assert float(centred.function(0.9)) < 0 < float(centred.function(1.1))
+    assert is_shown(centred, (0.0, 0.5))
+    for rho in ((0.0, 1.1), (0.5, 1.0), (0.9, 1.01), (0.9999, 1.0001)):
+        assert not is_shown(centred, rho)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda e: -e + ca.fabs(e) / 2, "fabs of motion has a kink at the reference"),
+        (lambda e: -e - ca.sqrt(ca.fabs(e) + 1) + 1, "fabs of motion has a kink"),
+        (lambda e: -e + e**1.5, "pow of motion is at the edge of where it is smooth"),
+        (lambda e: -e + e**2.5, "pow of motion is at the edge of where it is smooth"),
+    ],
+)
+def test_a_reference_without_second_derivatives_is_refused_with_the_reason(
+    make: Callable[[Any], ca.SX], message: str
+) -> None:
+    with pytest.raises(NotSmoothError, match=message):
+        DecreaseBounds(change_of(make, is_held=False))
+
+
+def test_a_motion_that_jumps_is_refused() -> None:
+    change = change_of(lambda e: -e + ca.if_else(e > 1, e, 0), is_held=False)
+    with pytest.raises(UnknownIntervalOperationError, match="lt, which jumps"):
+        DecreaseBounds(change)

@@ -91,6 +91,66 @@ def test_a_function_stays_below_its_bound(seed: int, width: float) -> None:
     assert spread.shape == lower.shape and np.all(spread >= 0)
 
 
+def with_kinks() -> ca.Function:
+    """Kinks through the cells: without a look at them the second order is too small."""
+    e = ca.SX.sym("e", NX)
+    c = (
+        -4 * ca.fabs(e[0] - 0.3)
+        + 5 * ca.fmax(e[1], 0.2 * e[2])
+        + ca.fmin(e[2] ** 2, ca.exp(e[0]) - 1)
+        - e[0] * ca.fmax(0.5, ca.sin(e[1]))
+    )
+    return ca.Function("c", [e], [c])
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=seeds, width=widths)
+def test_a_function_with_kinks_stays_below_its_bound(seed: int, width: float) -> None:
+    rng = np.random.default_rng(seed)
+    T = rng.normal(size=(NX, NX))
+    c = with_kinks()
+    lower, upper = boxes(rng, width)
+    bound, spread = TaylorForm(c, T)(Cells(lower, upper))
+    z = points_in(lower, upper, rng)
+    e = np.einsum("ij,jmk->imk", T, z).reshape(NX, -1)
+    found = np.array(c.map(e.shape[1])(e)).reshape(BOXES, POINTS)
+    assert np.all(np.isfinite(bound))
+    assert np.all(found <= bound[:, None] + 1e-12 * (1 + np.abs(bound[:, None])))
+    assert spread.shape == lower.shape and np.all(spread >= 0)
+
+
+def test_across_a_kink_the_bound_is_that_of_the_slopes() -> None:
+    """|e0| over cells about e0 = 0: half the width of the slopes' hull, no more."""
+    e = ca.SX.sym("e", 2)
+    form = TaylorForm(ca.Function("c", [e], [ca.fabs(e[0])]), np.eye(2))
+    for half in (0.1, 0.01):
+        lower, upper = np.array([[1.0], [-half], [1.0]]), np.array([[1.0], [half], [1]])
+        bound, _ = form(Cells(lower, upper))
+        assert half * 0.98 <= bound[0] <= 1.05 * half
+
+
+def test_a_cell_with_a_cut_is_not_bounded() -> None:
+    """And its widest side is to be cut."""
+    e = ca.SX.sym("e", 2)
+    form = TaylorForm(ca.Function("c", [e], [ca.atan2(e[0], -e[1])]), np.eye(2))
+    lower, upper = np.array([[1.0], [-0.1], [1.0]]), np.array([[1.1], [0.2], [1.0]])
+    bound, spread = form(Cells(lower, upper))
+    assert bound[0] == np.inf and spread[:, 0].argmax() == 1
+    lower[1] = 0.01
+    beside, _ = form(Cells(lower, upper))
+    assert np.pi - 0.02 < beside[0] < np.pi + 0.02
+
+
+def test_the_series_about_a_point_is_not_used_across_a_kink() -> None:
+    e = ca.SX.sym("e", 2)
+    form = TaylorForm(ca.Function("c", [e], [ca.fmax(e[0], 0.5)]), np.eye(2))
+    lower, upper = np.array([[0.1], [1.0], [-0.1]]), np.array([[0.4], [1.0], [0.1]])
+    d = np.ones((2, 1))
+    assert form.beyond_second_order(Cells(lower, upper), d)[0] < 1e-9
+    upper[0] = 0.6
+    assert form.beyond_second_order(Cells(lower, upper), d)[0] == np.inf
+
+
 def test_a_bound_comes_near_the_supremum_to_third_order() -> None:
     """Half the width, an eighth of the error; of a convex function, at a corner."""
     e = ca.SX.sym("e", 2)

@@ -1,0 +1,208 @@
+"""Smoothness of a function, as far as a proof needs it.
+
+CasADi's formulas of derivatives hold between the kinks of a function, and none of them
+shows a kink: a second derivative has no term for it.
+
+    |a|             kink at a = 0
+    fmin, fmax      kink at a = b
+    atan2(y, x)     cut at y = 0, x <= 0: the function jumps, its derivatives do not
+
+So a Taylor form is right on a box without kinks and cuts only. On a box with kinks and
+no cut the first derivative may still be used: along a line from m to x,
+
+    c(x) - c(m) = int_0^1 g(m + t (x - m))'(x - m) dt
+
+with g the formula of the gradient, since c is Lipschitz and g is right for almost all
+t (if a = 0 on more than single points, its slope is 0 at almost all of them). An
+interval of g over the box therefore bounds the difference; second derivatives do not.
+
+Other operations leave their domain with unbounded derivatives or values, which the
+intervals show by themselves.
+
+Source: Lebourg (1975), Comptes Rendus A 281, 795-797; Clarke (1983), Optimization and
+Nonsmooth Analysis, section 2.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.tape import Node, Tape
+from swarmstart.terminal_set.intervals import (
+    IntervalEvaluation,
+    expanded_tape,
+    interval_function,
+    interval_program,
+    require_no_jumps,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+KINKS = ("fabs", "fmin", "fmax")
+NEIGHBOURHOOD = 1e-150
+"""Half width of the box that stands for a point's neighbourhood: any but 0 would do."""
+_EDGES = {
+    "sqrt": (0.0,),
+    "pow": (0.0,),
+    "asin": (-1.0, 1.0),
+    "acos": (-1.0, 1.0),
+    "acosh": (1.0,),
+    "hypot": (0.0,),
+}
+"""Arguments (of hypot: values) beyond or at which derivatives are unbounded."""
+
+
+@dataclass(eq=False)
+class NotSmoothError(SwarmstartError, ValueError):
+    """A function has no second derivative at the reference.
+
+    Attributes:
+        function: The function's name.
+        operation: Which operation has none.
+        reason: Why, as what follows the operation's name.
+    """
+
+    function: str
+    operation: str
+    reason: str
+
+    def __str__(self) -> str:
+        """Say which operation, and why."""
+        return (
+            f"nothing can be proven: the operation {self.operation} of "
+            f"{self.function} {self.reason} at the reference"
+        )
+
+
+class Kinks:
+    """Where a function has kinks and cuts."""
+
+    def __init__(self, function: ca.Function) -> None:
+        """Find the operations that have them.
+
+        Args:
+            function: x (n, 1) -> a column.
+
+        Raises:
+            UnknownIntervalOperationError: If it jumps, or has an operation without
+                interval form.
+        """
+        tape, name = expanded_tape(function), function.name()
+        require_no_jumps(tape, name)
+        self._kinks = [n for n in tape.nodes if n.operation in KINKS]
+        self._cuts = [n for n in tape.nodes if n.operation == "atan2"]
+        self._arguments = _arguments(tape, self._kinks, self._cuts, name)
+
+    def __call__(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
+        """Return in which boxes there may be kinks, and in which cuts, each (m,).
+
+        Args:
+            lower: Lower corners of m boxes, shape (n, m).
+            upper: Upper corners.
+        """
+        kinks, cuts = self._by_operation(lower, upper)
+        return np.asarray(kinks.any(axis=0)), np.asarray(cuts.any(axis=0))
+
+    def require_none(self, lower: Array, upper: Array, name: str) -> None:
+        """Refuse a box with a kink or a cut.
+
+        Args:
+            lower: Lower corner, shape (n, 1).
+            upper: Upper corner.
+            name: What the function is called.
+
+        Raises:
+            NotSmoothError: If there may be one in the box.
+        """
+        kinks, cuts = self._by_operation(lower, upper)
+        for node, found in zip(self._kinks, kinks, strict=True):
+            if found.any():
+                raise NotSmoothError(name, node.operation, "has a kink")
+        if cuts.any():
+            raise NotSmoothError(name, "atan2", "has its cut (y = 0, x <= 0)")
+
+    def _by_operation(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
+        """Return the same for each operation, (operations, m)."""
+        if not self._kinks and not self._cuts:
+            nothing = np.zeros((0, lower.shape[1]), dtype=bool)
+            return nothing, nothing
+        low, high = self._arguments(lower, upper)
+        has_zero: Mask = (low <= 0) & (high >= 0)
+        number = len(self._kinks)
+        is_left: Mask = low[number + 1 :: 2] <= 0
+        kinks: Mask = has_zero[:number]
+        cuts: Mask = has_zero[number::2] & is_left
+        return kinks, cuts
+
+
+def _arguments(
+    tape: Tape, kinks: list[Node], cuts: list[Node], name: str
+) -> IntervalEvaluation:
+    """Return what is 0 at each kink, then y and x of each atan2."""
+    nodes, outputs = list(tape.nodes), []
+    for node in kinks:
+        if node.operation == "fabs":
+            outputs.append(node.arguments[0])
+        else:
+            outputs.append(len(nodes))
+            nodes.append(Node("sub", node.arguments))
+    outputs += [argument for node in cuts for argument in node.arguments]
+    arguments = replace(tape, nodes=tuple(nodes), outputs=(tuple(outputs),))
+    return interval_program(arguments, name)
+
+
+def require_smooth(function: ca.Function, at: Array) -> None:
+    """Refuse a point at which a function has no second derivatives.
+
+    Args:
+        function: x (n, 1) -> a column.
+        at: The point, shape (n,).
+
+    Raises:
+        NotSmoothError: With the operation that has a kink there, or whose derivatives
+            are unbounded.
+        UnknownIntervalOperationError: If it jumps, or has an operation without interval
+            form.
+    """
+    point = at[:, None]
+    Kinks(function).require_none(point, point, function.name())
+    x = ca.SX.sym("x", at.size)
+    second = ca.jacobian(ca.vec(ca.jacobian(function(x), x)), x)
+    bends = interval_function(
+        ca.Function(function.name(), [x], [ca.vec(second)]), takes_jumps=True
+    )
+    if not np.all(np.isfinite(bends(point - NEIGHBOURHOOD, point + NEIGHBOURHOOD))):
+        require_bounded(function, at)
+
+
+def require_bounded(function: ca.Function, at: Array) -> None:
+    """Name the operation that makes a function's derivatives unbounded at a point.
+
+    Args:
+        function: x (n, 1) -> a column, whose second derivatives are unbounded there.
+        at: The point, shape (n,).
+
+    Raises:
+        NotSmoothError: With the operation, if it is one that has edges.
+        UnknownIntervalOperationError: If it has an operation without interval form.
+    """
+    tape, name = expanded_tape(function), function.name()
+    around = at[:, None] - NEIGHBOURHOOD, at[:, None] + NEIGHBOURHOOD
+    everything = replace(tape, outputs=(tuple(range(len(tape.nodes))),))
+    low, high = (ends[:, 0] for ends in interval_program(everything, name)(*around))
+    bounded = np.isfinite(low) & np.isfinite(high)
+    for number, node in enumerate(tape.nodes):
+        operation = node.operation.removeprefix("const")  # Of pow.
+        for edge in _EDGES.get(operation, ()):
+            of = number if operation == "hypot" else node.arguments[0]
+            if low[of] <= edge <= high[of]:
+                reason = "is at the edge of where it is smooth"
+                raise NotSmoothError(name, operation, reason)
+        if not bounded[number]:
+            raise NotSmoothError(name, operation, "leaves its domain")
