@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from swarmstart.terminal_set.checker.decrease import Outcome
 
 PROVED, UNUSABLE, REFUSED, UNDECIDED, UNREADABLE, INTERRUPTED = 0, 2, 3, 4, 5, 130
-_PRECISION = 64  # bits; what floats give, and a little for differences near 0
+PRECISION = 64  # bits; what floats give, and a little for differences near 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return UNUSABLE
     before = flint.ctx.prec
-    flint.ctx.prec = _PRECISION
+    flint.ctx.prec = PRECISION
     try:
         return _check(options.file, options.seconds)
     except KeyboardInterrupt:

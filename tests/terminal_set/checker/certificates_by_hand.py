@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import scipy.linalg
+
+from swarmstart.terminal_set.checker.certificate_file import Certificate
+from swarmstart.terminal_set.tape import tape_of
 
 Content = dict[str, Any]
 CHEN_REFUTED = 0.95108  # the smallest level with a point where V does not fall
@@ -213,3 +219,48 @@ def scalar(offset: float = 0.0, **changes: Any) -> Content:
         held = {"integrator": margin, "between_samples": None}
         content |= {"substeps": 1, "margins": held, "statements": []}
     return signed(content | changes)
+
+
+def certificate_of(
+    dynamics: ca.Function,
+    P: Sequence[Sequence[float]],
+    alpha: float,
+    *,
+    dt: float | None = None,
+    growth: float | None = None,
+    **changes: Any,
+) -> Certificate:
+    """What a file with these dynamics f(x, u) and this P states, without bounds."""
+    nx, nu = dynamics.size1_in(0), dynamics.size1_in(1)
+    tape, xdot = tape_of(dynamics)
+    zero = [[0.0] * nx for _ in range(nx)]
+    stated = Certificate(
+        tape=tuple(
+            (name, (), float(operands[0]))
+            if name == "const"
+            else (str(name), tuple(int(i) for i in operands), 0.0)
+            for name, *operands in tape
+        ),
+        xdot=tuple(xdot),
+        x_ref=(0.0,) * nx,
+        u_ref=(0.0,) * nu,
+        bounds={
+            "u_lower": (None,) * nu,
+            "u_upper": (None,) * nu,
+            "x_lower": (None,) * nx,
+            "x_upper": (None,) * nx,
+        },
+        K=((0.0,) * nx,) * nu,
+        P=tuple(tuple(float(entry) for entry in row) for row in P),
+        alpha=alpha,
+        core=0.0,
+        drift=0.0,
+        dt=dt,
+        substeps=None if dt is None else 1,
+        Q_m=tuple(tuple(row) for row in zero),
+        integrator=None if dt is None else 0.0,
+        growth=growth,
+        growth_proven=growth is not None,
+        refuted=None,
+    )
+    return dataclasses.replace(stated, **changes)
