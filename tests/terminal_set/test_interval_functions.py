@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.terminal_set.interval_functions import FUNCTION_WIDER, WIDER
+from swarmstart.terminal_set.interval_functions import hull, outward
 from swarmstart.terminal_set.intervals import interval_function
 
 Array = NDArray[np.float64]
@@ -154,13 +154,27 @@ def test_of_a_point_no_more_is_added_than_is_stated(name: str) -> None:
     rng = np.random.default_rng(3)
     point = rng.uniform(0.05, 0.95, (1 + (name in TWO), 300)) + (name == "acosh")
     bottom, top = evaluated(name, point, point)
-    wider = WIDER if name == "sqrt" else FUNCTION_WIDER
+    wider = 2.3e-16 if name == "sqrt" else 1.2e-15
     np.testing.assert_array_less(top - bottom, (2 * wider + EPS) * np.abs(top) * 1.01)
     middle = (bottom + top) / 2
     with mpmath.workdps(DIGITS):
         exact = [value_at(name, *column) for column in point.T]
         off = [abs(m / e - 1) for m, e in zip(middle, exact, strict=True)]
     assert max(off) < 4 * EPS
+
+
+def test_ends_are_moved_by_a_share_of_themselves_and_a_little() -> None:
+    assert outward(0.0, 0.0, 2.3e-16) == (-1e-300, 1e-300)
+    assert outward(-2.0, 4.0, 0.25) == (-2.5, 5.0)
+    assert outward(2.0, 1.0, 0.0) == outward(np.nan, 1.0, 0.0) == (-np.inf, np.inf)
+
+
+def test_a_hull_of_values_is_the_whole_line_only_if_one_is_no_number() -> None:
+    assert hull(5.0, 2.0, np.inf, np.inf, 0.25) == (1.5, np.inf)
+    assert hull(-np.inf, -np.inf, 3.0, 4.0, 0.25) == (-np.inf, 5.0)
+    for place in range(4):
+        a, b, c, d = (np.nan if k == place else 1.0 + k for k in range(4))
+        assert hull(a, b, c, d, 0.25) == (-np.inf, np.inf)
 
 
 @pytest.mark.parametrize(
@@ -177,6 +191,10 @@ def test_of_a_point_no_more_is_added_than_is_stated(name: str) -> None:
         ("tan", -1.0, 1.0, np.tan(-1.0), np.tan(1.0)),
         ("tan", 1.0, 2.0, -np.inf, np.inf),
         ("tan", 2.0, 4.0, np.tan(2.0), np.tan(4.0)),
+        ("tan", 1.0, PI / 2 - 2.3e-12, np.tan(1.0), np.tan(PI / 2 - 2.3e-12)),
+        ("tan", 1.0, PI / 2 - 1.9e-12, -np.inf, np.inf),
+        ("tan", PI / 2 + 2.8e-12, 2.0, np.tan(PI / 2 + 2.8e-12), np.tan(2.0)),
+        ("tan", PI / 2 + 2.2e-12, 2.0, -np.inf, np.inf),
         ("cosh", -1.0, 2.0, 1.0, np.cosh(2.0)),
         ("cosh", -2.0, -1.0, np.cosh(1.0), np.cosh(2.0)),
         ("sinh", -800.0, 1.0, -np.inf, np.sinh(1.0)),
