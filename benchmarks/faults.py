@@ -40,8 +40,9 @@ FILES = {
     "proofs": (
         *(f"terminal_set/{name}.py" for name in (
             "intervals", "interval_functions", "interval_kernel", "smoothness",
-            "taylor", "enclosure", "decrease", "growth", "held_motion",
-            "proof", "level", "certification", "prerequisites", "ellipsoid",
+            "cells", "taylor", "enclosure", "decrease", "growth", "held_motion",
+            "proof", "level", "level_search", "drift", "certification",
+            "prerequisites", "ellipsoid",
             "refutation", "stability", "lyapunov", "lqr", "linearisation",
         )),
         "terminal_set/checker/*.py",
@@ -57,11 +58,14 @@ FILES = {
 }  # fmt: skip
 """What is drawn from: patterns of files, by what they make sound."""
 MORE_TESTS: Mapping[str, str] = {
-    "terminal_set/decrease.py": "tests/terminal_set/test_proof.py",
-    "terminal_set/enclosure.py": "tests/terminal_set/test_proof.py",
+    "ocp/constraints.py": "tests/ocp/test_problem.py",
     "terminal_set/held_motion.py": "tests/terminal_set/test_certification.py",
-    "terminal_set/prerequisites.py": "tests/terminal_set/test_certification.py",
-    "terminal_set/checker/*.py": "tests/terminal_set/test_check.py",
+    "terminal_set/checker/deadline.py": "tests/terminal_set/checker/test_motion.py",
+    "terminal_set/checker/findings.py": "tests/terminal_set/test_check.py",
+    "terminal_set/checker/statements.py": "tests/terminal_set/test_check.py",
+    "terminal_set/checker/ellipsoid_statements.py": (
+        "tests/terminal_set/checker/test_statements_by_parts.py"
+    ),
 }
 """Pattern of files -> further tests of theirs, run after those of the same name."""
 LIMIT_GB = 8

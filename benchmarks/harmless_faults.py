@@ -4,5 +4,123 @@ They change text that is only read, effort, or nothing at all. A place is named 
 line's text, so that it is still found after lines above it have changed.
 """
 
-HARMLESS: tuple[tuple[str, str, str, str], ...] = ()
+TEXT = "text that is read, and nothing is decided by"
+EFFORT = "how much is tried; what is found is checked by itself"
+GUARD = "avoids 0/0 only"
+EQUAL = "differs where two computed real numbers are equal in all bits only"
+EMPTY = "both are empty"
+
+_ANY = {
+    EFFORT: {
+        "terminal_set/checker/coordinates.py": ("_SWEEPS = 60",),
+        "terminal_set/checker/falsification.py": (
+            "SAMPLES = 200",
+            "REFINEMENT = 32  # Runge-Kutta steps of the flow a step of the map",
+            "TIMES = 8  # instants within a hold",
+        ),
+        "terminal_set/checker/motion.py": (
+            "_STEPS_A_LOOK = 256  # instructions between looks at the clock; "
+            "well below 1 ms",
+        ),
+        "terminal_set/proof.py": ("CHUNK = 8192",),
+        "terminal_set/refutation.py": (
+            "RAYS = 4000",
+            "RADII = 60",
+            "SMALLEST = 1e-3",
+            "STARTS = 6",
+            "MOST_ROUNDS = 4",
+            "if not starts or starts[0][0] > radius / 10:",
+            "starts = _on_rays(c, T, radius, rng) or starts[:1]",
+            "condition = c(ca.DM(T) @ (rho * u)) / rho**2",
+            "lbx=np.concatenate([[1e-6 * radius], np.full(nx, -1.0)]),",
+        ),
+    },
+    TEXT: {
+        "ocp/path.py": ("_SHOWN = 5",),
+        "ocp/solution.py": (
+            "SHOWN = 6",
+            "more = len(names) - SHOWN",
+            'return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")',
+            "share = abs(path.cost - plan.cost) / max(path.magnitude, 1e-300)",
+        ),
+        "terminal_set/refutation.py": (
+            '{"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"},',
+        ),
+    },
+    GUARD: {
+        "ocp/separation.py": (
+            "_SHORTEST_SEGMENT = 1e-24",
+            "shortest = _SHORTEST_SEGMENT * self.distance**2",
+        ),
+    },
+    "any large weight: the form is only smaller than on the tangent space": {
+        "ocp/optimality.py": ("_HELD = 1e7",),
+    },
+    "any factor above the rounding of T'PT, whose defect is added": {
+        "terminal_set/proof.py": ("COVER = 1e-9",),
+    },
+}
+"""Reason -> file -> lines of which every fault is harmless."""
+
+_ONE = {
+    EQUAL: {
+        "ocp/solution.py": (
+            (
+                "changes = not abs(moved.cost - path.cost) <= allowed",
+                "changes = not abs(moved.cost - path.cost) < allowed",
+            ),
+            ("if (beyond > 0).any():", "if (beyond >= 0).any():"),
+        ),
+    },
+    GUARD: {
+        "ocp/solution.py": (
+            (
+                "i = int(np.argmax(beyond / np.maximum(scale, 1e-300)))",
+                "i = int(np.argmax(beyond / np.maximum(scale, 2e-300)))",
+            ),
+            (
+                "i = int(np.argmax(beyond / np.maximum(scale, 1e-300)))",
+                "i = int(np.argmax(beyond / np.maximum(scale, 5e-301)))",
+            ),
+        ),
+        "terminal_set/checker/coordinates.py": (
+            (
+                "factor[j][j] = math.sqrt(max(rest, 5e-324))",
+                "factor[j][j] = math.sqrt(max(rest, 0.0))",
+            ),
+            (
+                "factor[j][j] = math.sqrt(max(rest, 5e-324))",
+                "factor[j][j] = math.sqrt(max(rest, 1e-323))",
+            ),
+        ),
+    },
+    EMPTY: {
+        "ocp/checking.py": (
+            (
+                "values = ca.vertcat(ca.SX(0, 1), *[r.values for r in rows])",
+                "values = ca.vertcat(ca.SX(0, 0), *[r.values for r in rows])",
+            ),
+            (
+                "return np.empty((0, count)), np.empty((0, count), dtype=bool)",
+                "return np.empty((0, count)), np.empty((1, count), dtype=bool)",
+            ),
+        ),
+    },
+}
+"""Reason -> file -> (line, line with the one fault that is harmless)."""
+
+HARMLESS: tuple[tuple[str, str, str, str], ...] = (
+    *(
+        (file, line, "*", reason)
+        for reason, files in _ANY.items()
+        for file, lines in files.items()
+        for line in lines
+    ),
+    *(
+        (file, before, after, reason)
+        for reason, files in _ONE.items()
+        for file, pairs in files.items()
+        for before, after in pairs
+    ),
+)
 """File, line, line with the fault or "*" for any, and why it does no harm."""

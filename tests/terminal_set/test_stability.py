@@ -4,12 +4,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.terminal_set import NotStabilisableError
+from swarmstart.terminal_set import (
+    NotStabilisableError,
+    UnstableLoopError,
+    UnweightedModeError,
+)
 from swarmstart.terminal_set.stability import (
     CONTINUOUS,
     SAMPLED,
+    TimeDomain,
     growth,
     require_stabilisable,
+    require_stable,
+    require_weighted,
 )
 
 Matrices = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -38,3 +45,53 @@ def test_an_oscillation_no_input_reaches_is_named_with_both_its_modes() -> None:
 def test_the_unit_of_an_input_does_not_matter(matrices: Matrices) -> None:
     A, B = matrices
     require_stabilisable(A, B * [1e-12, 1e12], CONTINUOUS)
+
+
+@pytest.mark.parametrize(
+    ("domain", "limit", "boundary"),
+    [(CONTINUOUS, -1e-9, 0.0), (SAMPLED, 1 - 1e-6, 1.0)],
+)
+def test_loop_is_stable_below_its_limit_only(
+    domain: TimeDomain, limit: float, boundary: float
+) -> None:
+    room = boundary - limit
+    require_stable(np.array([[limit - 0.1 * room]]), domain)
+    for growth_ in (limit + 0.1 * room, boundary, boundary + 1):
+        with pytest.raises(UnstableLoopError):
+            require_stable(np.array([[growth_]]), domain)
+    require_stable(np.array([[-0.5]]), domain)
+
+
+@pytest.mark.parametrize(
+    ("domain", "limit", "boundary"),
+    [(CONTINUOUS, -1e-9, 0.0), (SAMPLED, 1 - 1e-6, 1.0)],
+)
+def test_only_modes_about_the_boundary_must_be_weighted(
+    domain: TimeDomain, limit: float, boundary: float
+) -> None:
+    """As far above it as the limit is below: others decay or have to be moved."""
+    room, nothing = boundary - limit, np.zeros((1, 1))
+    for off, seen in ((-1.1, True), (-0.9, False), (0.9, False), (1.1, True)):
+        A = np.array([[boundary + off * room]])
+        if seen:
+            require_weighted(A, nothing, domain)
+        else:
+            with pytest.raises(UnweightedModeError):
+                require_weighted(A, nothing, domain)
+        require_weighted(A, np.eye(1), domain)
+
+
+@pytest.mark.parametrize(("weak", "reached"), [(0.9e-8, False), (1.1e-8, True)])
+def test_mode_is_reached_if_the_pencil_keeps_its_rank(
+    weak: float, reached: bool
+) -> None:
+    """A column of length one that reaches a mode 0 by next to nothing.
+
+    Brought to the size 3 of A, the singular values are sqrt(18) and 3 b_2 / sqrt(2).
+    """
+    A, B = np.diag([3.0, 0.0]), np.array([[1.0], [2 * weak]])
+    if reached:
+        require_stabilisable(A, B, CONTINUOUS)
+    else:
+        with pytest.raises(NotStabilisableError):
+            require_stabilisable(A, B, CONTINUOUS)
