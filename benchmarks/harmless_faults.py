@@ -10,7 +10,7 @@ GUARD = "avoids 0/0 only"
 EQUAL = "differs where two computed real numbers are equal in all bits only"
 EMPTY = "both are empty"
 
-_ANY = {
+_ANY: dict[str, dict[str, tuple[str, ...]]] = {
     EFFORT: {
         "terminal_set/checker/coordinates.py": ("_SWEEPS = 60",),
         "terminal_set/checker/falsification.py": (
@@ -62,7 +62,7 @@ _ANY = {
 }
 """Reason -> file -> lines of which every fault is harmless."""
 
-_ONE = {
+_ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
     EQUAL: {
         "ocp/solution.py": (
             (
