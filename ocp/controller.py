@@ -5,7 +5,8 @@ so that a flight can be stopped, stored and gone on with.
 
 Receding horizon: at each control instant the planner starts at the last plan, shifted
 by one interval with zero controls appended, and the first control of the new plan is
-flown. (The chapter starts at U(t - delta) unshifted, which does not settle: erratum.)
+flown. (The chapter starts at U(t - delta) as it is, which does not settle: erratum;
+`shift=False` does that.)
 Where no feasible plan is found, the better of what was found and the shifted last
 plan, by (violation, cost), is flown, and the plan says so. (Always flying the shifted
 plan can stall: one that never was feasible is then repeated for ever.)
@@ -100,6 +101,8 @@ class RecedingHorizon:
         candidates: Time [s] -> controls (nu, N, k) that a search looks at besides the
             last plan; None: none.
         append: What the last plan, shifted, ends with.
+        shift: Whether planning starts at the last plan shifted by one interval; else at
+            the last plan as it is, one interval late.
         first: Controls (nu, N) that the plan at the start begins from; None: none are
             known. Without search and polish they are that plan.
     """
@@ -109,6 +112,7 @@ class RecedingHorizon:
     parameters: Callable[[float], Array] | None = None
     candidates: Callable[[float], Array] | None = None
     append: Appended = "zero"
+    shift: bool = True
     first: Array | None = None
 
     @property
@@ -164,32 +168,33 @@ class RecedingHorizon:
         """
         known = self.known(time, seen)
         problem = self.planner.problem
-        guess = self.first
+        guess = self.first if last is None else last.controls
+        shifted: Array | None = None
         if last is not None:
-            guess = shifted_controls(problem, last.controls, self.append)
+            shifted = shifted_controls(problem, last.controls, self.append)
         plan = self.planner.plan(
             state,
             known=known,
-            guess=guess,
+            guess=shifted if self.shift and shifted is not None else guess,
             candidates=None if self.candidates is None else self.candidates(time),
             near=last is not None,
             rng=rng,
         )
-        if plan.feasible or last is None or guess is None:
+        if plan.feasible or shifted is None:
             return plan
-        return self._fallback(plan, guess, state, known)
+        return self._fallback(plan, shifted, state, known)
 
-    def _fallback(self, plan: Plan, guess: Array, state: Array, known: Known) -> Plan:
+    def _fallback(self, plan: Plan, again: Array, state: Array, known: Known) -> Plan:
         """Return the shifted last plan in place of an infeasible one, unless worse.
 
         Args:
             plan: What planning found; its search values and effort are kept.
-            guess: The shifted last plan's controls, shape (nu, N).
+            again: The shifted last plan's controls, shape (nu, N).
             state: Shape (nx,).
             known: Parameters and signals of the plan.
         """
         shifted = self.planner.evaluated(
-            guess, state, known=known, source=Source.SHIFTED
+            again, state, known=known, source=Source.SHIFTED
         )
         found, last = (plan.cost, plan.violation), (shifted.cost, shifted.violation)
         if is_better(found, last, tolerance=self.planner.problem.tolerance):

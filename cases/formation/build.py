@@ -200,6 +200,7 @@ def _agent(
         controller=RecedingHorizon(
             planner=planner,
             reference=lambda times: slot_states(scenario, number, times),
+            shift=scenario.last_plan == "shifted",
             first=None if given is None else np.array(given).T,
         ),
         watches=watches,

@@ -139,6 +139,7 @@ class FormationScenario(Scenario):
     planning_order: Literal["highest_first", "lowest_first"] | list[int] = (
         "highest_first"
     )
+    last_plan: Literal["shifted", "unshifted"] = "shifted"
     prediction: Prediction
     weights: Weights
     terminal_cost: TerminalCost

@@ -1,5 +1,7 @@
 """Receding horizon: warm start, fallback, and the gain it must have."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -48,6 +50,31 @@ def test_plan_starts_at_the_last_one_shifted_with_zero_controls_appended(
         np.testing.assert_array_equal(decision.control, expected[:1])
         assert decision.mode is Mode.PLANNED
     np.testing.assert_array_equal(plan.controls, [[1, 2, 3, 4]])
+
+
+def test_plan_may_start_at_the_last_one_as_it_is(double_integrator: Model) -> None:
+    """As the chapter has it: without search and polish nothing ever changes."""
+    problem = OptimalControlProblem(double_integrator, horizon=2.0, intervals=4)
+    given = np.array([[1.0, 2, 3, 4]])
+    controller = RecedingHorizon(
+        planner=Planner(problem, search=None), first=given, shift=False
+    )
+    decision: Decision | None = None
+    for _ in range(3):
+        decision = controller.decide(0.0, np.zeros(2), decision, rng=rng())
+        np.testing.assert_array_equal(decision.plans[0].controls, given)
+
+
+def test_what_is_flown_without_a_feasible_plan_is_shifted_all_the_same(
+    hopeless: RecedingHorizon,
+) -> None:
+    last = hopeless.planner.evaluated(
+        np.array([[-1.0, 1, 0, 0]]), np.array([0.25, 0.0]), source=Source.SEARCH
+    )
+    unshifted = replace(hopeless, shift=False)
+    plan = unshifted.plan(0.5, np.array([0.125, -0.5]), last, rng=rng())
+    assert plan.source is Source.SHIFTED
+    np.testing.assert_array_equal(plan.controls, [[1, 0, 0, 0]])
 
 
 def test_the_plan_at_the_start_begins_from_the_first_controls(
