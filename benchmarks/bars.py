@@ -1,20 +1,19 @@
 """What flights must reach, and the tables that say whether they do.
 
-A bar is a command and a bound on a measure; a claim is one of a scenario's.
+A bar is a command and a bound on a measure. The chapter's claims are judged by
+`swarmstart replicate`.
 """
 
 import re
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from swarmstart.benchmarks.flights import Job, Measured
 from swarmstart.benchmarks.tables import row
-from swarmstart.cases.claims import assignments_of, claim_assignments, holds
-from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.claims import holds
 from swarmstart.cases.statistics import spread
-from swarmstart.cases.verdicts import Verdict, paired_verdict, verdict_of_seeds
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -142,102 +141,3 @@ def bar_table(
             )
         )
     return [*lines, ""], failed
-
-
-class Found(NamedTuple):
-    """A claim of a scenario.
-
-    Attributes:
-        scenario: Its name.
-        variant: The variant; empty where there is none, or for the default.
-        claim: The claim.
-        settings: The resolved scenario.
-    """
-
-    scenario: str
-    variant: str
-    claim: Any
-    settings: Mapping[str, Any]
-
-
-def claims_of(scenarios: Iterable[tuple[str, str]]) -> list[Found]:
-    """Return every claim of some scenarios, given by name and variant."""
-    found: list[Found] = []
-    for name, variant in scenarios:
-        resolved = resolve(read_document(name), variant=variant or None)
-        found += [
-            Found(name, variant, claim, resolved.settings)
-            for claim in resolved.scenario.claims
-        ]
-    return found
-
-
-def claim_jobs(found: Found, seeds: int) -> list[tuple[Job, ...]]:
-    """Return the runs of a claim, or the pairs; one where nothing is random."""
-    claim, settings = found.claim, found.settings
-    base = claim_assignments(claim, settings)
-    both = [base]
-    if claim.against is not None:
-        both.append(base + assignments_of(claim.against))
-    exact = claim.when.get("search.name") == "none"
-    return [
-        tuple(Job(found.scenario, sets, found.variant, seed=seed) for sets in both)
-        for seed in range(1 if exact else seeds)
-    ]
-
-
-def claim_table(
-    title: str, claims: Sequence[Found], measured: Measured, seeds: int
-) -> list[str]:
-    """Return the claims with what was measured, as lines of Markdown."""
-    lines = [
-        f"## {title}",
-        "",
-        "A ratio is to the second run that the claim names. Where nothing is random "
-        "one run decides; else every seed, or for ratios the median and a Wilcoxon "
-        "test.",
-        "",
-        row("claim", "scenario", "text", "asked", "measured", "verdict", "note"),
-        row(*["---"] * 7),
-    ]
-    for found in claims:
-        claim = found.claim
-        values, verdict = judged(claim, claim_jobs(found, seeds), measured)
-        bound = "never" if claim.bound is None else f"{claim.bound:.6g}"
-        ratio = " (ratio)" if claim.against is not None else ""
-        lines.append(
-            row(
-                claim.id,
-                " ".join(filter(None, (found.scenario, found.variant))),
-                f"{claim.text} ({claim.source})",
-                f"{claim.measure}{ratio} {claim.relation} {bound}",
-                spread(values, digits=6),
-                verdict,
-                claim.note or "-",
-            )
-        )
-    return [*lines, ""]
-
-
-def judged(
-    claim: Any, jobs: list[tuple[Job, ...]], measured: Measured
-) -> tuple[list[Any], str]:
-    """Return the measures of a claim's runs, or the ratios of pairs, and the verdict.
-
-    Args:
-        claim: The claim.
-        jobs: As of `claim_jobs`.
-        measured: What was flown.
-    """
-    found = [[measured[job][claim.measure] for job in pair] for pair in jobs]
-    if claim.against is None:
-        values = [value for (value,) in found]
-    else:
-        values = [a / b for a, b in found]
-        if len(values) > 1:
-            verdict, test = paired_verdict(values, claim.relation, claim.bound)
-            return values, f"{verdict} ({test})"
-    verdict = verdict_of_seeds(values, claim.relation, claim.bound, share=claim.share)
-    kept = sum(bool(holds(v, claim.relation, claim.bound)) for v in values)
-    part = verdict is Verdict.IN_PART
-    return values, f"{verdict}: {kept} of {len(values)} seeds" if part else str(verdict)

@@ -1,4 +1,4 @@
-"""The close formation over seeds: the project's bars, gusts and the chapter's claims.
+"""The close formation over seeds: the project's bars, and gusts.
 
     python benchmarks/close_formation.py --write docs/close_formation_bars.md
 
@@ -18,19 +18,13 @@ import numpy as np
 
 from swarmstart.benchmarks.bars import (
     bar_table,
-    claim_jobs,
-    claim_table,
-    claims_of,
     jobs_of,
 )
 from swarmstart.benchmarks.close_formation_bars import (
     BARS,
-    FAST,
     GUST_LEVELS_FT_S,
     GUST_SEEDS,
     GUSTS,
-    SCENARIO,
-    VORTEX,
     gust_job,
 )
 from swarmstart.benchmarks.flights import Job, Measured, flown, fly_all
@@ -40,7 +34,6 @@ from swarmstart.cases.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.run import Run
 from swarmstart.cases.statistics import spread
 
-CLAIM_SEEDS = 10
 TURN_S = (25.0, 125.0)
 """When the full turn is on, and the wingman has met it."""
 
@@ -85,20 +78,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--write", type=Path, help="a Markdown file to write")
     options = parser.parse_args(arguments)
     began, most = time.perf_counter(), 1 if options.short else GUST_SEEDS
-    seeds = min(CLAIM_SEEDS, most)
 
-    claims = claims_of((name, "") for name in (SCENARIO, FAST, VORTEX))
     jobs = [job for bar in (*BARS, *GUSTS) for job in jobs_of(bar, most)]
     jobs += [job for pair in _gust_jobs(most).values() for job in pair]
-    jobs += [
-        job for claim in claims for pair in claim_jobs(claim, seeds) for job in pair
-    ]
     measured = fly_all(fly, jobs, options.workers)
 
     lines, failed = bar_table((*BARS, *GUSTS), measured, most)
     lines += _gust_table(measured, most)
-    title = "The chapter's claims 11 to 18 and 23"
-    lines += claim_table(title, claims, measured, seeds)
     text = "\n".join(lines) + "\n"
     print(text)
     print(f"{failed} bars missed, {time.perf_counter() - began:.0f} s", file=sys.stderr)

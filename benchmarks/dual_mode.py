@@ -32,7 +32,7 @@ _HEAD = """# The dual mode, flown
 
 Made by `python benchmarks/dual_mode.py --seeds {seeds}`: the corrected formation
 scenarios, seeds 0 to {last}. Cold: the search starts at random at every step; warm:
-from its last population. Settled: every UAV within 1 m of its slot along x and y, and
+from the last plan. Settled: every UAV within 1 m of its slot along x and y, and
 that until the end of the flight. Numbers are lowest / median / highest. Both sets
 are proven up to the bounds of the inputs ([terminal_sets.md](terminal_sets.md)).
 

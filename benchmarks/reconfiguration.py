@@ -1,4 +1,4 @@
-"""Reconfigurations and transfers over seeds: bars, and the claims 19 to 23 and 25.
+"""Reconfigurations and transfers over seeds: their bars.
 
     python benchmarks/reconfiguration.py --write docs/reconfiguration_bars.md
 
@@ -17,9 +17,6 @@ import numpy as np
 
 from swarmstart.benchmarks.bars import (
     bar_table,
-    claim_jobs,
-    claim_table,
-    claims_of,
     jobs_of,
 )
 from swarmstart.benchmarks.flights import Job, flown, fly_all
@@ -59,11 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     began, most = time.perf_counter(), 1 if options.short else MOST_SEEDS
     many = 1 if options.short else MANY_SEEDS
 
-    claims = claims_of((name, "literal") for name in (FIRST, SECOND))
     jobs = [job for bar in BARS for job in jobs_of(bar, most)]
-    jobs += [
-        job for claim in claims for pair in claim_jobs(claim, most) for job in pair
-    ]
     jobs += [job._replace(seed=seed) for job in CORRECTED for seed in range(many)]
     measured = fly_all(fly, jobs, options.workers)
 
@@ -91,8 +84,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"{np.sum(values <= bound)} of {many}",
             )
         )
-    title = "The chapter's claims 19 to 23 and 25, as printed"
-    lines += ["", *claim_table(title, claims, measured, most)]
     text = "\n".join(lines) + "\n"
     print(text)
     print(f"{failed} bars missed, {time.perf_counter() - began:.0f} s", file=sys.stderr)

@@ -22,6 +22,7 @@ from swarmstart.cases.files import (
     write_json,
     write_text,
 )
+from swarmstart.cases.kind import Measure
 from swarmstart.cases.output import answer
 from swarmstart.cases.page import embedded, rendered
 from swarmstart.cases.progress import Progress
@@ -46,6 +47,14 @@ RESULTS = Path("results") / "replication"
 COMMAND = "swarmstart replicate"
 TYPICAL_S = 2.5
 """Of a cell of which nothing is known yet."""
+WORST_FIRST = (
+    Verdict.NOT_JUDGED,
+    Verdict.FAILS,
+    Verdict.IN_PART,
+    Verdict.NO_DIFFERENCE,
+    Verdict.NOT_SHOWN,
+    Verdict.HOLDS,
+)
 
 
 class UnknownClaimError(SwarmstartError, LookupError):
@@ -176,7 +185,7 @@ def _content(
     elif options.seeds:
         seeds = f"{options.seeds} seeds where anything is random"
     else:
-        seeds = "1 to 6 seeds each"
+        seeds = "1 to 10 seeds each"
     only = "".join(f" --only {number}" for number in options.only)
     return {
         "schema": 1,
@@ -188,12 +197,12 @@ def _content(
         "seeds_in_words": seeds,
         "runs": runs,
         "counted": ", ".join(f"{n} {verdict}" for verdict, n in counts.most_common()),
-        "claims": [_claim(plan.chapter, claim) for claim in claims],
+        "claims": [_claim(claim) for claim in claims],
         "versions": versions(),
     }
 
 
-def _claim(chapter: Chapter, judged_claim: JudgedClaim) -> dict[str, Any]:
+def _claim(judged_claim: JudgedClaim) -> dict[str, Any]:
     claim = judged_claim.claim
     return {
         "id": claim.id,
@@ -203,26 +212,29 @@ def _claim(chapter: Chapter, judged_claim: JudgedClaim) -> dict[str, Any]:
         "expected": str(claim.expected),
         "as_expected": judged_claim.is_expected,
         "because": claim.because,
-        "parts": [_part(chapter, part) for part in judged_claim.parts],
+        "parts": [_part(part) for part in judged_claim.parts],
     }
 
 
-def _part(chapter: Chapter, judged_part: JudgedPart) -> dict[str, Any]:
+def _part(judged_part: JudgedPart) -> dict[str, Any]:
     part, claim = judged_part.planned.part, judged_part.planned.claim
     ratio = ", ratio" if claim.against is not None else ""
     bound = "never" if claim.bound is None else f"{claim.bound:.4g}"
     commands = judged_part.planned.commands
     return {
         "scenario": part.scenario,
-        "variant": chapter.variants.get(part.scenario, ""),
+        "variant": judged_part.planned.variant,
         "claim": part.claim,
+        "reading": part.reading,
         "text": claim.text,
         "asked": f"{claim.measure}{ratio} {claim.relation} {bound}",
         "measure": claim.measure,
         "relation": claim.relation,
         "bound": claim.bound,
+        "basis": part.basis,
         "values": list(judged_part.values),
-        "measured": spread(judged_part.values),
+        "pairs": [list(pair) for pair in judged_part.pairs],
+        "measured": _measured(judged_part),
         "runs": len(judged_part.values),
         "verdict": str(judged_part.verdict),
         "test": judged_part.test,
@@ -231,6 +243,21 @@ def _part(chapter: Chapter, judged_part: JudgedPart) -> dict[str, Any]:
         "against": commands[1] if len(commands) > 1 else "",
         "failures": list(judged_part.failures),
     }
+
+
+def _measured(judged_part: JudgedPart) -> str:
+    """Return what was measured; of ratios also the medians of what they are of."""
+    said = spread(judged_part.values)
+    if not judged_part.pairs:
+        return said
+    sides = zip(*judged_part.pairs, strict=True)
+    first, second = (_median(values) for values in sides)
+    return f"{said} ({first} to {second})"
+
+
+def _median(values: Sequence[Measure]) -> str:
+    known = [float(value) for value in values if isinstance(value, int | float)]
+    return spread([statistics.median(known)] if known else [None], digits=5)
 
 
 def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]]:
@@ -263,30 +290,63 @@ def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]
     return drawn
 
 
-def deciding(claim: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the first part of a claim that does not hold, or else its first."""
-    holding = str(Verdict.HOLDS)
-    parts: Sequence[Mapping[str, Any]] = claim["parts"]
-    return next((part for part in parts if part["verdict"] != holding), parts[0])
+def deciding(claim: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the parts that make a claim's verdict, for a table of a row a claim.
+
+    The first of those that are farthest from holding; of a claim that holds in part
+    also the first that holds.
+    """
+    judged = [p for p in claim["parts"] if p["verdict"] != str(Verdict.BESIDE)]
+    told = [min(judged, key=lambda part: WORST_FIRST.index(part["verdict"]))]
+    if claim["verdict"] == str(Verdict.IN_PART):
+        told += [p for p in judged if p["verdict"] == str(Verdict.HOLDS)][:1]
+    return told
 
 
 def markdown(content: Mapping[str, Any]) -> str:
-    """Return a row a claim, with the part that decides, as a Markdown table."""
+    """Return a row a claim, with the parts that decide, as a Markdown table."""
     lines = [
         "| claim | what the chapter says | asked | measured | verdict |",
         "| --- | --- | --- | --- | --- |",
     ]
     for claim in content["claims"]:
-        part = deciding(claim)
+        parts = deciding(claim)
+        several = len({_run_of(part) for part in claim["parts"]}) > 1
         cells = (
             str(claim["id"]),
             claim["text"],
-            f"`{part['asked']}`",
-            part["measured"],
+            "<br>".join(_asked(part, where=several) for part in parts),
+            "<br>".join(_found(part, alone=len(parts) == 1) for part in parts),
             claim["verdict"],
         )
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def _run_of(part: Mapping[str, Any]) -> str:
+    """Return the scenario and the variant of a part; empty for a computation."""
+    return " ".join(filter(None, (part["scenario"], part["variant"])))
+
+
+def _asked(part: Mapping[str, Any], *, where: bool) -> str:
+    """Return what a part asks, with its reading and whose bound it is.
+
+    Args:
+        part: The part.
+        where: Whether the scenario is told too.
+    """
+    notes = [_run_of(part)] if where and part["scenario"] else []
+    notes += [part["reading"]] if part["reading"] else []
+    notes += ["bound ours"] if part["basis"] == "ours" else []
+    return f"`{part['asked']}`" + (f" ({'; '.join(notes)})" if notes else "")
+
+
+def _found(part: Mapping[str, Any], *, alone: bool) -> str:
+    """Return what was measured of a part; nothing beside one that is not judged."""
+    if part["verdict"] == str(Verdict.NOT_JUDGED):
+        return "-"
+    said: str = part["measured"]
+    return said if alone else f"{said}: {part['verdict']}"
 
 
 def _report(content: Mapping[str, Any], path: Path) -> str:
@@ -300,11 +360,12 @@ def _report(content: Mapping[str, Any], path: Path) -> str:
         if not claim["as_expected"]:
             lines.append(f"      expected: {claim['expected']}. {claim['because']}")
         for part in claim["parts"]:
-            where = part["scenario"] or "computed"
+            where = _run_of(part)
             test = f" ({part['test']})" if part["test"] else ""
             lines.append(
-                f"      {where.ljust(23)}  {part['asked']}: {part['measured']}, "
-                f"{part['verdict']}{test}"
+                f"      {(where or 'computed').ljust(32)}  "
+                f"{_asked(part, where=False).replace('`', '')}: "
+                f"{_found(part, alone=False)}{test}"
             )
             lines += [f"        a run failed: {text}" for text in part["failures"]]
     lines += ["", f"{content['counted']}"]

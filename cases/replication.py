@@ -27,7 +27,10 @@ from swarmstart.cases.settings import Claim, NonNegative, Number, Part
 from swarmstart.cases.statistics import too_few
 from swarmstart.cases.verdicts import (
     Verdict,
+    of_assumption,
+    of_guarantee,
     paired_verdict,
+    ratio,
     verdict_of_parts,
     verdict_of_seeds,
 )
@@ -39,6 +42,10 @@ class PartOfClaim(Part):
 
     scenario: str = ""
     claim: str = ""
+    variant: str = ""
+    reading: str = ""
+    basis: Literal["text", "physics", "ours"] = "text"
+    beside: bool = False
     compute: str = ""
     text: str = ""
     measure: str = ""
@@ -62,6 +69,7 @@ class ChapterClaim(Part):
     id: int
     text: str
     source: str
+    assumption: bool = False
     parts: list[PartOfClaim] = Field(min_length=1)
     expected: Verdict
     because: str
@@ -99,12 +107,16 @@ class PlannedPart:
     Attributes:
         part: The part.
         claim: The scenario's claim; of a computation one that is made of the part.
+        variant: The variant that is run; empty: none.
+        reason: Why the measure may not be defined, as `claims.holds` takes it.
         cells: A cell for each seed, or a pair of them: the second is compared with.
         commands: What runs them, without the seed.
     """
 
     part: PartOfClaim
     claim: Claim
+    variant: str
+    reason: str
     cells: tuple[tuple[Cell, ...], ...]
     commands: tuple[str, ...]
 
@@ -116,6 +128,7 @@ class JudgedPart:
     Attributes:
         planned: The part with its cells.
         values: Measures, or ratios of pairs, one a seed; in the order of the seeds.
+        pairs: The measures of each pair; empty if nothing is compared.
         verdict: What they say.
         test: The statistical test in words; empty without one.
         failures: Why cells failed.
@@ -123,6 +136,7 @@ class JudgedPart:
 
     planned: PlannedPart
     values: tuple[Measure, ...]
+    pairs: tuple[tuple[Measure, Measure], ...] = ()
     verdict: Verdict
     test: str = ""
     failures: tuple[str, ...] = ()
@@ -178,10 +192,12 @@ def _planned_part(
         return PlannedPart(
             part=part,
             claim=_own_claim(part),
+            variant="",
+            reason="",
             cells=((cell,),),
             commands=(part.compute,),
         )
-    variant = chapter.variants.get(part.scenario)
+    variant = part.variant or chapter.variants.get(part.scenario)
     base = _resolved(part.scenario, variant)
     claim = next(c for c in base.scenario.claims if c.id == part.claim)
     sets = [claim_assignments(claim, base.settings)]
@@ -197,6 +213,8 @@ def _planned_part(
     return PlannedPart(
         part=part,
         claim=claim,
+        variant=base.variant,
+        reason=base.kind.undefined.get(claim.measure, ""),
         cells=tuple(cells),
         commands=tuple(_command(part.scenario, variant, given) for given in sets),
     )
@@ -275,60 +293,64 @@ def judged(
         outcomes: By the cells' keys.
     """
     found = tuple(_judged_part(part, outcomes) for part in parts)
-    return JudgedClaim(
-        claim=claim,
-        parts=found,
-        verdict=verdict_of_parts([part.verdict for part in found]),
-    )
+    verdict = verdict_of_parts([part.verdict for part in found])
+    if claim.assumption:
+        verdict = of_assumption(verdict)
+    return JudgedClaim(claim=claim, parts=found, verdict=verdict)
 
 
 def _judged_part(planned: PlannedPart, outcomes: Mapping[str, Outcome]) -> JudgedPart:
-    part, claim = planned.part, planned.claim
+    claim = planned.claim
     found = [[outcomes[cell.key] for cell in pair] for pair in planned.cells]
     failures = tuple(o.failure for pair in found for o in pair if o.failure)
-    complete = [pair for pair in found if not any(o.failure for o in pair)]
-    values = tuple(_value(pair, claim.measure) for pair in complete)
+    complete = [
+        tuple(_measured(outcome, claim.measure) for outcome in pair)
+        for pair in found
+        if not any(o.failure for o in pair)
+    ]
+    pairs = tuple((pair[0], pair[1]) for pair in complete if len(pair) > 1)
+    values = tuple(
+        ratio(pair[0], pair[1], reason=planned.reason) if len(pair) > 1 else pair[0]
+        for pair in complete
+    )
     verdict, test = Verdict.NOT_JUDGED, "a run failed"
     if not failures:
-        verdict, test = _verdict(part, claim, values)
+        verdict, test = _verdict(planned, values)
     return JudgedPart(
-        planned=planned, values=values, verdict=verdict, test=test, failures=failures
+        planned=planned,
+        values=values,
+        pairs=pairs,
+        verdict=verdict,
+        test=test,
+        failures=failures,
     )
 
 
-def _value(pair: Sequence[Outcome], measure: str) -> Measure:
-    """Return a run's measure, or the ratio of a pair's.
-
-    Not defined (never settled) counts as infinite.
-    """
-    first, *second = (outcome.result or {} for outcome in pair)
-    value: Measure = first["measures"][measure]
-    if not second:
-        return value
-    other = second[0]["measures"][measure]
-    above, below = (
-        float("inf") if v is None else float(str(v)) for v in (value, other)
-    )
-    if above == below:
-        return 1.0
-    return above / below if below else float("inf")
+def _measured(outcome: Outcome, measure: str) -> Measure:
+    value: Measure = (outcome.result or {})["measures"][measure]
+    return value
 
 
-def _verdict(
-    part: PartOfClaim, claim: Claim, values: Sequence[Measure]
-) -> tuple[Verdict, str]:
+def _verdict(planned: PlannedPart, values: Sequence[Measure]) -> tuple[Verdict, str]:
+    part, claim = planned.part, planned.claim
+    if part.beside:
+        return Verdict.BESIDE, ""
     if len(values) < part.least or not values:
         return Verdict.NOT_JUDGED, too_few(len(values), "run", part.least)
     if claim.against is not None and part.seeds > 1:
         ratios = [v for v in values if isinstance(v, float)]
-        return paired_verdict(ratios, claim.relation, claim.bound)
-    share = claim.share
-    verdict = verdict_of_seeds(values, claim.relation, claim.bound, share=share)
-    if part.guarantee and verdict is Verdict.HOLDS:
-        return Verdict.NOT_SHOWN, "flights are examples, not a proof"
-    if part.guarantee and verdict is Verdict.IN_PART:
-        return Verdict.FAILS, "one exception refutes a guarantee"
-    return verdict, ""
+        if len(ratios) < len(values):
+            return Verdict.NOT_JUDGED, f"not defined: {planned.reason}"
+        verdict, test = paired_verdict(ratios, claim.relation, claim.bound)
+    else:
+        verdict, test = verdict_of_seeds(
+            values,
+            claim.relation,
+            claim.bound,
+            share=claim.share,
+            reason=planned.reason,
+        )
+    return of_guarantee(verdict, test) if part.guarantee else (verdict, test)
 
 
 def cells_of(parts: Sequence[PlannedPart]) -> Iterator[Cell]:

@@ -160,11 +160,16 @@ def _costs(
     trajectory: Trajectory,
 ) -> dict[str, Measure]:
     costs = plan_costs(trajectory)
-    begin = first_manoeuvre_s(scenario.leader)
-    moving = costs[trajectory.times[:-1] >= begin - ROUNDING_S]
+    # A step rises against the one before, which belongs to the manoeuvre too.
+    times, rises = trajectory.times[1:-1], np.diff(costs) > RISE
+    begin = first_manoeuvre_s(scenario.leader) - ROUNDING_S
+    early = rises & (trajectory.times[:-2] >= begin) & (times < begin + EARLY_S)
+    late = rises & (times >= begin + EARLY_S)
     return {
         "cost_max": float(costs.max()),
-        "cost_rises": int(np.sum(np.diff(moving) > RISE)),
+        "cost_rises": int(early.sum() + late.sum()),
+        "cost_rises_early": int(early.sum()),
+        "cost_rises_late": int(late.sum()),
         "candidate_losses": _losses(flight, trajectory, costs),
     }
 
@@ -185,11 +190,13 @@ def _saving(flight: CloseFormationFlight, trajectory: Trajectory) -> dict[str, M
     saved = savings(flight, trajectory.states)
     _, best_y, _ = slot_of(flight)
     dt = float(trajectory.times[1] - trajectory.times[0])
+    ideal, best = drag_saving(flight.aircraft, best_y, 0.0), best_saving(flight)
     return {
         "drag_saving_percent": float(100 * saved.mean()),
         "drag_saving_min_percent": float(100 * saved.min()),
-        "drag_saving_ideal_percent": 100 * drag_saving(flight.aircraft, best_y, 0.0),
-        "drag_saving_best_percent": 100 * best_saving(flight),
+        "drag_saving_ideal_percent": 100 * ideal,
+        "drag_saving_best_percent": 100 * best,
+        "drag_saving_shortfall_percent": 100 * (1 - ideal / best),
         "drag_saving_low_s": float(np.sum(saved < LOW_SAVING) * dt),
     }
 

@@ -19,11 +19,15 @@ MEASURES = {
     "steady_altitude_command_ft": "mean height command of the last 5 s",
     "cost_max": "largest cost J of a plan",
     "cost_rises": "steps from the manoeuvre on whose J is above the last one by 1e-6",
+    "cost_rises_early": "those within the first 10 s of the manoeuvre",
+    "cost_rises_late": "those after that",
     "candidate_losses": "plans worse than the last command, held (5.29)",
     "drag_saving_percent": "mean drag saved by the vortex over all samples",
     "drag_saving_min_percent": "smallest drag saved",
-    "drag_saving_ideal_percent": "drag saved in the slot of (5.20), pi b / 4 aside",
+    "drag_saving_ideal_percent": "drag saved in the slot of (5.20), y = pi b / 4",
     "drag_saving_best_percent": "largest drag saved at the leader's height",
+    "drag_saving_shortfall_percent": "what the slot of (5.20) misses of the largest "
+    "saving, in percent of that",
     "drag_saving_low_s": "time with less than 30 percent of drag saved",
     "min_range_ft": "smallest distance of the two aircraft over the whole path flown",
     "gap_relative_median": "median of (J - J*) / J* in the first 10 s of the "

@@ -137,8 +137,17 @@ def test_claims_have_the_expected_verdicts() -> None:
         for claim in flown(scenario=name).claims
     ]
     verdicts = {c["id"]: c["holds"] for c in claims if c["holds"] is not None}
-    kept = {"13", "15", "15b", "15c", "17"}
+    kept = {"13", "15", "15b", "15c", "16", "17"}
     assert {c for c, holds in verdicts.items() if holds} == kept
-    assert {c for c, holds in verdicts.items() if not holds} == {"14", "18"}
+    assert {c for c, holds in verdicts.items() if not holds} == {"14", "14b", "18"}
     solved = {c["id"]: c["holds"] for c in flown(ipopt=True).claims}
-    assert solved["23"] is False
+    assert solved["23"] is solved["14c"] is False
+
+
+def test_most_late_rises_of_the_cost_are_noise_of_the_search() -> None:
+    """Of the exact minimum there are two after the first 10 s of the manoeuvre."""
+    searched, exact = flown().measures, flown(ipopt=True).measures
+    assert number(exact, "cost_rises_early") == pytest.approx(42, abs=2)
+    assert number(exact, "cost_rises_late") <= 4
+    assert number(searched, "cost_rises_early") == pytest.approx(44, abs=6)
+    assert number(searched, "cost_rises_late") >= 50

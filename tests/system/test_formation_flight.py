@@ -14,6 +14,7 @@ from swarmstart.cases.scenario import read_document, resolve
 from swarmstart.ocp import Source
 
 SEED = 0
+SHIFTED = ("last_plan=shifted",)
 
 
 @cache
@@ -41,8 +42,21 @@ def number(measures: Mapping[str, Measure], name: str) -> float:
     return value
 
 
-def test_literal_v_settles_and_keeps_its_distance() -> None:
-    measures = flown("formation_v", "literal").measures
+@pytest.mark.parametrize(
+    ("scenario", "cost"), [("formation_v", 5036), ("formation_obstacle", 91622)]
+)
+def test_as_printed_searches_start_one_second_late_and_never_settle(
+    scenario: str, cost: float
+) -> None:
+    """The costs are those of another implementation of U(t - delta), seed 0."""
+    measures = flown(scenario, "literal").measures
+    assert measures["settle_time_s"] is None
+    assert number(measures, "tail_error_m") > 1.5
+    assert number(measures, "closed_loop_cost") == pytest.approx(cost, abs=1)
+
+
+def test_literal_v_with_the_shift_settles_and_keeps_its_distance() -> None:
+    measures = flown("formation_v", "literal", assignments=SHIFTED).measures
     assert number(measures, "settle_time_s") <= 12
     assert number(measures, "tail_error_m") <= 0.05
     assert number(measures, "closed_loop_cost") <= 4400
@@ -56,7 +70,7 @@ def test_corrected_v_comes_near_the_gradient_solvers_cost() -> None:
 
 
 def test_literal_flight_avoids_the_obstacle_at_the_samples_only() -> None:
-    measures = flown("formation_obstacle", "literal").measures
+    measures = flown("formation_obstacle", "literal", assignments=SHIFTED).measures
     assert number(measures, "settle_time_s") <= 18
     assert number(measures, "tail_error_m") <= 0.1
     assert number(measures, "closed_loop_cost") <= 95_000
@@ -121,7 +135,7 @@ def test_corrected_dual_mode_never_leaves_its_set_and_contracts(scenario: str) -
 
 
 def test_literal_dual_mode_is_unstable_as_it_is_used() -> None:
-    setting = ("dual_mode.enabled=true",)
+    setting = ("dual_mode.enabled=true", *SHIFTED)
     measures = flown("formation_v", "literal", assignments=setting).measures
     assert number(measures, "held_spectral_radius") == pytest.approx(10.80, abs=0.05)
     assert number(measures, "lyapunov_ratio_max") > 10
@@ -137,7 +151,7 @@ def test_literal_dual_mode_is_unstable_as_it_is_used() -> None:
 )
 def test_genetic_algorithm_started_cold_is_worse(scenario: str, ratio: float) -> None:
     genetic = flown(scenario, "literal", search="ga").measures
-    swarm = flown(scenario, "literal").measures
+    swarm = flown(scenario, "literal", assignments=SHIFTED).measures
     cost = number(genetic, "closed_loop_cost")
     assert cost >= ratio * number(swarm, "closed_loop_cost")
 
@@ -148,11 +162,20 @@ def test_claims_one_to_ten_are_in_the_scenarios() -> None:
         for scenario in ("formation_v", "formation_obstacle")
         for claim in flown(scenario, "literal").claims
     ]
-    numbers = {int(claim["id"].rstrip("abcdefg")) for claim in claims}
+    numbers = {int(claim["id"].rstrip("abcds")) for claim in claims}
     assert numbers == set(range(1, 11))
     assert all(claim["source"] and claim["text"] for claim in claims)
     judged = {c["id"]: c for c in claims if c["holds"] is not None}
-    assert judged["1"]["holds"] is judged["2"]["holds"] is True
+    assert judged["1"]["holds"] is judged["2"]["holds"] is False
+    shifted = [
+        {
+            c["id"]: c["holds"]
+            for c in flown(name, "literal", assignments=SHIFTED).claims
+        }
+        for name in ("formation_v", "formation_obstacle")
+    ]
+    assert shifted[0]["1s"] is shifted[1]["2s"] is True
+    assert shifted[0]["1"] is shifted[1]["2"] is None
     assert judged["9d"]["holds"] is False
 
 

@@ -122,8 +122,22 @@ def test_rises_of_the_cost_are_counted_from_the_manoeuvre_on(measured: Any) -> N
     costs[10] = 1.0  # before the manoeuvre
     costs[60], costs[61], costs[62] = 3.0, 2.0, 2.0 + 5e-7
     costs[80] = 1.0
-    assert measured(still(), costs=costs)["cost_rises"] == 2
-    assert measured(still(), costs=costs)["cost_max"] == 3.0
+    found = measured(still(), costs=costs)
+    assert found["cost_rises"] == 2
+    assert found["cost_max"] == 3.0
+
+
+def test_rises_are_those_of_the_first_ten_seconds_and_those_after(
+    measured: Any,
+) -> None:
+    """The manoeuvre begins at 5 s, step 50: early is before step 150."""
+    costs = np.zeros(STEPS)
+    costs[50] = 1.0  # against a step before the manoeuvre
+    costs[51] = 2.0
+    costs[149], costs[150] = 1.0, 2.0
+    found = measured(still(), costs=costs)
+    names = ("cost_rises", "cost_rises_early", "cost_rises_late")
+    assert [found[name] for name in names] == [3, 2, 1]
 
 
 def test_a_plan_worse_than_the_last_command_is_a_loss(

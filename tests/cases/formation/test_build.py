@@ -88,6 +88,16 @@ def test_an_agent_watches_all_that_plan_before_it(
     assert signals == [4 + 2 * len(seen) for seen in watches]
 
 
+def test_plans_start_at_the_last_one_as_printed_and_one_second_on_as_corrected(
+    literal: FormationFlight, corrected: FormationFlight
+) -> None:
+    shifts = [
+        {agent.controller.shift for agent in team_of(flight).agents}
+        for flight in (literal, corrected)
+    ]
+    assert shifts == [{False}, {True}]
+
+
 def test_the_corrected_terminal_set_is_the_published_one(
     corrected: FormationFlight, flight: FormationFlight
 ) -> None:
