@@ -170,10 +170,10 @@ def _violations(
     return int(np.sum(outside | ~(after < before) | ~(after <= found.alpha)))
 
 
-def _numeric(system: System) -> "_RightHandSide":
+def _numeric(system: System) -> "RightHandSide":
     """Return f of many columns in NumPy, from its tape."""
     tape, results = tape_of(system.dynamics)
-    return _RightHandSide(tape, results)
+    return RightHandSide(tape, results)
 
 
 _FORMS: dict[str, Callable[..., Array]] = {
@@ -185,7 +185,7 @@ _FORMS: dict[str, Callable[..., Array]] = {
 }  # fmt: skip
 
 
-class _RightHandSide:
+class RightHandSide:
     """f(x, u) of many columns."""
 
     def __init__(self, tape: list[list[str | int | float]], results: list[int]) -> None:
