@@ -235,8 +235,8 @@ def refuted(content: Content, rng: np.random.Generator) -> str:
     z = rng.normal(size=(nx, STATES))
     z /= np.linalg.norm(z, axis=0)
     z *= np.where(np.arange(STATES) % 2 == 0, 1.0, rng.random(STATES) ** (1 / nx))
-    e = np.linalg.solve(np.linalg.cholesky((stated.P + stated.P.T) / 2).T, z)
-    e *= np.sqrt(stated.alpha)
+    root = np.linalg.cholesky((stated.P + stated.P.T) / 2).T
+    e: Array = np.sqrt(stated.alpha) * np.asarray(np.linalg.solve(root, z), dtype=float)
     u = stated.u_ref[:, None] - stated.K @ e
     slack = ROUNDING * np.abs(u).max(initial=0.0)
     if _outside(u, stated.u_lower, stated.u_upper, slack):

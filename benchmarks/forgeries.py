@@ -195,8 +195,10 @@ def _loosen_margins(content: Content, rng: Rng) -> None:
 
 
 def _grow_core(content: Content, rng: Rng) -> None:
-    alpha = content.get("alpha")
-    level = alpha * float(rng.choice([1e-7, 1e-5, 1.0])) if _is_number(alpha) else 1.0
+    alpha: Any = content.get("alpha")
+    level = float(rng.choice([1e-7, 1e-5, 1.0]))
+    if _is_number(alpha):
+        level *= alpha
     content["core"] = {"level": level, "drift": float(rng.choice([0.0, 1e-6, 1.0]))}
 
 

@@ -143,7 +143,7 @@ def _rooms(
 
 
 def _within(reach2: arb, room: arb, name: str) -> Finding:
-    if reach2 <= square(room) * (1 + arb(ROUNDING)):
+    if reach2 <= square(room):
         return Finding(
             Verdict.PROVED,
             f"{name} stays within its bounds: it moves by {_shown(reach2.sqrt())} of "
