@@ -8,7 +8,9 @@ Everything heavy is imported by the command that needs it.
 """
 
 import argparse
+import atexit
 import logging
+import os
 import signal
 import sys
 import threading
@@ -47,10 +49,15 @@ exit codes: 0 done, 1 internal error, 2 invalid input, 3 a gate failed,
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose help is an answer: argparse says nothing if it cannot be shown."""
+    """A parser that answers and tells as the commands do, whatever the streams are."""
 
     def print_help(self, file: object = None) -> None:
         answer(self.format_help().rstrip())
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong, and nothing without a standard error; leave."""
+        tell(f"{self.format_usage()}{self.prog}: error: {message}")
+        raise SystemExit(INVALID)
 
 
 def program() -> int:
@@ -67,6 +74,11 @@ def program() -> int:
         finish()
     except OutputError as error:
         return _reported(error)
+    if code == INTERRUPTED:
+        # An interrupt within exec() of a text (an import, a dataclass) is remembered by
+        # Python, which would end the process by SIGINT in place of this code.
+        atexit._run_exitfuncs()
+        os._exit(code)
     return code
 
 

@@ -15,7 +15,11 @@ LINE_BREAK = re.compile(r"\r\n|\r|\n")
 
 @dataclass(frozen=True, slots=True, order=True)
 class Place:
-    """Where something stands in a text: "file:line:column", both from 1."""
+    """Where something stands in a text: "file:line:column", both from 1.
+
+    In an option of the command line, whose name begins with "--", neither at its
+    beginning, and else in words.
+    """
 
     name: str
     line: int
@@ -23,7 +27,12 @@ class Place:
 
     def __str__(self) -> str:
         """Join with colons; characters that cannot be printed are escaped."""
-        return f"{printable(self.name)}:{self.line}:{self.column}"
+        name = printable(self.name)
+        if name.startswith("--"):
+            parts = {"line": self.line, "column": self.column}
+            shown = [f", {what} {n}" for what, n in parts.items() if n > 1]
+            return "".join([name, *shown])
+        return f"{name}:{self.line}:{self.column}"
 
 
 class YamlError(SwarmstartError):

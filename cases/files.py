@@ -142,7 +142,7 @@ def require_ours(path: Path, is_ours: Callable[[str], bool], what: str) -> None:
         return
     except UnicodeDecodeError:
         text = ""
-    except OSError as error:
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise RecordError(f"{path}: expected {what}: {said(error)}") from error
     if not is_ours(text):
         raise ForeignFileError(

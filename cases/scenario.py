@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmstart.cases.document import Document, Place, YamlError, frame
+from swarmstart.cases.document import Document, Place, YamlError, frame, shown
 from swarmstart.cases.expressions import ExpressionError
 from swarmstart.cases.overrides import assign, overlay, split_assignment
 from swarmstart.cases.registry import KINDS, SEARCHES, load
@@ -147,13 +147,22 @@ def read_document(name_or_path: str) -> Document:
         text = known[name_or_path].read_bytes()
         return parse_yaml(text, name=f"{name_or_path}.yaml")
     looks_like_path = any(mark in name_or_path for mark in "./\\")
-    if looks_like_path or Path(name_or_path).exists():
+    if looks_like_path or _exists(name_or_path):
         return read_yaml(name_or_path)
     near = difflib.get_close_matches(name_or_path, known, n=1)
     hint = f"; did you mean {near[0]}?" if near else ""
     raise UnknownScenarioError(
-        f"expected a path or one of {', '.join(known)}, found {name_or_path!r}{hint}"
+        f"expected a path or one of {', '.join(known)}, found "
+        f"{shown(name_or_path)}{hint}"
     )
+
+
+def _exists(path: str) -> bool:
+    """Return whether there is a file of that name; no name is too long to ask."""
+    try:
+        return Path(path).exists()
+    except (OSError, ValueError):
+        return False
 
 
 def resolve(
@@ -272,6 +281,10 @@ def _without(document: Document, key: str) -> Document:
 def _kind(document: Document) -> Kind:
     """Return the kind the document says it is of."""
     kind = document.data.get("kind")
+    near = difflib.get_close_matches("kind", document.data, n=1)
+    if kind is None and near:
+        what = f"expected a known key, found {_shown(near[0])}; did you mean 'kind'?"
+        raise InvalidScenarioError([_flaw(document, near, what, of_key=True)])
     if not isinstance(kind, str) or kind not in KINDS:
         found = "nothing" if kind is None else _shown(kind)
         what = f"expected kind to be one of {', '.join(KINDS)}; found {found}"

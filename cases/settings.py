@@ -54,6 +54,12 @@ Problem = tuple[tuple[str | int, ...], str]
 """Where in the scenario something is wrong, and what."""
 
 
+LARGEST = 1e30
+"""Largest magnitude of a number: its powers are still finite."""
+MOST_INDIVIDUALS = 200_000
+"""Of a search's population."""
+
+
 def _number(value: object) -> object:
     """Compute an expression; leave everything else to pydantic."""
     return evaluate(value) if isinstance(value, str) else value
@@ -62,7 +68,7 @@ def _number(value: object) -> object:
 Number = Annotated[
     float,
     BeforeValidator(_number),
-    Field(allow_inf_nan=False),
+    Field(allow_inf_nan=False, ge=-LARGEST, le=LARGEST),
     WithJsonSchema(
         {"type": ["number", "string"], "description": "A number, or as in pi/18."}
     ),
@@ -302,7 +308,7 @@ class Scenario(Part):
     order: OrderPart | None = None
     polish: Literal["none", "ipopt"] = "none"
     ipopt: IpoptPart = IpoptPart()
-    basins: int = Field(default=0, ge=0)
+    basins: int = Field(default=0, ge=0, le=10_000)
     backend: Backend = "auto"
     claims: list[Claim] = Field(default_factory=list)
 
@@ -311,7 +317,12 @@ class Scenario(Part):
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
         evaluations, size = self.budget.evaluations, self._smallest_generation()
-        if evaluations is not None and evaluations < size:
+        if size > MOST_INDIVIDUALS:
+            yield (
+                ("search", "size"),
+                f"expected at most {MOST_INDIVIDUALS} individuals; found {size}",
+            )
+        elif evaluations is not None and evaluations < size:
             yield (
                 ("budget", "evaluations"),
                 f"expected at least {size}, one generation of the search; "

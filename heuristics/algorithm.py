@@ -32,6 +32,9 @@ from swarmstart.heuristics.order import (
 )
 from swarmstart.kernel import Array, Count, kernel
 
+MOST_NUMBERS = 20_000_000
+"""Of a population: 160 MB, and a search holds several of that size."""
+
 
 class InvalidSettingsError(SwarmstartError, ValueError):
     """A setting of an algorithm or of a search has a value that is not allowed.
@@ -259,6 +262,23 @@ def require_name(name: str, value: str, names: tuple[str, ...]) -> None:
         InvalidSettingsError: If so.
     """
     require(name, value, ok=value in names, allowed=f"one of {', '.join(names)}")
+
+
+def first_size_of(algorithm: Algorithm, box: Box, evaluations: int | None) -> int:
+    """Return the size of the first generation, if it fits into memory.
+
+    Args:
+        algorithm: The settings.
+        box: Where it searches.
+        evaluations: The budget; None if it is wall time.
+
+    Raises:
+        InvalidSettingsError: If a population has more than MOST_NUMBERS numbers.
+    """
+    size = algorithm.first_size(box, evaluations)
+    allowed = f"at most {MOST_NUMBERS // box.dim} with {box.dim} variables"
+    require("size", size, ok=size * box.dim <= MOST_NUMBERS, allowed=allowed)
+    return size
 
 
 def require_size(size: int, *, at_least: int) -> None:

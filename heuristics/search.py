@@ -16,9 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.compile_time import stopwatch
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.algorithm import (
+    MOST_NUMBERS,
     Algorithm,
     InvalidSettingsError,
     State,
+    first_size_of,
     require,
 )
 from swarmstart.heuristics.archive import Archive, collect, new_archive
@@ -133,8 +135,7 @@ class Search:
         if initial is not None and snapshot is not None:
             allowed = "None where snapshot is given"
             raise InvalidSettingsError("initial", initial, allowed)
-        ok = isinstance(basins, int) and basins >= 0
-        require("basins", basins, ok=ok, allowed="an integer of at least 0")
+        _require_basins(basins, box)
         ok = isinstance(radius, Real) and bool(radius > 0.0)
         require("radius", radius, ok=ok, allowed="a number above 0")
         ok = order is None or isinstance(order, Order)
@@ -154,7 +155,7 @@ class Search:
         self._asked: Array | None = None
         self._entries: Entries | None = None
         self._attached: tuple[CompiledObjective, Work, Pointers] | None = None
-        size = algorithm.first_size(box, evaluations)
+        size = first_size_of(algorithm, box, evaluations)
         if snapshot is not None:
             blank = np.zeros((box.dim, size))
             template = algorithm.start(box, blank, rng=copy.deepcopy(rng))
@@ -489,3 +490,12 @@ def _evaluations(name: str, values: ArrayLike, size: int) -> Array:
         message = f"{name} must have shape ({size},), got {array.shape}"
         raise InvalidEvaluationError(message, name=name)
     return array
+
+
+def _require_basins(basins: int, box: Box) -> None:
+    """Refuse an invalid number of basins, or one whose archive would not fit."""
+    ok = isinstance(basins, int) and basins >= 0
+    require("basins", basins, ok=ok, allowed="an integer of at least 0")
+    most = MOST_NUMBERS // (ROOM * box.dim)
+    allowed = f"at most {most} with {box.dim} variables"
+    require("basins", basins, ok=basins <= most, allowed=allowed)

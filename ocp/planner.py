@@ -21,6 +21,7 @@ from swarmstart.heuristics import (
     default_order,
     minimize,
 )
+from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.basins import points, polish_basins
 from swarmstart.ocp.checking import Checker, Excess
@@ -182,6 +183,7 @@ class Planner:
         Raises:
             InvalidProblemError: If a search is asked for and a control is unbounded, or
                 the family does not fit the problem.
+            InvalidSettingsError: If the search's population does not fit into memory.
         """
         self.problem = problem
         self.fitness = Fitness(problem, backend=backend)
@@ -194,6 +196,8 @@ class Planner:
                 if family is None
                 else FamilySpace(problem, family)
             )
+            # Refused here, not at the first plan.
+            first_size_of(search.algorithm, self._space.box, search.budget.evaluations)
         self.polisher = Polisher(self.fitness, polish) if polish else None
 
     def plan(
@@ -375,7 +379,7 @@ def _first_population(
     first: Sequence[Array],
 ) -> Initial:
     """Return how the first population is made: candidates, guesses, the rest drawn."""
-    size = search.algorithm.first_size(space.box, search.budget.evaluations)
+    size = first_size_of(search.algorithm, space.box, search.budget.evaluations)
     given = [space.encoded(controls) for controls in first]
     if guess is not None and search.warm_start != "none":
         copies = {"all": size - len(given), "half": size // 2, "one": 1}

@@ -42,6 +42,10 @@ from swarmstart.terminal_set import Reference, TerminalSet, certificate_text
 Array = NDArray[np.float64]
 
 
+class NoTerminalSetError(SwarmstartError):
+    """A formation has no terminal set."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class FormationFlight(Flight):
     """A formation flight ready to be flown.
@@ -49,16 +53,28 @@ class FormationFlight(Flight):
     Attributes:
         names: What the UAVs are called.
         slots: (times (n,)) -> slot states of all UAVs, shape (uavs, 4, n).
-        terminal_set: The terminal set, the same for every UAV.
+        designed_set: The terminal set, the same for every UAV; None: the dual mode is
+            off and no set can be designed.
         reference: What it is built around, with the bounds.
         dynamics: f(x, u) of one UAV.
     """
 
     names: tuple[str, ...]
     slots: Callable[[Array], Array]
-    terminal_set: TerminalSet
+    designed_set: TerminalSet | None
     reference: Reference
     dynamics: ca.Function
+
+    @property
+    def terminal_set(self) -> TerminalSet:
+        """The terminal set.
+
+        Raises:
+            NoTerminalSetError: If there is none.
+        """
+        if self.designed_set is None:
+            raise NoTerminalSetError("the dual mode is off, and no set can be designed")
+        return self.designed_set
 
 
 def build(scenario: FormationScenario) -> FormationFlight:
@@ -70,7 +86,7 @@ def build(scenario: FormationScenario) -> FormationFlight:
     model = unicycle()
     dynamics, reference = dynamics_of(model), reference_of(scenario)
     terminal_cost = terminal_cost_of(scenario, dynamics, reference)
-    terminal_set = terminal_set_of(scenario, reference)
+    designed_set = _designed_set(scenario, reference)
     order = scenario.order_of_planning()
     agents = [
         _agent(scenario, model, terminal_cost, number, order)
@@ -78,11 +94,11 @@ def build(scenario: FormationScenario) -> FormationFlight:
     ]
     team = Team(agents, order=order)
     controller: Controller = team
-    if scenario.dual_mode.enabled:
+    if scenario.dual_mode.enabled and designed_set is not None:
         targets = [_target(scenario, number) for number in range(len(agents))]
         controller = DualMode(
             team,
-            sets=[terminal_set] * len(agents),
+            sets=[designed_set] * len(agents),
             targets=targets,
             uncertified=not scenario.dual_mode.is_certified,
         )
@@ -91,7 +107,7 @@ def build(scenario: FormationScenario) -> FormationFlight:
         dt=scenario.prediction.dt_s,
         substeps=scenario.plant.substeps,
     )
-    certificate = terminal_set.certificate
+    certificate = None if designed_set is None else designed_set.certificate
     return FormationFlight(
         documents={}
         if certificate is None
@@ -104,7 +120,7 @@ def build(scenario: FormationScenario) -> FormationFlight:
         slots=lambda times: np.stack(
             [slot_states(scenario, number, times) for number in range(len(agents))]
         ),
-        terminal_set=terminal_set,
+        designed_set=designed_set,
         reference=reference,
         dynamics=dynamics,
     )
@@ -160,9 +176,21 @@ def problems(scenario: FormationScenario) -> Iterator[Problem]:
         part = "weights"
         terminal_cost_of(scenario, dynamics, reference)
         part = "dual_mode"
-        terminal_set_of(scenario, reference)
+        _designed_set(scenario, reference)
     except SwarmstartError as error:
         yield (part,), f"expected a linear law that can be designed: {error}"
+
+
+def _designed_set(
+    scenario: FormationScenario, reference: Reference
+) -> TerminalSet | None:
+    """Return the terminal set; None: it cannot be designed, and nothing rests on it."""
+    try:
+        return terminal_set_of(scenario, reference)
+    except SwarmstartError:
+        if scenario.dual_mode.enabled:
+            raise
+        return None
 
 
 def leader_positions(scenario: FormationScenario, times: Array) -> Array:

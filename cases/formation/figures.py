@@ -78,9 +78,12 @@ def draw(
             )
         ],
         ("f_distances", distances_figure(scenario, flight, trajectory)),
-        ("g_terminal_set", terminal_set_figure(flight, trajectory)),
-        ("h_entering", entering_figure(flight, trajectory)),
     ]
+    if flight.designed_set is not None:
+        figures += [
+            ("g_terminal_set", terminal_set_figure(flight, trajectory)),
+            ("h_entering", entering_figure(flight, trajectory)),
+        ]
     return write_figures(figures, folder)
 
 

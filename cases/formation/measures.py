@@ -30,6 +30,10 @@ SETTLED_M = 1.0
 TAIL_S = 10.0
 # Below it e'Pe is the noise of floating point: it stalls at about 1e-25.
 SMALLEST_LYAPUNOV = 1e-12
+OF_TERMINAL_SET = (
+    *("terminal_exits", "lyapunov_ratio_max", "held_spectral_radius"),
+    *("input_excess_ratio", "terminal_level"),
+)
 
 
 def measure(
@@ -39,7 +43,7 @@ def measure(
     measures: dict[str, Measure] = {
         **_tracking(scenario, flight, trajectory),
         **_distances(scenario, flight, trajectory),
-        **_linear_law(flight, trajectory),
+        **_terminal_set(flight, trajectory),
         **effort(trajectory),
         "plan_cost": _plan_cost(scenario, trajectory),
         "infeasible_steps": sum(
@@ -129,7 +133,12 @@ def _distances(
     }
 
 
-def _linear_law(flight: FormationFlight, trajectory: Trajectory) -> dict[str, Measure]:
+def _terminal_set(
+    flight: FormationFlight, trajectory: Trajectory
+) -> dict[str, Measure]:
+    """Return what rests on the terminal set, null without one."""
+    if flight.designed_set is None:
+        return {**dict.fromkeys(OF_TERMINAL_SET), "linear_steps": 0}
     terminal_set, values = flight.terminal_set, lyapunov(flight, trajectory)
     linear = linear_mask(trajectory)
     before, after = values[:, :-1][:, linear], values[:, 1:][:, linear]

@@ -42,5 +42,8 @@ UNDEFINED = {
     "obstacle_clearance_sampled_m": "there is no obstacle",
     "terminal_exits": "never under the linear law",
     "lyapunov_ratio_max": "never under the linear law",
+    "held_spectral_radius": "there is no terminal set",
+    "input_excess_ratio": "there is no terminal set",
+    "terminal_level": "there is no terminal set",
 }
 """Why a measure is null, where it is."""

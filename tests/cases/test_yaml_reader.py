@@ -694,7 +694,8 @@ def test_assignment_sets_one_value(assignment: str, path: Path, value: Value) ->
     key, text = split_assignment(assignment)
     document = assign(base, key, text)
     assert _at(document.data, path) == value
-    assert str(document.places[path]).startswith(f"--set {key}:1:")
+    place = document.places[path]
+    assert (place.name, place.line) == (f"--set {key}", 1)
     assert document.sources[f"--set {key}"] == text
     assert base.data == {"a": 1, "b": {"c": 2, "d": [1, 2, 3]}, "n": None}
     changed = {p for p, place in document.places.items() if "--set" in place.name}
@@ -703,8 +704,8 @@ def test_assignment_sets_one_value(assignment: str, path: Path, value: Value) ->
 
 def test_places_of_an_assignment_are_counted_in_its_value() -> None:
     document = assign(parsed("a: {b: 1}"), "a.b", "[1, {x: 2}]")
-    assert str(document.places["a", "b", 1, "x"]) == "--set a.b:1:9"
-    assert str(document.key_places["a", "b"]) == "--set a.b:1:1"
+    assert str(document.places["a", "b", 1, "x"]) == "--set a.b, column 9"
+    assert str(document.key_places["a", "b"]) == "--set a.b"
     assert str(document.key_places["a",]) == "s.yaml:1:1"
     assert str(document.places["a",]) == "s.yaml:1:4"
 
@@ -715,12 +716,12 @@ def test_places_of_an_assignment_are_counted_in_its_value() -> None:
         (
             "",
             "1",
-            "--set:1:1: expected 1 to 32 names joined by single dots .* found ''",
+            "--set: expected 1 to 32 names joined by single dots .* found ''",
         ),
         ("a..b", "1", "joined by single dots as key, found 'a..b'"),
         ("a.b.", "1", "joined by single dots as key, found 'a.b.'"),
         ("a" + ".a" * 32, "1", "expected 1 to 32 names"),
-        ("a.b", "1", r"--set a.b:1:1: .*list at 'a' \(s.yaml:1:4\), found 'text'"),
+        ("a.b", "1", r"--set a.b: .*list at 'a' \(s.yaml:1:4\), found 'text'"),
         ("n.b", "1", r"a mapping or a list at 'n' \(s.yaml:3:4\), found 1.5"),
         ("l.3", "1", r"one of the 3 items, from 0, of 'l' \(s.yaml:2:4\), found '3'"),
         ("l.-1", "1", "found '-1'"),
@@ -728,8 +729,8 @@ def test_places_of_an_assignment_are_counted_in_its_value() -> None:
         ("l.\u0661", "1", "found"),
         ("l." + "9" * 5_000, "1", "found '9999"),
         ("l.0.x", "1", "expected a mapping or a list at 'l.0'"),
-        ("x", ".nan", "--set x:1:1: expected a finite number, found '.nan'"),
-        ("x", "[1, *a]", "--set x:1:5: expected plain data, found the alias"),
+        ("x", ".nan", "--set x: expected a finite number, found '.nan'"),
+        ("x", "[1, *a]", "--set x, column 5: expected plain data, found the alias"),
         ("x", "!!str 1", "found the tag"),
         (
             "x",
@@ -738,9 +739,9 @@ def test_places_of_an_assignment_are_counted_in_its_value() -> None:
         ),
         ("x", "- 1", "expected a scalar, a list in .. or a mapping in {}, found '- 1'"),
         ("x", "#fff", "expected a value, found '#fff': quote text that starts so"),
-        ("x", "[1", "--set x:1:3: expected ',' or ']'"),
-        ("x", "@", "--set x:1:1: expected a value, found '@'"),
-        ("x", "1\n---\n2", "--set x:2:1: expected one document"),
+        ("x", "[1", "--set x, column 3: expected ',' or ']'"),
+        ("x", "@", "--set x: expected a value, found '@'"),
+        ("x", "1\n---\n2", "--set x, line 2: expected one document"),
         ("x", "\x00", "the character U\\+0000"),
         ("x", "{a: 1, a: 2}", "expected each key once"),
         ("a.b.c", "[" * 30 + "]" * 30, "at most 32 collections"),
@@ -756,7 +757,7 @@ def test_assignment_that_cannot_be_made_is_refused(
 
 @pytest.mark.parametrize("text", ["", "a", "a.b 5", "=5", " =5"])
 def test_assignment_without_key_and_equals_sign_is_refused(text: str) -> None:
-    with pytest.raises(YamlError, match=r"--set:1:1: expected key\.path=value, found"):
+    with pytest.raises(YamlError, match=r"--set: expected key\.path=value, found"):
         split_assignment(text)
 
 

@@ -119,8 +119,11 @@ def test_refuses_arguments_out_of_range() -> None:
             initial=np.zeros((2, 1)),
             snapshot=new_search().snapshot(),
         )
+    with pytest.raises(InvalidSettingsError, match="size must be at most 10000000 wi"):
+        Search(RandomSearch(size=10**9), BOX, rng=np.random.default_rng(0))
     for basins, radius, what in (
         (-1, 0.1, "basins must be an integer of at least 0, got -1"),
+        (10**7, 0.1, "basins must be at most 2500000 with 2 variables, got 10000000"),
         (1, 0.0, "radius must be a number above 0, got 0.0"),
         (1, np.nan, "radius must be a number above 0, got nan"),
     ):

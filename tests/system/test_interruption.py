@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -14,8 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from swarmstart.cases import listing as listing_module
 from swarmstart.cases import run as run_module
 from swarmstart.cases.cli import main
+from swarmstart.heuristics.interrupts import SIGNALS
 from swarmstart.ocp import Step, fly
 
 if TYPE_CHECKING:
@@ -179,6 +182,61 @@ def test_a_crash_between_the_two_files_of_a_checkpoint_costs_no_bit(
     assert_same_flight(tmp_path, uninterrupted)
 
 
+def broken_by_a_conversion(becomes: Exception | None) -> Callable[..., Iterator[Step]]:
+    """Return `fly`, in the third step of which a conversion swallows Ctrl-C."""
+
+    def interrupted(*arguments: Any, **keywords: Any) -> Iterator[Step]:
+        for number, step in enumerate(fly(*arguments, **keywords)):
+            if number == 2:
+                with contextlib.suppress(KeyboardInterrupt):
+                    signal.raise_signal(signal.SIGINT)
+                if becomes is not None:
+                    raise becomes
+            yield step
+
+    return interrupted
+
+
+@pytest.mark.parametrize(
+    "becomes",
+    [NotImplementedError("Wrong number or type of arguments"), None],
+    ids=["another exception", "nothing"],
+)
+def test_a_signal_that_a_conversion_swallows_keeps_the_steps_before(
+    becomes: Exception | None,
+    command: Command,
+    uninterrupted: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The step itself does not count: another overload may have been tried."""
+    with monkeypatch.context() as patched:
+        patched.setattr(run_module, "fly", broken_by_a_conversion(becomes))
+        said = command(*SMALL, "--out", tmp_path)
+    assert (said.code, said.out) == (130, "")
+    assert "interrupted: 2 finished steps are kept" in said.err
+    assert command(*SMALL, "--out", tmp_path).code == 0
+    assert_same_flight(tmp_path, uninterrupted)
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_what_an_interrupt_became_ends_as_an_interrupt(
+    asked: bool, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        if asked:
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGTERM)
+        raise NotImplementedError("Wrong number or type of arguments")
+
+    monkeypatch.setattr(listing_module, "listing", broken)
+    before = [signal.getsignal(number) for number in SIGNALS]
+    said = command("list")
+    assert said.code == (130 if asked else 1)
+    assert ("interrupted" in said.err) is asked
+    assert [signal.getsignal(number) for number in SIGNALS] == before
+
+
 # --- real signals
 
 # The command line, which tells of every step at once.
@@ -187,6 +245,17 @@ import sys
 from swarmstart.cases import cli, progress
 progress.QUIET_S = progress.LINE_EVERY_S = 0.0
 sys.exit(cli.main())
+"""
+
+# An interrupt within the execution of a text, as on the way of an import, for which
+# Python would end the process by SIGINT.
+WITHIN_A_TEXT = """
+import sys
+from swarmstart.cases import cli, listing
+def interrupted(*arguments, **options):
+    exec("raise KeyboardInterrupt")
+listing.print_listing = interrupted
+sys.exit(cli.program())
 """
 
 # The command line, sent SIGINT while IPOPT solves for the twelfth time: in step 3.
@@ -229,7 +298,7 @@ def finished(process: subprocess.Popen[str]) -> tuple[int, str, str]:
     return process.returncode, out, err
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_keeps_the_steps_and_the_same_command_goes_on(
     number: int, command: Command, tmp_path: Path
 ) -> None:
@@ -248,6 +317,11 @@ def test_a_signal_keeps_the_steps_and_the_same_command_goes_on(
     assert command(*SLOW, "--out", folder).code == 0
     assert command(*SLOW, "--out", whole).code == 0
     assert_same_flight(folder, whole)
+
+
+def test_an_interrupt_within_an_import_has_its_exit_code() -> None:
+    code, out, err = finished(started(WITHIN_A_TEXT, "list"))
+    assert (code, out, err) == (130, "", "swarmstart: interrupted\n")
 
 
 def test_ctrl_c_inside_ipopt_is_not_swallowed(command: Command, tmp_path: Path) -> None:

@@ -120,6 +120,24 @@ FLAWS = {
         "1\n",
         "expected search.size to be an integer of at least 2; found 1",
     ),
+    "a population that does not fit into memory": (
+        "  size: 20",
+        "  size: 300000",
+        "300000",
+        "expected at most 200000 individuals; found 300000",
+    ),
+    "a place beyond all bounds": (
+        "x_m: 5, y_m: 75",
+        "x_m: 1e200, y_m: 75",
+        "1e200",
+        "expected uavs.1.start.x_m to be at most 1e+30; found 1e+200",
+    ),
+    "a misspelt kind": (
+        "kind: formation_flight",
+        "kindx: formation_flight",
+        "kindx",
+        "expected a known key, found 'kindx'; did you mean 'kind'?",
+    ),
     "a budget of less than a generation": (
         "evaluations: 4000",
         "evaluations: 19",
@@ -404,28 +422,31 @@ def test_an_attack_is_read_as_an_expression_and_never_run(
 @pytest.mark.parametrize(
     ("options", "what"),
     [
-        (["--set", "steps"], "--set:1:1: expected key.path=value, found 'steps'"),
-        (["--set", "=3"], "--set:1:1: expected key.path=value, found '=3'"),
+        (["--set", "steps"], "--set: expected key.path=value, found 'steps'"),
+        (["--set", "=3"], "--set: expected key.path=value, found '=3'"),
         (
             ["--set", "step=3"],
-            "--set step:1:1: expected a known key, found 'step'; did ",
+            "--set step: expected a known key, found 'step'; did ",
         ),
         (
             ["--set", "uavs.5.slot.x_m=3"],
-            "--set uavs.5.slot.x_m:1:1: expected one of the 5 items, from 0, of 'uavs'",
+            "--set uavs.5.slot.x_m: expected one of the 5 items, from 0, of 'uavs'",
         ),
         (
             ["--set", "steps.first=3"],
-            "--set steps.first:1:1: expected a mapping or a list at 'steps'",
+            "--set steps.first: expected a mapping or a list at 'steps'",
         ),
         (
             ["--set", "variants.literal.steps=3"],
-            "--set variants.literal.steps:1:1: expected a known key, found 'variants'",
+            "--set variants.literal.steps: expected a known key, found 'variants'",
         ),
-        (["--set", "weights.R=[1, pi/x]"], "--set weights.R:1:8: expression 'pi/x'"),
+        (
+            ["--set", "weights.R=[1, pi/x]"],
+            "--set weights.R, column 8: expression 'pi/x'",
+        ),
         (
             ["--search", "none"],
-            "--search search:1:1: expected a search, a polish or both; found neither",
+            "--search search: expected a search, a polish or both; found neither",
         ),
         (["--variant", "literally"], "expected --variant to be one of literal, "),
         (

@@ -10,6 +10,7 @@ from scipy.linalg import solve_discrete_are
 
 from swarmstart.cases.formation.build import (
     FormationFlight,
+    NoTerminalSetError,
     build,
     leader_positions,
     problems,
@@ -17,6 +18,7 @@ from swarmstart.cases.formation.build import (
 from swarmstart.cases.formation.problem import slot_states
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.models.unicycle import unicycle
+from swarmstart.cases.scenario import InvalidScenarioError
 from swarmstart.ocp import DualMode, Team, right_hand_side
 
 Make = Callable[..., FormationScenario]
@@ -113,6 +115,20 @@ def test_the_literal_terminal_set_is_as_printed(literal: FormationFlight) -> Non
     assert literal.terminal_set.alpha == pytest.approx(0.0170, abs=5e-5)
     assert literal.terminal_set.P[2, 2] == 0.0129
     assert literal.terminal_set.P[0, 2] == literal.terminal_set.P[1, 3] == -0.0063
+
+
+OFF = ("dual_mode.enabled=false", "prediction.dt_s=1e-9", "terminal_cost.design=given")
+
+
+def test_a_set_that_is_switched_off_need_not_exist(make: Make) -> None:
+    P = "terminal_cost.P=[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+    off = build(make("formation_v", *OFF, P))
+    assert off.designed_set is None and not off.documents
+    assert isinstance(off.controller, Team)
+    with pytest.raises(NoTerminalSetError, match="the dual mode is off"):
+        _ = off.terminal_set
+    with pytest.raises(InvalidScenarioError, match="law that can be designed"):
+        make("formation_v", *OFF, P, "dual_mode.enabled=true")
 
 
 def test_dual_mode_is_on_as_corrected_and_off_as_printed(
