@@ -15,11 +15,11 @@ The machine code of an evaluator is made by Python code, so its fingerprint is t
 the source files: `sources` hashes a module and all modules of this package it imports.
 """
 
-import ast
 import builtins
 import dis
 import hashlib
 import importlib.util
+import re
 import sys
 import types
 from collections.abc import Callable, Iterator
@@ -33,6 +33,11 @@ import numpy as np
 PACKAGE = "swarmstart"
 CALLED_FROM_PYTHON = "no_cpython_wrapper"
 """The option of a kernel that says who calls it; it changes from call to call."""
+_IMPORT = re.compile(
+    rf"^[ \t]*(?:from[ ](?P<module>{PACKAGE}[\w.]*)[ ]import[ ]"
+    rf"(?:\((?P<listed>[^)]*)\)|(?P<names>.*))|import[ ](?P<whole>{PACKAGE}[\w.]*))",
+    re.MULTILINE,
+)
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(...))
 
 
@@ -60,14 +65,14 @@ def fingerprint(function: Callable[..., object]) -> str:
     return digest.hexdigest()
 
 
-def sources(module: str) -> str:
-    """Return a hash of the source of a module and of all it imports of this package.
+def sources(*modules: str) -> str:
+    """Return a hash of the source of modules and of all they import of this package.
 
     Args:
-        module: Its full name; imports within functions count too.
+        modules: Their full names; imports within functions count too.
     """
     texts: dict[str, bytes] = {}
-    waiting = [module]
+    waiting = list(modules)
     while waiting:
         name = waiting.pop()
         if name not in texts:
@@ -96,21 +101,16 @@ def source(module: str) -> bytes:
 
 def _imported(text: bytes) -> Iterator[str]:
     """Yield the modules of this package that a source imports."""
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Import):
-            yield from (a.name for a in node.names if _is_ours(a.name))
-        elif isinstance(node, ast.ImportFrom) and _is_ours(node.module or ""):
-            yield str(node.module)
-            for alias in node.names:
-                name = f"{node.module}.{alias.name}"
-                if _is_module(name):
-                    yield name
+    for match in _IMPORT.finditer(text.decode()):
+        module = match["module"] or match["whole"]
+        if _is_module(module):
+            yield module
+        for name in re.findall(r"\w+", match["listed"] or match["names"] or ""):
+            if _is_module(f"{module}.{name}"):
+                yield f"{module}.{name}"
 
 
-def _is_ours(name: str) -> bool:
-    return name.split(".", maxsplit=1)[0] == PACKAGE
-
-
+@cache
 def _is_module(name: str) -> bool:
     """Return whether a name of this package is that of a module."""
     try:

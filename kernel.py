@@ -77,6 +77,28 @@ def prepare(function: Callable[..., object], *arguments: object) -> None:
         function.compile(_types_of(arguments))
 
 
+def is_kept(
+    function: Callable[..., object], *arguments: object, for_kernel: bool
+) -> bool:
+    """Return whether a kernel need not be compiled for arguments of these types.
+
+    Args:
+        function: A kernel; another function needs no compiling.
+        arguments: Values of the types that it will be called with.
+        for_kernel: Whether for `address_of`, or for a call from Python.
+    """
+    if not isinstance(function, _Kernel):
+        return True
+    kinds = _types_of(arguments)
+    if kinds in function.overloads:
+        return for_kernel or not _is_inner(function.overloads[kinds])
+    token = _for_kernel.set(for_kernel)
+    try:
+        return function.cache.holds(kinds, function.targetctx)
+    finally:
+        _for_kernel.reset(token)
+
+
 def address_of(function: Callable[..., object], *arguments: object) -> int:
     """Return where the machine code of a kernel is, for `call_at`.
 
@@ -100,9 +122,7 @@ def _compiled(function: Function, **options: Any) -> Function:
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined, unused-ignore]
         return function
     options = {"nopython": True, "no_cfunc_wrapper": True, **options}
-    dispatcher: Any = _Kernel(py_func=function, targetoptions=options)
-    dispatcher._cache = _KernelCache(dispatcher)
-    return cast(Function, dispatcher)
+    return cast(Function, _Kernel(py_func=function, targetoptions=options))
 
 
 _for_kernel: ContextVar[bool] = ContextVar("_for_kernel", default=False)
@@ -116,6 +136,11 @@ class _Kernel(CPUDispatcher):
     for kernels whose arguments are records of many arrays that is a third of the work.
     Such a part is made when Python calls the kernel with those types after all.
     """
+
+    def __init__(self, **options: Any) -> None:
+        """Take what Numba's dispatcher takes."""
+        super().__init__(**options)
+        self.cache = self._cache = _KernelCache(self)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Compile for a kernel that calls this one; return what it must know.
@@ -172,6 +197,11 @@ class _KernelCache(_Cache):
             announce(*_ANNOUNCED.get(_room_of(self._dispatcher), _OTHER))
             return None
         return CompileResult._rebuild(target_context, *pickle.loads(code))
+
+    def holds(self, signature: Any, target_context: Any) -> bool:
+        """Return whether the code compiled for a signature is kept."""
+        key = self._key(signature, target_context.codegen())
+        return key is not None and load(key) is not None
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Keep the code compiled for a signature, if another process could use it."""

@@ -6,7 +6,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-RECORDED = ("swarmstart", "casadi", "numpy", "numba", "scipy", "control")
+RECORDED = ("swarmstart", "casadi", "numpy", "numba", "scipy")
 
 
 def package_version(name: str) -> str:

@@ -6,15 +6,17 @@ was found is `search.best`.
 
 import copy
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from numbers import Real
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.compile_time import stopwatch
+from swarmstart.compile_time import compiling, stopwatch
 from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics.ahead import compiled_ahead
 from swarmstart.heuristics.algorithm import (
     MOST_NUMBERS,
     Algorithm,
@@ -39,7 +41,7 @@ from swarmstart.heuristics.initial import Initial, Values, initial_population
 from swarmstart.heuristics.interrupts import put_off
 from swarmstart.heuristics.order import Order
 from swarmstart.heuristics.stopping import GOES_ON, Limits, finished
-from swarmstart.kernel import Array, prepare
+from swarmstart.kernel import Array, address_of, is_kept, prepare
 
 ROOM = 4
 """An archive keeps this many times the basins asked for: members that a better point
@@ -349,21 +351,43 @@ class Search:
         Args:
             compiled: Whether the generations are run by `loop`.
         """
-        with stopwatch() as watch:
-            self._prepare(compiled)
+        with stopwatch() as watch, compiling():
+            jobs = self.preparations(compiled=compiled)
+            if not self._is_prepared(compiled):
+                with compiled_ahead(self.algorithm, compiled=compiled) as wait:
+                    jobs[0]()
+                    wait()
+            for job in jobs:
+                job()
         self.compile_seconds += watch.compile_seconds
 
-    def _prepare(self, compiled: bool) -> None:
+    def preparations(self, *, compiled: bool) -> list[Callable[[], object]]:
+        """Return what `prepare` does, as functions; the first is of `propose`.
+
+        Args:
+            compiled: As in `prepare`.
+        """
+        kernels, rng, settings = self.algorithm.kernels, self.rng, self._settings
         asked, values = np.empty((self.box.dim, 0)), np.empty(0)
-        if compiled:
-            limits = Limits(evaluations=0, target=0.0, stagnation=0)
-            work, nowhere = new_work(self.box.dim, 0, 0), Pointers(0, 0, 0)
-            prepare(loop, *self._looped(), work, nowhere, limits)
-            return
-        kernels, told = self.algorithm.kernels, (asked, values, values)
-        prepare(kernels.propose, self.rng, self._settings, self._state, asked)
-        prepare(kernels.accept, self._settings, self._state, *told)
-        prepare(collect, self._order, self._archive, *told)
+        told = (asked, values, values)
+        calls: list[tuple[Callable[..., None], tuple[object, ...]]] = [
+            (kernels.propose, (rng, settings, self._state, asked)),
+            (kernels.accept, (settings, self._state, *told)),
+            (collect, (self._order, self._archive, *told)),
+        ]
+        if not compiled:
+            return [partial(prepare, kernel, *given) for kernel, given in calls]
+        searched, limits = (self._state, self._archive), Limits(0, 0.0, 0)
+        work, nowhere = new_work(self.box.dim, 0, 0), Pointers(0, 0, 0)
+        given = rng, settings, searched, Entries(0, 0, 0), work, nowhere, limits
+        jobs = [partial(address_of, kernel, *given) for kernel, given in calls]
+        return [*jobs, partial(prepare, loop, *given)]
+
+    def _is_prepared(self, compiled: bool) -> bool:
+        """Return whether the largest kernel need not be compiled."""
+        asked = np.empty((self.box.dim, 0))
+        given = self.rng, self._settings, self._state, asked
+        return is_kept(self.algorithm.kernels.propose, *given, for_kernel=compiled)
 
     def _looped(
         self,

@@ -17,11 +17,11 @@ section II.6; Farin (2002), Curves and Surfaces for CAGD, chapter 7.
 """
 
 from dataclasses import dataclass
+from math import comb
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import comb
 
 from swarmstart.ocp.closed_loop import Plant, Trajectory
 from swarmstart.ocp.errors import InvalidProblemError

@@ -7,10 +7,10 @@
 
 The chapter writes the feedback as u = K x (5.10), so its K is the negative of this one.
 
-python-control returns a gain without a word where there is none (a unicycle at rest,
-Q = 0). So what must hold for a gain to exist is tested before it is asked, what must
-hold of the answer after; the method is pinned, for with slycot installed python-control
-would otherwise fail, and answer, in other ways.
+SciPy solves the Riccati equation; it may return a matrix although there is no gain (a
+unicycle at rest, Q = 0). So what must hold for a gain to exist is tested before, what
+must hold of the answer after. python-control makes the same calls with method="scipy",
+and the tests compare with it; its import alone takes longer than a flight.
 """
 
 from __future__ import annotations
@@ -144,9 +144,12 @@ def _design(
 def _solve(
     matrices: tuple[NDArray[np.float64], ...], domain: TimeDomain
 ) -> tuple[FloatArray, FloatArray]:
-    """Ask python-control for K and P; its import takes seconds, so it is here."""
-    import control
+    """Return K and P by SciPy's solvers, whose import takes a while."""
+    from scipy import linalg
 
-    solve = control.lqr if domain is CONTINUOUS else control.dlqr
-    K, P, _ = solve(*matrices, method="scipy")
-    return np.array(K, dtype=np.float64), np.array(P, dtype=np.float64)
+    A, B, _, R = matrices
+    if domain is CONTINUOUS:
+        P = linalg.solve_continuous_are(*matrices)
+        return np.linalg.solve(R, B.T @ P), P
+    P = linalg.solve_discrete_are(*matrices)
+    return linalg.solve(B.T @ P @ B + R, B.T @ P @ A), P

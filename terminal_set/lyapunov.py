@@ -45,9 +45,9 @@ def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> FloatArray:
     F = square_matrix("F", F)
     Q = positive_semidefinite("Q", Q, len(F))
     require_stable(F, CONTINUOUS)
-    import control
+    from scipy import linalg
 
-    P = np.array(control.lyap(F.T, Q, method="scipy"), dtype=np.float64)
+    P = np.asarray(linalg.solve_continuous_lyapunov(F.T, -Q), dtype=np.float64)
     return reliable_solution("continuous Lyapunov", P, F.T @ P + P @ F + Q)
 
 
@@ -72,9 +72,9 @@ def sampled_lyapunov(F: ArrayLike, Q: ArrayLike) -> FloatArray:
     F = square_matrix("F", F)
     Q = positive_semidefinite("Q", Q, len(F))
     require_stable(F, SAMPLED)
-    import control
+    from scipy import linalg
 
-    P = np.array(control.dlyap(F.T, Q, method="scipy"), dtype=np.float64)
+    P = np.asarray(linalg.solve_discrete_lyapunov(F.T, Q), dtype=np.float64)
     return reliable_solution("sampled Lyapunov", P, F.T @ P @ F - P + Q)
 
 

@@ -395,5 +395,5 @@ version."""
 @cache
 def _sources() -> str:
     """Return the hash of the modules that make the code."""
-    parts = [source(f"{HERE}.simd"), *(sources(f"{HERE}.{name}") for name in MAKERS)]
-    return hashlib.sha256(repr(parts).encode()).hexdigest()
+    makers = sources(*(f"{HERE}.{name}" for name in MAKERS))
+    return hashlib.sha256(source(f"{HERE}.simd") + makers.encode()).hexdigest()

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -102,3 +103,18 @@ def test_the_schema_of_an_unknown_kind_is_refused(command: Command) -> None:
         f"swarmstart: expected KIND to be one of {', '.join(KINDS)}, "
         "found 'formation'\n"
     )
+
+
+def test_a_flight_without_figures_imports_no_drawing_and_no_control(
+    tmp_path: Path,
+) -> None:
+    flight = "run formation_v --no-figures --set steps=1 --out".split()
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE, *flight, str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    modules = set(done.stderr.split("\n")[-2].split())
+    assert "casadi" in modules
+    assert not modules & {"matplotlib", "control", "jinja2", "pebble"}

@@ -3,6 +3,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import casadi as ca
+import control
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
@@ -172,3 +173,15 @@ def test_weights_that_no_solver_can_handle_are_named_as_such(
     """Twelve orders of magnitude apart: SciPy gives up with a ValueError."""
     with pytest.raises(UnreliableSolutionError, match="sampled Riccati equation"):
         sampled_lqr(*hold(*matrices, 1.0), I4, np.diag([1.0, 1e12]))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_gains_are_those_of_python_control_bit_for_bit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    A, B = rng.normal(size=(4, 4)), rng.normal(size=(4, 2))
+    peers = (continuous_lqr, control.lqr), (sampled_lqr, control.dlqr)
+    for design, peer in peers:
+        gain = design(A, B, I4, I2)
+        K, P, _ = peer(A, B, I4, I2, method="scipy")
+        np.testing.assert_array_equal(gain.K, K)
+        np.testing.assert_array_equal(gain.P, P)

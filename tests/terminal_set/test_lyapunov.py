@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import control
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -80,3 +81,16 @@ def test_arrays_of_the_wrong_kind_are_refused() -> None:
         continuous_lyapunov(-I2, I4)
     with pytest.raises(NotFiniteError, match="F must hold finite real numbers"):
         literal_lyapunov(np.nan * I2, I2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_matrices_are_those_of_python_control_made_symmetric(seed: int) -> None:
+    F = np.random.default_rng(seed).normal(size=(4, 4))
+    decaying = F - (1.0 + np.abs(np.linalg.eigvals(F)).max()) * I4
+    P = control.lyap(decaying.T, I4, method="scipy")
+    P = 0.5 * (P + P.T)
+    np.testing.assert_allclose(continuous_lyapunov(decaying, I4), P, rtol=1e-14)
+    contracting = F / (1.1 * np.abs(np.linalg.eigvals(F)).max())
+    P = control.dlyap(contracting.T, I4, method="scipy")
+    P = 0.5 * (P + P.T)
+    np.testing.assert_allclose(sampled_lyapunov(contracting, I4), P, rtol=1e-14)
