@@ -3,20 +3,26 @@
 PYTHON ?= python3
 VENV := .venv
 INSTALLED := $(VENV)/.installed
+INSTALLED_TO_TEST := $(VENV)/.installed-to-test
+INSTALL := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable
 
 .PHONY: run test clean
 
 run: $(INSTALLED)
 	$(VENV)/bin/swarmstart run formation_v
 
-test: $(INSTALLED)
+test: $(INSTALLED_TO_TEST)
 	$(VENV)/bin/python -m pytest -q
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('swarmstart needs Python 3.11 or newer; found ' + sys.version.split()[0] + '. Try: make PYTHON=python3.11')"
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(INSTALL) .
 	touch $(INSTALLED)
+
+$(INSTALLED_TO_TEST): $(INSTALLED)
+	$(INSTALL) '.[dev]'
+	touch $(INSTALLED_TO_TEST)
 
 clean:
 	rm -rf $(VENV) build dist results

@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import Any, NoReturn
 
+from swarmstart.cases.first_minute import first_minute
 from swarmstart.cases.output import (
     OutputError,
     answer,
@@ -134,7 +135,8 @@ def _carried_out(arguments: Sequence[str] | None, asked_to_stop: list[int]) -> i
     try:
         options = _parsed(arguments)
         command: Callable[[argparse.Namespace], int] = options.command
-        return command(options)
+        with first_minute(quiet=options.debug or getattr(options, "quiet", False)):
+            return command(options)
     except KeyboardInterrupt as interrupt:
         say(f"interrupted{': ' if interrupt.args else ''}{interrupt}")
         return INTERRUPTED
@@ -204,6 +206,12 @@ def parser() -> argparse.ArgumentParser:
         help="of scenario; default: formation_flight",
     )  # fmt: skip
     schema.set_defaults(command=_schema, parser=schema)
+
+    about = "where machine code is kept, and how large it is"
+    cache = commands.add_parser("cache", help=about, parents=[common])
+    cache.add_argument("--clear", action="store_true", help="remove all of it")
+    cache.add_argument("--json", action="store_true", help="one JSON object")
+    cache.set_defaults(command=_cache, parser=cache)
     return top
 
 
@@ -359,6 +367,12 @@ def _schema(options: argparse.Namespace) -> int:
 
     answer(json.dumps(scenario_schema(options.kind), indent=2))
     return DONE
+
+
+def _cache(options: argparse.Namespace) -> int:
+    from swarmstart.cases.cache_command import cache_command
+
+    return cache_command(options)
 
 
 def _replicate(options: argparse.Namespace) -> int:

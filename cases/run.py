@@ -36,6 +36,7 @@ from swarmstart.cases.record import (
 from swarmstart.cases.scenario import Resolved
 from swarmstart.cases.trajectory_arrays import trajectory_arrays
 from swarmstart.cases.versions import versions
+from swarmstart.compile_time import Stopwatch, stopwatch
 from swarmstart.heuristics.interrupts import heeded, put_off
 from swarmstart.ocp import Step, Trajectory, chosen_backend, collected, fly
 
@@ -79,8 +80,9 @@ class Run:
         claims: Every claim of the scenario, judged where this run can.
         status: One sentence on how it ended.
         feasible: Whether at least one planned step found a feasible plan.
-        wall_s: Wall time of building, flying and measuring, without what an
-            interrupted run before had spent [s].
+        wall_s: Wall time of building, flying and measuring, without that of machine
+            code, and without what an interrupted run before had spent [s].
+        compile_s: Wall time of loading and compiling machine code meanwhile [s].
         folder: Where the record is; None where none was asked for.
         figures: The figures drawn.
         resumed: Steps that an interrupted run before had finished.
@@ -95,6 +97,7 @@ class Run:
     status: str
     feasible: bool
     wall_s: float = 0.0
+    compile_s: float = 0.0
     folder: Path | None = None
     figures: tuple[Path, ...] = ()
     resumed: int = 0
@@ -116,6 +119,7 @@ class Run:
             "claims": self.claims,
             "evaluations": self.measures.get("evaluations"),
             "wall_s": self.wall_s,
+            "compile_seconds": self.compile_s,
             "backend": backend_of(self.resolved),
             "resumed_steps": self.resumed,
             "versions": versions(),
@@ -178,26 +182,41 @@ def _run(
     resolved: Resolved, seed: int, recording: Recording | None, progress: Progress
 ) -> Run:
     """Run, with the folder locked and known to be the run's own."""
-    began = clock.perf_counter()
+    with stopwatch() as watch:
+        return _timed(resolved, seed, recording, progress, watch)
+
+
+def _timed(
+    resolved: Resolved,
+    seed: int,
+    recording: Recording | None,
+    progress: Progress,
+    watch: Stopwatch,
+) -> Run:
+    """Run; the stopwatch was started before."""
     kind, scenario = resolved.kind, resolved.scenario
     if recording is not None and recording.animation:
         kind.check_animation(recording.animation)
     progress(0, scenario.steps, "building")
     with heeded():
         flight = kind.build(scenario)
-    logger.debug("built after %.2f s", clock.perf_counter() - began)
+    logger.debug("built after %.2f s", watch.seconds)
     folder = recording.folder if recording else None
     steps, resumed = _flown(resolved, flight, seed, folder, progress)
-    logger.debug("flown after %.2f s", clock.perf_counter() - began)
+    logger.debug("flown after %.2f s", watch.seconds)
     try:
         with heeded():
             finished = _measured(resolved, flight, collected(flight.plant, steps), seed)
-            wall_s = clock.perf_counter() - began
-            finished = replace(finished, wall_s=wall_s, resumed=resumed)
+            finished = replace(
+                finished,
+                wall_s=watch.seconds,
+                compile_s=watch.compile_seconds,
+                resumed=resumed,
+            )
             if recording is None:
                 return finished
             drawn = _recorded(finished, recording, progress)
-            logger.debug("drawn after %.2f s", clock.perf_counter() - began)
+            logger.debug("drawn after %.2f s", watch.seconds)
     except KeyboardInterrupt:
         if folder is None:
             raise

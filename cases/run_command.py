@@ -1,9 +1,11 @@
 """`swarmstart run`: one scenario flown, told, and judged."""
 
 import argparse
+import contextlib
 import difflib
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,9 @@ from swarmstart.cases.progress import Progress
 from swarmstart.cases.record import Recording
 from swarmstart.cases.run import Run, default_folder, run
 from swarmstart.cases.scenario import Resolved, read_document, resolve
+from swarmstart.cases.settings import Scenario
 from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics.search import kernels_ahead
 
 RESULTS = Path("results")
 Condition = tuple[str, str, float | None]
@@ -32,12 +36,25 @@ class InvalidConditionError(SwarmstartError, ValueError):
 
 def run_command(options: argparse.Namespace) -> int:
     """Run the scenario that the options name; return the exit code."""
+    with contextlib.ExitStack() as ahead:
+
+        def begin(scenario: Scenario) -> None:
+            algorithm = scenario.search.algorithm()
+            if algorithm is not None and not options.print_config:
+                ahead.enter_context(kernels_ahead(algorithm))
+
+        return _command(options, begin)
+
+
+def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> int:
+    """Run; `begin` is told of the scenario as soon as its form is known."""
     resolved = resolve(
         read_document(options.scenario),
         variant=options.variant,
         search=options.search,
         polish=options.polish,
         assignments=options.assignments,
+        valid=begin,
     )
     conditions = [_condition(text, resolved) for text in options.fail_on]
     if options.print_config:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import importlib.resources
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -172,6 +172,7 @@ def resolve(
     search: str | None = None,
     polish: str | None = None,
     assignments: Sequence[str] = (),
+    valid: Callable[[Scenario], None] = lambda scenario: None,
 ) -> Resolved:
     """Lay the variant and the assignments over a scenario and check the result.
 
@@ -182,6 +183,8 @@ def resolve(
             it is the scenario's own search. None means the scenario's.
         polish: The polish's name; None means the scenario's.
         assignments: "key.path=value", applied in order.
+        valid: Told of a scenario of the right form, before what takes time is checked:
+            that its terminal set can be certified.
 
     Raises:
         YamlError: If an assignment does not fit.
@@ -198,6 +201,7 @@ def resolve(
         document = assign(document, *split_assignment(text))
     kind = _kind(document)
     scenario = _claiming(_validated(document, kind), steps)
+    valid(scenario)
     problems = [*_claim_problems(scenario, kind), *kind.problems(scenario)]
     flaws = [_flaw(document, path, what) for path, what in problems]
     if flaws:

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 
 import numba
-import numpy as np
 
 from swarmstart.code_cache import usage
 from swarmstart.heuristics.algorithm import Algorithm
@@ -74,13 +73,12 @@ def compile_part(pickled: bytes) -> None:
     Args:
         pickled: The algorithm, and whether for the compiled loop.
     """
-    from swarmstart.heuristics.box import Box  # noqa: PLC0415 - they import this
-    from swarmstart.heuristics.search import Search  # noqa: PLC0415
+    from swarmstart.heuristics.search import (  # noqa: PLC0415 - it imports this
+        smallest_search,
+    )
 
     algorithm, compiled = pickle.loads(pickled)
-    box = Box(lower=np.zeros(2), upper=np.ones(2))
-    search = Search(algorithm, box, rng=np.random.default_rng(0))
-    for job in search.preparations(compiled=compiled)[1:]:
+    for job in smallest_search(algorithm).preparations(compiled=compiled)[1:]:
         job()
 
 

@@ -4,9 +4,10 @@ A generation is `points = search.ask()`, then `search.tell(*objective(points))`;
 was found is `search.best`.
 """
 
+import contextlib
 import copy
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from numbers import Real
 from typing import Any, NamedTuple, TypeVar
@@ -353,7 +354,7 @@ class Search:
         """
         with stopwatch() as watch, compiling():
             jobs = self.preparations(compiled=compiled)
-            if not self._is_prepared(compiled):
+            if not self._is_prepared(compiled=compiled):
                 with compiled_ahead(self.algorithm, compiled=compiled) as wait:
                     jobs[0]()
                     wait()
@@ -383,7 +384,7 @@ class Search:
         jobs = [partial(address_of, kernel, *given) for kernel, given in calls]
         return [*jobs, partial(prepare, loop, *given)]
 
-    def _is_prepared(self, compiled: bool) -> bool:
+    def _is_prepared(self, *, compiled: bool) -> bool:
         """Return whether the largest kernel need not be compiled."""
         asked = np.empty((self.box.dim, 0))
         given = self.rng, self._settings, self._state, asked
@@ -461,6 +462,36 @@ class Search:
             "basins": repr(self._basins),
             "radius": repr(float(self._archive.radius[0])),
         }
+
+
+def smallest_search(algorithm: Algorithm) -> Search:
+    """Return a search that has the types of all searches by an algorithm.
+
+    Args:
+        algorithm: The algorithm.
+    """
+    box = Box(lower=np.zeros(2), upper=np.ones(2), per_step=1)
+    return Search(algorithm, box, rng=np.random.default_rng(0))
+
+
+@contextlib.contextmanager
+def kernels_ahead(algorithm: Algorithm) -> Iterator[None]:
+    """Have a second process compile the kernels of an algorithm meanwhile, if it must.
+
+    A search that begins meanwhile waits for it.
+
+    Args:
+        algorithm: The algorithm.
+
+    Yields:
+        Nothing.
+    """
+    search = smallest_search(algorithm)
+    if search._is_prepared(compiled=True):
+        yield
+        return
+    with compiled_ahead(algorithm, compiled=True):
+        yield
 
 
 def _fields(record: object) -> dict[str, Array]:

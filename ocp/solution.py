@@ -66,6 +66,8 @@ class Solution:
             path, in parts of the scales.
         path: The finer path, with what it breaks.
         plan: The plan, with its source and what it took.
+        compile_seconds: Wall time of `solve` spent on loading and compiling machine
+            code [s].
     """
 
     status: SolutionStatus
@@ -81,6 +83,7 @@ class Solution:
     verified_violation: float
     path: Path
     plan: Plan
+    compile_seconds: float = 0.0
 
     def __repr__(self) -> str:
         """Return a summary in about ten lines."""

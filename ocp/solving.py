@@ -1,11 +1,13 @@
 """The one-call way through: search, polish, verify, and repair if that is asked for."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.compile_time import stopwatch
 from swarmstart.heuristics import (
     Algorithm,
     Budget,
@@ -118,19 +120,34 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     polishing = polish_options(polish)
     if settings is None and polishing is None:
         raise InvalidProblemError("solve needs a search, a polish or both, got neither")
-    planner = Planner(problem, search=settings, polish=polishing, backend=backend)
     known = Known(parameters=parameters, signals=signals)
-    outside = planner.outside(x0, known)
-    if outside and start == "must hold":
-        raise InvalidProblemError(
-            "the start must keep the bounds of the states and the path constraints: "
-            + "; ".join(map(str, outside))
-            + " (start='may violate' allows it)"
-        )
-    controls = None if guess is None else _controls(guess)
+    with stopwatch() as watch:
+        planner = Planner(problem, search=settings, polish=polishing, backend=backend)
+        outside = planner.outside(x0, known)
+        if outside and start == "must hold":
+            raise InvalidProblemError(
+                "the start must keep the bounds of the states and the path "
+                f"constraints: {'; '.join(map(str, outside))} (start='may violate' "
+                "allows it)"
+            )
+        controls = None if guess is None else _controls(guess)
+        solution = _solved(planner, x0, known, controls, repair, rng)
+        return replace(solution, compile_seconds=watch.compile_seconds)
+
+
+def _solved(
+    planner: Planner,
+    x0: ArrayLike,
+    known: Known,
+    guess: Array | None,
+    repair: bool,
+    rng: np.random.Generator,
+) -> Solution:
+    """Plan, verify, and improve what is found."""
+    problem = planner.problem
     try:
         with heeded():
-            plan = planner.plan(x0, known=known, guess=controls, rng=rng)
+            plan = planner.plan(x0, known=known, guess=guess, rng=rng)
     except PlanningInterrupted as stopped:
         raise SolveInterrupted(verified(problem, stopped.partial, x0, known)) from None
     with heeded():

@@ -188,12 +188,14 @@ def test_sources_are_those_of_all_modules_imported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     texts = {
-        "swarmstart.a": b"import numpy\nfrom swarmstart.b import c\n",
+        "swarmstart.a": b"import numpy\nfrom swarmstart import (\n    b,\n)\n",
         "swarmstart.b": b"def f():\n    import swarmstart.errors\n",
         "swarmstart.errors": b"",
+        "swarmstart": b"",
         "swarmstart.other": b"",
     }
     monkeypatch.setattr("swarmstart.fingerprint.source", lambda name: texts[name])
+    monkeypatch.setattr("swarmstart.fingerprint._is_module", texts.__contains__)
     before = sources("swarmstart.a")
     assert sources("swarmstart.a") == before
     for name, text in texts.items():
