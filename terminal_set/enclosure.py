@@ -13,6 +13,12 @@ rate, or the state after a step) at e = s T u,
     continuous  b = (PTu)'m''(s),      d = 0
     held        b = m'(0)'P m''(s),    d = m''(s)'P m''(s) / 4.
 
+If the motion has a kink at the centre, m(rho) / rho is a mean of m'(s) for all that
+(`smoothness.py`), and over the same box
+
+    continuous  c(rho T u) / rho^2 <= sup 2 (PTu)'m'(s) + (Tu)'Q_m Tu
+    held        c(rho T u) / rho^2 <= sup m'(s)'P m'(s) - 1 + (Tu)'Q_m Tu.
+
 u'Mu over a box of directions is bounded by its extreme candidates (M is diagonal but
 for rounding, which is added). All is evaluated in intervals with outward rounding, or
 rounded up by more than the rounding of what is added.
@@ -29,7 +35,6 @@ from numpy.typing import NDArray
 
 from swarmstart.terminal_set.cells import PADDING, Cells, added_up, squares
 from swarmstart.terminal_set.decrease import Change
-from swarmstart.terminal_set.intervals import IntervalEvaluation
 from swarmstart.terminal_set.smoothness import (
     NEIGHBOURHOOD,
     Kinks,
@@ -70,11 +75,13 @@ class DecreaseBounds:
 
         Raises:
             UnknownIntervalOperationError: c has an operation without interval form.
-            NotSmoothError: c has no second derivative at the reference.
+            NotSmoothError: c jumps at the reference, or leaves its domain.
         """
         zero, one = np.zeros((len(change.P), 1)), np.eye(len(change.P))
         form = TaylorForm(change.function, one)
-        form.require_smooth(zero, zero, change.motion.name())
+        kinks = Kinks(change.motion)
+        kinks.require_no_cut(zero, zero, change.motion.name())
+        self._is_kinked = bool(kinks(zero, zero)[0].any())
         _, around = form.hessians(zero - NEIGHBOURHOOD, zero + NEIGHBOURHOOD)
         if not np.all(np.isfinite(around)):
             require_bounded(change.motion, zero[:, 0])
@@ -83,7 +90,7 @@ class DecreaseBounds:
         self._form = form.turned(self.T)
         middle, radius = self._form.hessians(zero, zero)
         self._M = beside_diagonal(middle[0], radius[0])
-        self._remainder, self._kinks = _remainder(change, self.T)
+        self._rays = _Rays(change, self.T)
 
     def __call__(self, lower: Array, upper: Array) -> Undecided:
         """Return where c < 0 is not shown.
@@ -100,15 +107,30 @@ class DecreaseBounds:
         return undecided(away_from_centre, lower, upper, quadratic, remainder)
 
     def _about_centre(self, lower: Array, upper: Array) -> tuple[Array, Array]:
-        """Return upper bounds of u'Mu and of rho b + rho^2 d, each (m,)."""
+        """Return upper bounds of u'Mu and of rho b + rho^2 d, each (m,).
+
+        If the centre has a kink: of the bound by slopes at it, and of the rest.
+        """
         from_zero = lower.copy()
         from_zero[0] = 0.0
-        _, (b, d) = self._remainder(from_zero, upper)
+        _, (b, d) = self._rays.bends(from_zero, upper)
         rho = np.where(b > 0, upper[0], lower[0])
         remainder = added_up(0 * rho, np.stack([rho * b, upper[0] ** 2 * d]))
-        kinks, cuts = self._kinks(from_zero, upper)
-        remainder[kinks | cuts] = np.inf
-        return quadratic_bound(*self._M, lower[1:], upper[1:]), remainder
+        quadratic = quadratic_bound(*self._M, lower[1:], upper[1:])
+        kinks, cuts = self._rays.kinks(from_zero, upper)
+        if not self._is_kinked:
+            return quadratic, np.where(kinks | cuts, np.inf, remainder)
+        if kinks.any():
+            _, (whole,) = self._rays.slopes(from_zero, upper)
+            at_zero = upper.copy()
+            at_zero[0] = 0.0
+            _, (centre,) = self._rays.slopes(from_zero, at_zero)
+            # The bound is the sum, which is rounded up once more.
+            rest = np.where(np.isfinite(whole), whole - centre, np.inf)
+            rest += PADDING * (np.abs(whole) + np.abs(centre))
+            quadratic = np.where(kinks, centre, quadratic)
+            remainder = np.where(kinks, rest, remainder)
+        return quadratic, np.where(cuts, np.inf, remainder)
 
 
 def undecided(
@@ -191,25 +213,39 @@ def _diagonalising(change: Change) -> Array:
     return np.asarray(root @ turn)
 
 
-def _remainder(change: Change, T: Array) -> tuple[IntervalEvaluation, Kinks]:
-    """Return (s, w) -> (b, d) of the bound about the centre, and where it has kinks."""
-    nx, P = len(T), ca.DM(change.P)
-    s, w = ca.SX.sym("s"), ca.SX.sym("w", nx)
-    direction = ca.DM(T) @ (w / ca.norm_2(w))
-    moved = change.motion(s * direction)
-    first = ca.jacobian(moved, s)
-    second = ca.jacobian(first, s)
-    if change.is_held:
-        # P is S'S to rounding: squares have tighter intervals than a form in P.
-        S: Array = np.linalg.inv(T).astype(np.float64)
-        wider = 1 + defect(S, np.eye(nx), change.P) * np.linalg.norm(T) ** 2
-        b = ca.dot(P @ ca.substitute(first, s, 0), second)
-        d = wider / 4 * ca.sumsqr(ca.DM(S) @ second)
-    else:
-        b, d = ca.dot(P @ direction, second), ca.SX(0)
-    v = ca.vertcat(s, w)
-    kinks = Kinks(ca.Function(change.motion.name(), [v], [moved]))
-    return evaluated(ca.vertcat(b, d), v, takes_jumps=True), kinks
+class _Rays:
+    """What the motion does along rays from the centre, (s, w) -> ...
+
+    Attributes:
+        kinks: Where it has kinks and cuts.
+        bends: -> (b, d) of the bound by second derivatives.
+        slopes: -> a bound of c / s^2 by first ones.
+    """
+
+    def __init__(self, change: Change, T: Array) -> None:
+        """Build the functions that are evaluated."""
+        nx, P = len(T), ca.DM(change.P)
+        s, w = ca.SX.sym("s"), ca.SX.sym("w", nx)
+        direction = ca.DM(T) @ (w / ca.norm_2(w))
+        moved = change.motion(s * direction)
+        first = ca.jacobian(moved, s)
+        second = ca.jacobian(first, s)
+        if change.is_held:
+            # P is S'S to rounding: squares have tighter intervals than a form in P.
+            S: Array = np.linalg.inv(T).astype(np.float64)
+            wider = 1 + defect(S, np.eye(nx), change.P) * np.linalg.norm(T) ** 2
+            b = ca.dot(P @ ca.substitute(first, s, 0), second)
+            d = wider / 4 * ca.sumsqr(ca.DM(S) @ second)
+            slope = wider * ca.sumsqr(ca.DM(S) @ first)
+            slope -= 1 - defect(T, change.P, np.eye(nx))
+        else:
+            b, d = ca.dot(P @ direction, second), ca.SX(0)
+            slope = 2 * ca.dot(P @ direction, first)
+        slope += ca.bilin(ca.DM(change.Q_m), direction, direction)
+        v = ca.vertcat(s, w)
+        self.kinks = Kinks(ca.Function(change.motion.name(), [v], [moved]))
+        self.bends = evaluated(ca.vertcat(b, d), v, takes_jumps=True)
+        self.slopes = evaluated(slope, v, takes_jumps=True)
 
 
 def defect(T: Array, P: Array, expected: Array) -> float:

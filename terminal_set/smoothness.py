@@ -60,7 +60,7 @@ _EDGES = {
 
 @dataclass(eq=False)
 class NotSmoothError(SwarmstartError, ValueError):
-    """A function has no second derivative at the reference.
+    """A function jumps at the reference, or its derivatives are unbounded there.
 
     Attributes:
         function: The function's name.
@@ -95,9 +95,10 @@ class Kinks:
         """
         tape, name = expanded_tape(function), function.name()
         require_no_jumps(tape, name)
-        self._kinks = [n for n in tape.nodes if n.operation in KINKS]
-        self._cuts = [n for n in tape.nodes if n.operation == "atan2"]
-        self._arguments = _arguments(tape, self._kinks, self._cuts, name)
+        kinks = [node for node in tape.nodes if node.operation in KINKS]
+        cuts = [node for node in tape.nodes if node.operation == "atan2"]
+        self._kinks, self._has_any = len(kinks), bool(kinks or cuts)
+        self._arguments = _arguments(tape, kinks, cuts, name)
 
     def __call__(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
         """Return in which boxes there may be kinks, and in which cuts, each (m,).
@@ -106,11 +107,18 @@ class Kinks:
             lower: Lower corners of m boxes, shape (n, m).
             upper: Upper corners.
         """
-        kinks, cuts = self._by_operation(lower, upper)
+        if not self._has_any:
+            nothing = np.zeros(lower.shape[1], dtype=bool)
+            return nothing, nothing
+        low, high = self._arguments(lower, upper)
+        has_zero: Mask = (low <= 0) & (high >= 0)
+        number = self._kinks
+        is_left: Mask = low[number + 1 :: 2] <= 0
+        kinks, cuts = has_zero[:number], has_zero[number::2] & is_left
         return np.asarray(kinks.any(axis=0)), np.asarray(cuts.any(axis=0))
 
-    def require_none(self, lower: Array, upper: Array, name: str) -> None:
-        """Refuse a box with a kink or a cut.
+    def require_no_cut(self, lower: Array, upper: Array, name: str) -> None:
+        """Refuse a box with a cut.
 
         Args:
             lower: Lower corner, shape (n, 1).
@@ -120,25 +128,8 @@ class Kinks:
         Raises:
             NotSmoothError: If there may be one in the box.
         """
-        kinks, cuts = self._by_operation(lower, upper)
-        for node, found in zip(self._kinks, kinks, strict=True):
-            if found.any():
-                raise NotSmoothError(name, node.operation, "has a kink")
-        if cuts.any():
+        if self(lower, upper)[1].any():
             raise NotSmoothError(name, "atan2", "has its cut (y = 0, x <= 0)")
-
-    def _by_operation(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
-        """Return the same for each operation, (operations, m)."""
-        if not self._kinks and not self._cuts:
-            nothing = np.zeros((0, lower.shape[1]), dtype=bool)
-            return nothing, nothing
-        low, high = self._arguments(lower, upper)
-        has_zero: Mask = (low <= 0) & (high >= 0)
-        number = len(self._kinks)
-        is_left: Mask = low[number + 1 :: 2] <= 0
-        kinks: Mask = has_zero[:number]
-        cuts: Mask = has_zero[number::2] & is_left
-        return kinks, cuts
 
 
 def _arguments(
@@ -158,20 +149,20 @@ def _arguments(
 
 
 def require_smooth(function: ca.Function, at: Array) -> None:
-    """Refuse a point at which a function has no second derivatives.
+    """Refuse a point at which a function jumps, or has unbounded derivatives.
 
     Args:
         function: x (n, 1) -> a column.
         at: The point, shape (n,).
 
     Raises:
-        NotSmoothError: With the operation that has a kink there, or whose derivatives
-            are unbounded.
+        NotSmoothError: With the operation that jumps there, or whose derivatives are
+            unbounded. A kink is none.
         UnknownIntervalOperationError: If it jumps, or has an operation without interval
             form.
     """
     point = at[:, None]
-    Kinks(function).require_none(point, point, function.name())
+    Kinks(function).require_no_cut(point, point, function.name())
     x = ca.SX.sym("x", at.size)
     second = ca.jacobian(ca.vec(ca.jacobian(function(x), x)), x)
     bends = interval_function(

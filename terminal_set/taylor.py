@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from swarmstart.terminal_set.cells import PADDING, Cells, added_up
 from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
-from swarmstart.terminal_set.smoothness import Kinks
+from swarmstart.terminal_set.smoothness import Kinks, Mask
 
 Array = NDArray[np.float64]
 
@@ -141,18 +141,14 @@ class TaylorForm:
         terms = np.vstack([steps, unsure * cells.reach, moved])
         return added_up(high[0], terms), cells.spread(along, unsure)
 
-    def require_smooth(self, lower: Array, upper: Array, name: str) -> None:
-        """Refuse a box with a kink or a cut.
+    def kinks(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
+        """Return in which boxes there may be kinks, and in which cuts, each (m,).
 
         Args:
-            lower: Lower corner of a box of e, shape (n, 1).
-            upper: Upper corner.
-            name: What the function is called.
-
-        Raises:
-            NotSmoothError: If there may be one in the box.
+            lower: Lower corners of boxes of e, shape (n, m).
+            upper: Upper corners.
         """
-        self._kinks.require_none(lower, upper, name)
+        return self._kinks(lower, upper)
 
     def hessians(self, lower: Array, upper: Array) -> tuple[Array, Array]:
         """Return T'(Hessian of c)T over boxes of e: middles and radii, (m, n, n).

@@ -266,8 +266,7 @@ def test_a_cut_is_never_passed_over() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda e: -e + ca.fabs(e) / 2, "fabs of motion has a kink at the reference"),
-        (lambda e: -e - ca.sqrt(ca.fabs(e) + 1) + 1, "fabs of motion has a kink"),
+        (lambda e: -e + ca.atan2(e, e), "atan2 of motion has its cut"),
         (lambda e: -e + e**1.5, "pow of motion is at the edge of where it is smooth"),
         (lambda e: -e + e**2.5, "pow of motion is at the edge of where it is smooth"),
     ],
@@ -277,6 +276,49 @@ def test_a_reference_without_second_derivatives_is_refused_with_the_reason(
 ) -> None:
     with pytest.raises(NotSmoothError, match=message):
         DecreaseBounds(change_of(make, is_held=False))
+
+
+@pytest.mark.parametrize(
+    ("make", "is_held", "falls"),
+    [
+        (lambda e: -e + 0.9 * ca.fabs(e), False, True),  # c = 2 e^2 (-1 +- 0.9)
+        (lambda e: -e + 1.1 * ca.fabs(e), False, False),
+        (lambda e: 0.4 * e + 0.5 * ca.fabs(e), True, True),  # (0.4 +- 0.5)^2 - 1
+        (lambda e: 0.4 * e + 0.7 * ca.fabs(e), True, False),
+        (lambda e: 0.4 * e - 0.7 * ca.fmax(-e, 0), True, False),
+    ],
+)
+def test_a_kink_at_the_reference_is_bounded_by_the_slopes_of_its_sides(
+    make: Callable[[Any], ca.SX], is_held: bool, falls: bool
+) -> None:
+    """At every radius alike; the sides are not told apart."""
+    change = change_of(make, is_held=is_held)
+    for radius in (1e-9, 1.0, 1e6):
+        for side in (-1.0, 1.0):
+            assert is_shown(change, (0.0, radius), side=side) == falls
+
+
+def test_a_margin_counts_beside_the_slopes() -> None:
+    e = ca.SX.sym("e")
+    motion = ca.Function("motion", [e], [-e + 0.5 * ca.fabs(e)])
+    for margin, falls in ((0.999, True), (1.001, False)):
+        change = Change(
+            motion=motion, P=np.eye(1), Q_m=margin * np.eye(1), is_held=False
+        )
+        assert is_shown(change, (0.0, 1.0)) == falls
+
+
+def test_of_a_kink_at_the_centre_what_is_to_be_cut_is_told() -> None:
+    """-e + 2 e |e|: at the centre it falls, so it is the radius that is too large."""
+    change = change_of(lambda e: -e + 2 * e * ca.fabs(e), is_held=False)
+    bounds = DecreaseBounds(change)
+    left = bounds(np.array([[0.0], [1.0]]), np.array([[0.6], [1.0]]))
+    assert left.spread[0, 0] == np.inf
+    assert is_shown(change, (0.0, 0.15)) and is_shown(change, (0.15, 0.4))
+    assert not is_shown(change, (0.15, 0.500001))
+    steep = DecreaseBounds(change_of(lambda e: e * ca.fabs(e) + e, is_held=False))
+    left = steep(np.array([[0.0], [0.9]]), np.array([[0.6], [1.0]]))
+    assert left.spread[0, 0] == 0.0 and left.spread[1, 0] > 0
 
 
 def test_a_motion_that_jumps_is_refused() -> None:

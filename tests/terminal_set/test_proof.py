@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from time import perf_counter
 
 import casadi as ca
@@ -85,6 +86,40 @@ def given(P: Array, K: Array, x_ref: Array) -> TerminalSet:
 
 
 SYSTEMS = {"chen": chen, "pendulum": pendulum, "van der Pol": van_der_pol}
+
+
+def of_terms(terms: Callable[[ca.SX, ca.SX, ca.SX], ca.SX]) -> Change:
+    """x0' = x1, x1' = the terms, with the LQR of their derivatives at 0."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    dynamics = loop(ca.vertcat(x[1], terms(x[0], x[1], u)), x, u)
+    found = continuous_terminal_set(
+        dynamics, bounded(np.zeros(2), np.array([50.0])), Q=np.eye(2), R=np.eye(1)
+    )
+    return continuous_change(dynamics, found)
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [
+        lambda x, v, u: 9.81 * ca.sin(x) + ca.fmin(ca.fmax(u, -4), 4),
+        lambda x, v, u: 9.81 * ca.sin(x) + u - v * ca.fabs(v),
+        lambda x, v, u: u + ca.erf(3 * x) + ca.sinh(v) - ca.cosh(x) + 1,
+        lambda x, v, u: u + ca.asinh(2 * x + v) + ca.hypot(1, x + v) - 1 + x**3,
+        lambda x, v, u: u + (9 + x) ** 1.5 - 27 + x**3 + ca.atan2(x, 4 + v**2),
+    ],
+    ids=["saturated", "drag", "erf sinh", "asinh hypot", "pow atan2"],
+)
+def test_proven_and_refuted_meet_for_other_operations_and_kinks(
+    terms: Callable[[ca.SX, ca.SX, ca.SX], ca.SX],
+) -> None:
+    """A saturation inside the set, a drag v |v| with its kink at the reference."""
+    change = of_terms(terms)
+    refutation = refuted_level(change, alpha_max=400.0, rng=np.random.default_rng(0))
+    assert refutation is not None
+    assert prove_level(change, 0.98 * refutation.alpha).proven
+    for share in (1.000001, 1.02):
+        above = prove_level(change, share * refutation.alpha, max_boxes=5_000)
+        assert not above.proven
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

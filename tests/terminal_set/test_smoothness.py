@@ -11,7 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
-from swarmstart.terminal_set.smoothness import Kinks, NotSmoothError, require_bounded
+from swarmstart.terminal_set.smoothness import (
+    Kinks,
+    NotSmoothError,
+    require_bounded,
+    require_smooth,
+)
 
 Array = NDArray[np.float64]
 
@@ -102,22 +107,13 @@ def test_a_function_that_jumps_is_refused() -> None:
         Kinks(of(lambda x, y: ca.sign(x) * y))
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda x, y: ca.fabs(x) + y, "fabs of the law has a kink at the reference"),
-        (lambda x, y: y + ca.fmin(x, 2 * x), "fmin of the law has a kink"),
-        (ca.atan2, r"atan2 of the law has its cut \(y = 0, x <= 0\) at the ref"),
-    ],
-)
-def test_a_point_with_a_kink_is_refused_by_name(
-    make: Callable[[Any, Any], Any], message: str
-) -> None:
+def test_a_point_with_a_cut_is_refused_and_one_with_a_kink_is_not() -> None:
     zero, one = np.zeros((2, 1)), np.ones((2, 1))
-    kinks = Kinks(of(make))
-    kinks.require_none(one, one, "the law")
-    with pytest.raises(NotSmoothError, match=message):
-        kinks.require_none(zero, zero, "the law")
+    angle = Kinks(of(ca.atan2))
+    angle.require_no_cut(one, one, "the law")
+    with pytest.raises(NotSmoothError, match="atan2 of the law has its cut"):
+        angle.require_no_cut(zero, zero, "the law")
+    Kinks(of(lambda x, y: ca.fabs(x))).require_no_cut(zero, zero, "the law")
 
 
 @pytest.mark.parametrize(
@@ -141,6 +137,17 @@ def test_the_operation_that_has_no_derivatives_is_named(
 ) -> None:
     with pytest.raises(NotSmoothError, match=message):
         require_bounded(of(make), np.zeros(2))
+
+
+def test_all_reasons_are_looked_for_at_the_point_itself() -> None:
+    zero = np.zeros(2)
+    require_smooth(of(lambda x, y: ca.fabs(x) * y + ca.atan2(x, 1 + y)), zero)
+    with pytest.raises(NotSmoothError, match="atan2 of motion has its cut"):
+        require_smooth(of(lambda x, y: ca.atan2(x, y - 1)), zero)
+    for make in (lambda x, y: y**2.5, lambda x, y: ca.hypot(x, y) + y):
+        with pytest.raises(NotSmoothError, match="is at the edge of where it is smo"):
+            require_smooth(of(make), zero)
+        require_smooth(of(make), zero + 1)
 
 
 def test_where_all_derivatives_are_bounded_nothing_is_refused() -> None:
