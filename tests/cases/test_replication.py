@@ -142,6 +142,23 @@ def test_a_guarantee_is_refuted_by_one_flight_and_not_shown_by_all() -> None:
         assert judged(claim(10), [part], outcomes).verdict is verdict
 
 
+def test_the_share_that_a_claim_asks_for_is_enough() -> None:
+    """Claim 4: the fifth UAV alone in four runs of five, not in three."""
+    (part,) = planned(WHOLE, claim(4), seeds=None)
+    cells = list(cells_of([part]))
+    for alone, verdict in ((4, Verdict.HOLDS), (3, Verdict.IN_PART)):
+        outcomes = {
+            cell.key: Outcome(
+                result={"measures": {"lone_failure": 5 if k < alone else 0}},
+                failure="",
+                seconds=1.0,
+                folder=Path(),
+            )
+            for k, cell in enumerate(cells)
+        }
+        assert judged(claim(4), [part], outcomes).verdict is verdict
+
+
 def test_what_is_shown_beside_judges_nothing() -> None:
     parts = planned(WHOLE, claim(17), seeds=1)
     assert [part.part.beside for part in parts] == [False, True]

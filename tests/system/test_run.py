@@ -220,6 +220,20 @@ def test_fail_on_leaves_with_3_where_it_holds(
         assert said.err == ""
 
 
+def test_a_condition_on_what_is_not_defined_is_not_judged_and_says_so(
+    command: Command, tmp_path: Path
+) -> None:
+    said = command(
+        *("run", "formation_v", *TINY, "--no-figures", "--out", tmp_path / "r"),
+        *("--set", "steps=1", "--fail-on", "lyapunov_ratio_max > 0", "--json"),
+    )
+    assert said.code == 0
+    assert said.err == (
+        "swarmstart: --fail-on not judged: lyapunov_ratio_max is not defined: "
+        "never under the linear law\n"
+    )
+
+
 def test_a_claim_that_is_a_gate_and_fails_leaves_with_3(
     command: Command, tmp_path: Path
 ) -> None:

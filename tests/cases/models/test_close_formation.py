@@ -285,3 +285,19 @@ def test_an_unknown_choice_is_refused(role: str) -> None:
 def test_the_printed_equations_have_no_vortex() -> None:
     with pytest.raises(InvalidProblemError, match=r"linear or none, got 'vortex'$"):
         close_formation(WINGMAN, variant="literal", aerodynamics="vortex")
+
+
+def test_a_higher_leader_is_seen_higher_and_its_command_follows_it() -> None:
+    """z is the wingman's height above the leader: (5.20) has h_Wc - h_Lc.
+
+    At rest in z, without a wake, the height is the difference of the commands: -7 ft if
+    the leader commands 7 ft more than its wingman.
+    """
+    model = close_formation(WINGMAN, aerodynamics="none")
+    for own, leaders in ((0.0, 7.0), (7.0, 0.0), (12.0, 5.0)):
+        x = [60.0, 23.6, 0.0, 200.0, own - leaders, 0.0]
+        still = rate(model, x, [200.0, 0.0, own], [200.0, 0.0, leaders])
+        np.testing.assert_allclose(still, 0.0, atol=1e-12)
+    lags = WINGMAN.height_lag_a_s * WINGMAN.height_lag_b_s
+    level = rate(model, START, [200.0, 0.0, 0.0], [200.0, 0.0, 7.0])
+    assert level[5] == pytest.approx(-7.0 / lags)

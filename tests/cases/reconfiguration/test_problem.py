@@ -16,7 +16,7 @@ from swarmstart.cases.planar import by_uav
 from swarmstart.cases.reconfiguration.build import ReconfigurationFlight, build
 from swarmstart.cases.reconfiguration.problem import team_model, trim
 from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario
-from swarmstart.ocp import Plant
+from swarmstart.ocp import Plant, Separation
 from swarmstart.tests.cases.reconfiguration.scenarios import slots_at, uavs_at
 
 if TYPE_CHECKING:
@@ -237,6 +237,15 @@ def test_a_margin_is_kept_to_both_limits(make: Make) -> None:
     assert value(two(5.25), STILL)[1] == pytest.approx(CHECKS * 0.25)
     assert value(two(49.75), STILL)[1] == pytest.approx(CHECKS * 0.25)
     assert value(two(5.75), STILL)[1] == value(two(49.25), STILL)[1] == 0.0
+
+
+def test_the_polish_keeps_the_margin_that_the_search_keeps(make: Make) -> None:
+    """Both see points; without it the polish would give back what was asked for."""
+    flight = build(make("distances.margin_m=0.5", *PAIR))
+    assert flight.joint is not None
+    problem = flight.joint.planner.problem
+    apart = [c for c in problem.constraints if isinstance(c, Separation)]
+    assert [(c.margin, c.smooth_margin) for c in apart] == [(0.5, 0.5)]
 
 
 @pytest.mark.parametrize(("along", "violation"), [("points", 0.0), ("segments", 5.0)])
