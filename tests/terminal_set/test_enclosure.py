@@ -249,14 +249,15 @@ def test_a_box_with_a_kink_about_the_centre_is_cut_along_its_radius() -> None:
     assert left.spread[0, 0] == np.inf
 
 
-def test_a_cut_is_never_passed_over() -> None:
+@pytest.mark.parametrize("kink", [0.0, 0.01])
+def test_a_cut_is_never_passed_over(kink: float) -> None:
     """With e > 0 behind it the motion points away; its derivatives do not tell."""
 
     def motion(e: ca.SX) -> Any:
         return -e + 2 * (ca.atan2(1e-3 + 0 * e, 1) - ca.atan2(1 - e, -1) + 0.75 * np.pi)
 
     f = ca.Function("f", [e := ca.SX.sym("e")], [motion(e)])
-    centred = change_of(lambda e: f(e) - float(f(0)), is_held=False)
+    centred = change_of(lambda e: f(e) - float(f(0)) - kink * ca.fabs(e), is_held=False)
     assert float(centred.function(0.9)) < 0 < float(centred.function(1.1))
     assert is_shown(centred, (0.0, 0.5))
     for rho in ((0.0, 1.1), (0.5, 1.0), (0.9, 1.01), (0.9999, 1.0001)):

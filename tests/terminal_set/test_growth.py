@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -70,3 +72,24 @@ def test_less_than_what_is_measured_is_never_proven(
     for growth in (1.0, 1.5, 1.95):
         proof = prove_growth(hold, found.alpha, growth, max_seconds=1)
         assert not proof.proven
+
+
+def of_one(make: Callable[[ca.SX, ca.SX], ca.SX]) -> Hold:
+    """A motion of one state over a second, P = 1."""
+    e, t = ca.SX.sym("e"), ca.SX.sym("t")
+    motion = ca.Function("motion", [e, t], [make(e, t)])
+    return Hold(motion=motion, P=np.eye(1), dt=1.0)
+
+
+def test_growth_beyond_a_kink_is_proven_and_no_less() -> None:
+    """At e = 2 the state is 2.1 after a second; up to e = 1 it does not move."""
+    hold = of_one(lambda e, t: e + 0.1 * t * ca.fmax(e - 1, 0))
+    assert prove_growth(hold, 4.0, 1.01 * 1.05**2).proven
+    assert not prove_growth(hold, 4.0, 0.99 * 1.05**2, max_seconds=1).proven
+
+
+def test_of_a_kink_at_the_centre_nothing_is_proven_and_nothing_tried() -> None:
+    proof = prove_growth(of_one(lambda e, t: e + 0.1 * t * ca.fabs(e)), 4.0, 2.0)
+    assert not proof.proven and proof.boxes == 0
+    later = of_one(lambda e, t: e + 0.1 * ca.fmax(t - 0.5 + 0 * e, 0.0) * e)
+    assert prove_growth(later, 4.0, 2.0).boxes == 0

@@ -15,6 +15,7 @@ from swarmstart.terminal_set import (
     hold,
     linearise,
 )
+from swarmstart.terminal_set.linearisation import runge_kutta_hold
 
 Matrices = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -108,3 +109,23 @@ def test_a_derivative_that_does_not_exist_is_refused() -> None:
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     with pytest.raises(NotFiniteError, match="df/dx at the reference"):
         linearise(ca.Function("f", [x, u], [ca.sqrt(x) + u]), [0.0], [0.0])
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+def test_runge_kutta_hold_is_casadis_map_of_the_linear_system(
+    matrices: Matrices, substeps: int
+) -> None:
+    A, B = matrices
+    A = A - 2 * np.eye(4)  # So that the series does not end.
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u", 2)
+    linear = ca.Function("linear", [x, u], [ca.DM(A) @ x + ca.DM(B) @ u])
+    after = ca.simpleRK(linear, substeps, 4)(x, u, 0.7)
+    expected = ca.Function("d", [x, u], [ca.jacobian(after, x), ca.jacobian(after, u)])
+    Ad, Bd = runge_kutta_hold(A, B, 0.7, substeps=substeps)
+    np.testing.assert_allclose(Ad, expected(0, 0)[0].full(), rtol=1e-13, atol=1e-14)
+    np.testing.assert_allclose(Bd, expected(0, 0)[1].full(), rtol=1e-13, atol=1e-14)
+
+
+def test_a_runge_kutta_hold_beyond_all_numbers_is_refused() -> None:
+    with pytest.raises(NotFiniteError, match="the Runge-Kutta map of the hold"):
+        runge_kutta_hold([[-1e100]], [[1.0]], 1.0, substeps=1)
