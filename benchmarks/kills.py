@@ -199,9 +199,17 @@ def workers(group: int) -> list[int]:
     return found
 
 
-def temporary_files(folder: Path) -> list[Path]:
+def temporary_files(folder: Path) -> set[Path]:
     """Return what lies under temporary names."""
-    return [file for file in folder.rglob("*") if is_temporary(file.name)]
+    return {file for file in folder.rglob("*") if is_temporary(file.name)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Before:
+    """What is there before an attack: finished work, and rests of earlier kills."""
+
+    finished: dict[str, str]
+    rests: set[Path]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -270,12 +278,14 @@ def killed(
 
 
 def complaints(
-    command: Command, folder: Path, before: dict[str, str], ending: Ending
+    command: Command, folder: Path, before: Before, ending: Ending
 ) -> list[str]:
     """Return what is wrong after a signal or a kill."""
     wrong = []
     after = command.finished(folder)
-    if after != WHOLE and any(after.get(k) != v for k, v in before.items()):
+    if after != WHOLE and any(
+        after.get(name) != content for name, content in before.finished.items()
+    ):
         wrong.append("finished work is lost or changed")
     if ending.sent.startswith("SIGKILL"):
         return wrong
@@ -283,7 +293,8 @@ def complaints(
         wrong.append(f"exit code {ending.code}: {ending.err[-500:]}")
     if "Traceback" in ending.err or "internal error" in ending.err:
         wrong.append(f"a traceback: {ending.err[-2000:]}")
-    if rests := temporary_files(folder):
+    # It may have been stopped before it removed those of an earlier kill.
+    if rests := temporary_files(folder) - before.rests:
         wrong.append(f"temporary files: {rests}")
     return wrong
 
@@ -324,7 +335,10 @@ class Siege:
     ) -> str:
         """Attack until the attack comes in time; return what happened."""
         while True:
-            before = self.command.finished(self.folder)
+            before = Before(
+                finished=self.command.finished(self.folder),
+                rests=temporary_files(self.folder),
+            )
             process = started(self.command, self.folder)
             ending = attack(process, chance, self.seconds)
             if ending is None or ending.code in (0, GATE):  # It has ended by itself.

@@ -165,7 +165,8 @@ def test_what_a_kill_left_under_temporary_names_is_removed_and_nothing_else(
     mine = [".hidden.tmp", ".notes.txt.7.tmp", "a.png.7.tmp", ".a.png.tmp", ".7.tmp"]
     for name in mine:
         (tmp_path / name).touch()
-    remove_rests(tmp_path)
+    with locked(tmp_path):
+        pass
     remove_rests(tmp_path / "nowhere")
     assert {file.name for file in tmp_path.iterdir()} == {*mine, "figures"}
     assert {file.name for file in figures.iterdir()} == {"a.png", "flight.gif"}

@@ -100,6 +100,29 @@ def test_what_cannot_be_compared_is_refused(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_table_of_another_program_is_refused_before_any_work(
+    command: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "results.csv").write_text("mine\n")
+    said = command(*SMALL, "--out", tmp_path)
+    assert (said.code, said.out) == (2, "")
+    assert "expected a table of comparisons, found another file" in said.err
+    assert [file.name for file in tmp_path.iterdir()] == ["results.csv"]
+    assert (tmp_path / "results.csv").read_text() == "mine\n"
+
+
+def test_another_comparison_appends_to_the_table(
+    folder: Path, command: Command
+) -> None:
+    before = (folder / "results.csv").read_text()
+    fewer = (*SMALL[:2], "--solvers", "ipopt", *SMALL[4:], "--out", folder)
+    assert command(*fewer).code == 0
+    assert (folder / "results.csv").read_text() == before
+    assert command(*fewer, "--budget", "700evals").code == 0
+    after = (folder / "results.csv").read_text()
+    assert after.startswith(before) and after.count("\n") == before.count("\n") + 1
+
+
 def test_no_feasible_answer_has_an_exit_code_of_its_own(
     command: Command, tmp_path: Path
 ) -> None:

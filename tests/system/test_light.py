@@ -90,6 +90,33 @@ def test_list_shows_a_person_the_same(command: Command) -> None:
         assert re.search(rf"^  {name} ", said.out, re.MULTILINE)
 
 
+def test_list_shows_what_contains_a_text(command: Command) -> None:
+    said = command("list", "L-shade")
+    assert (said.code, said.err) == (0, "")
+    assert "  lshade " in said.out
+    assert "scenarios" not in said.out and "measures" not in said.out
+    headed = command("list", "measures of transfer").out.splitlines()
+    assert headed[0] == "measures of transfer" and len(headed) > 10
+    listed = json.loads(command("list", "swap_5", "--json").out)
+    assert [*listed["scenarios"]] == ["swap_5"] and not listed["searches"]
+    nothing = command("list", "zeppelin")
+    assert (nothing.code, nothing.out) == (2, "")
+    assert nothing.err == (
+        "swarmstart: expected a text that something in the list contains, found "
+        "'zeppelin'\n"
+    )
+
+
+@pytest.mark.parametrize("name", ["run", "compare", "replicate", "list", "check"])
+def test_a_wrong_option_prints_the_usage_of_its_command(
+    name: str, command: Command
+) -> None:
+    said = command(name, "passing_side", "--bogus")
+    assert (said.code, said.out) == (2, "")
+    assert said.err.startswith(f"usage: swarmstart {name} ")
+    assert f"swarmstart {name}: error: unrecognized arguments: " in said.err
+
+
 def test_a_command_is_required_and_help_shows_the_exit_codes(command: Command) -> None:
     nothing = command()
     assert (nothing.code, nothing.out) == (2, "") and "COMMAND" in nothing.err

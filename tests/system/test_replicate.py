@@ -167,3 +167,15 @@ def test_what_is_noted_is_found_again(noted: Any, record: Any) -> None:
             if before is not None:  # It never settles, say: then not now either.
                 before = pytest.approx(before, rel=old["tolerance"], abs=1e-12)
             assert again == before, (then["id"], old["text"])
+
+
+@pytest.mark.parametrize("name", ["replication-24.json", "replication-24.html"])
+def test_a_file_of_another_program_is_refused_before_any_work(
+    name: str, command: Command, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text("mine")
+    said = command("replicate", "--only", "24", "--quiet", "--out", tmp_path)
+    assert (said.code, said.out) == (2, "")
+    assert "found another file; choose another --out" in said.err
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == "mine"

@@ -22,7 +22,7 @@ from swarmstart.cases import run as run_module
 from swarmstart.cases.cli import main
 from swarmstart.cases.formation.names import MEASURES
 from swarmstart.cases.run import key_of
-from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.scenario import read_document, resolve, shipped
 from swarmstart.terminal_set.check import main as check
 
 if TYPE_CHECKING:
@@ -365,6 +365,10 @@ def test_another_run_is_forced_and_leaves_nothing_that_the_run_before_wrote(
     folder = tmp_path / "r"
     tiny = ("run", "formation_v", *TINY, "--set", "steps=1", "--out", folder)
     assert command(*tiny).code == 0
+    drawn = sorted(file.name for file in (folder / "figures").iterdir())
+    assert command(*tiny, "--no-figures").code == 0  # The same run keeps its figures.
+    assert sorted(file.name for file in (folder / "figures").iterdir()) == drawn
+    assert sorted(json.loads((folder / "run.json").read_text())["figures"]) == drawn
     (folder / "figures" / "mine.png").touch()
     (folder / "mine.json").touch()
     bounds_only = ("--set", "dual_mode.certify=false")
@@ -375,6 +379,40 @@ def test_another_run_is_forced_and_leaves_nothing_that_the_run_before_wrote(
     assert command(*tiny, "--no-figures", *bounds_only, "--force").code == 0
     assert [file.name for file in (folder / "figures").iterdir()] == ["mine.png"]
     assert {file.name for file in folder.glob("*.json")} == {"run.json", "mine.json"}
+
+
+def test_the_users_own_scenario_is_not_replaced(
+    command: Command, tmp_path: Path
+) -> None:
+    mine = tmp_path / "scenario.yaml"
+    text = f"# mine\n{shipped()['formation_v'].read_text(encoding='utf-8')}"
+    mine.write_text(text, encoding="utf-8")
+    (tmp_path / "probe").write_text("mine too")
+    said = command("run", mine, *TINY, "--no-figures", "--out", tmp_path)
+    assert (said.code, said.out) == (2, "")
+    assert said.err == (
+        f"swarmstart: {tmp_path}: expected an empty folder or the record of this run, "
+        "found other files ('probe', 'scenario.yaml'); choose another --out, or write "
+        "over it with --force\n"
+    )
+    assert mine.read_text(encoding="utf-8") == text
+    assert (tmp_path / "probe").read_text() == "mine too"
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_plan_that_cuts_between_its_checks_is_not_silent(
+    command: Command, tmp_path: Path
+) -> None:
+    """Five UAVs at 4.949 m where 5 m are asked for."""
+    said = command(
+        *("run", "swap_5", "--set", "repair=false", "--no-figures", "--quiet"),
+        *("--json", "--out", tmp_path),
+    )
+    told = json.loads(said.out)
+    assert said.code == 4
+    assert told["measures"]["min_distance_m"] == pytest.approx(4.949, abs=5e-4)
+    assert "not confirmed: a constraint is broken between the checks" in told["status"]
+    assert "is broken by 0.0511" in told["status"]
 
 
 def test_a_reader_that_has_gone_is_no_error() -> None:
