@@ -24,7 +24,7 @@ def holds(
     """Return whether a measured value is in a relation to a bound.
 
     Args:
-        measured: The value; null if it is not defined.
+        measured: The value; null, or not a number, if it is not defined.
         relation: A key of RELATIONS.
         bound: The bound; null, with "==", asks whether the value is not defined.
         reason: Why it may not be defined; NEVER: then it is above every bound.
@@ -35,6 +35,8 @@ def holds(
     """
     if isinstance(measured, list):
         return None
+    if isinstance(measured, float) and math.isnan(measured):
+        measured = None
     if bound is None:
         return measured is None
     if measured is None:

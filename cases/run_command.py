@@ -140,7 +140,8 @@ def _exit_code(finished: Run, conditions: list[Condition]) -> int:
         why = finished.resolved.kind.undefined.get(measure, "")
         met = _met(condition, finished.measures[measure], why)
         if met is None:
-            say(f"--fail-on not judged: {measure} is not defined: {why}")
+            reason = why or "it is not a number"
+            say(f"--fail-on not judged: {measure} is not defined: {reason}")
         elif met:
             value = finished.measures[measure]
             found = why if value is None else to_json(value)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pydantic
@@ -56,7 +57,7 @@ def test_what_never_comes_is_later_than_any_bound() -> None:
 
 @pytest.mark.parametrize("relation", RELATIONS)
 def test_what_is_not_defined_judges_nothing(relation: str) -> None:
-    assert holds(None, relation, 50) is None
+    assert holds(None, relation, 50) is holds(math.nan, relation, 50) is None
     asked = claim(relation=relation)
     (verdict,) = judged(
         [asked], SETTINGS, {"size": None}, undefined={"size": "there is none"}
