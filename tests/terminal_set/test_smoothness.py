@@ -92,6 +92,15 @@ def test_kinks_and_cuts_of_one_function_are_told_apart() -> None:
     assert found(both, [1, 1], [2, 2]) == (False, False)
 
 
+def test_of_two_angles_each_has_its_cut() -> None:
+    def both(x: ca.SX, y: ca.SX) -> Any:
+        return ca.atan2(x, y) + ca.atan2(x, -y)
+
+    assert found(both, [-1, 1], [1, 2]) == (False, True)
+    assert found(both, [-1, -2], [1, -1]) == (False, True)
+    assert found(both, [1, -1], [2, 1]) == (False, False)
+
+
 def test_of_many_boxes_each_is_judged() -> None:
     low = np.array([[0.0, 2.0, -1.0], [1.0, 1.0, 0.0]])
     kinks, cuts = Kinks(of(ca.fmax))(low, low + 0.5)
