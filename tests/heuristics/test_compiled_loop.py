@@ -210,6 +210,33 @@ def test_seconds_end_a_compiled_search_after_its_chunk(
     assert result.generations == CHUNK
 
 
+def test_a_budget_in_seconds_alone_runs_the_compiled_loop(
+    compiled: type[Compiled],
+) -> None:
+    objective = compiled(values, DIM)
+    result = minimize(
+        objective,
+        BOX,
+        algorithm=ParticleSwarm(size=SIZE),
+        budget=Budget(seconds=0.05),
+        rng=np.random.default_rng(6),
+    )
+    assert result.stopped is StopReason.SECONDS
+    assert result.generations > 1
+    assert objective.calls_from_python == 0
+
+
+def test_without_a_limit_of_evaluations_the_clock_tells_the_progress(
+    compiled: type[Compiled],
+) -> None:
+    search = Search(ParticleSwarm(size=SIZE), BOX, rng=np.random.default_rng(7))
+    limits = Budget(seconds=1.0).limits()
+    objective = compiled(values, DIM)
+    for progress in (0.0, 0.25):
+        search.loop(objective, generations=3, limits=limits, progress=progress)
+        assert search.state.progress[0] == progress
+
+
 def test_loop_before_tell_is_refused(compiled: type[Compiled]) -> None:
     search = Search(ParticleSwarm(size=SIZE), BOX, rng=np.random.default_rng(7))
     search.ask()
@@ -227,3 +254,9 @@ def test_chunks_take_about_a_fiftieth_of_a_second(
 ) -> None:
     """From 1 generation, where one is slow, to 4096: Ctrl-C waits for no longer."""
     assert next_chunk(generations, seconds) == following
+
+
+def test_a_chunk_takes_no_longer_than_is_left() -> None:
+    assert next_chunk(100, 0.01, left=0.005) == 50
+    assert next_chunk(100, 0.01, left=1e-9) == 1
+    assert next_chunk(100, 0.01, left=-1.0) == 1
