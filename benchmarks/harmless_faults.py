@@ -9,6 +9,7 @@ EFFORT = "how much is tried; what is found is checked by itself"
 GUARD = "avoids 0/0 only"
 EQUAL = "differs where two computed real numbers are equal in all bits only"
 EMPTY = "both are empty"
+DIRECTION = "only the direction of w counts"
 
 _ANY: dict[str, dict[str, tuple[str, ...]]] = {
     EFFORT: {
@@ -92,6 +93,15 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
                 "factor[j][j] = math.sqrt(max(rest, 5e-324))",
                 "factor[j][j] = math.sqrt(max(rest, 1e-323))",
             ),
+        ),
+    },
+    DIRECTION: {
+        "terminal_set/cells.py": tuple(
+            (
+                "self._rho, w = (lower[0], upper[0]), (lower[1:] + upper[1:]) / 2",
+                f"self._rho, w = (lower[0], upper[0]), (lower[1:] + upper[1:]) {half}",
+            )
+            for half in ("/ 1", "/ 4", "* 2")
         ),
     },
     EMPTY: {
