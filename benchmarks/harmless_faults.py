@@ -9,6 +9,7 @@ EFFORT = "how much is tried; what is found is checked by itself"
 GUARD = "avoids 0/0 only"
 EQUAL = "differs where two computed real numbers are equal in all bits only"
 EMPTY = "both are empty"
+AT_ZERO = "at 0 the square of the end is 0 as well"
 DIRECTION = "only the direction of w counts"
 
 _ANY: dict[str, dict[str, tuple[str, ...]]] = {
@@ -93,6 +94,24 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
                 "factor[j][j] = math.sqrt(max(rest, 5e-324))",
                 "factor[j][j] = math.sqrt(max(rest, 1e-323))",
             ),
+        ),
+    },
+    AT_ZERO: {
+        "terminal_set/cells.py": tuple(
+            ("inside = (lower <= 0) & (upper >= 0)", after)
+            for after in (
+                "inside = (lower < 0) & (upper >= 0)",
+                "inside = (lower <= 0) & (upper > 0)",
+            )
+        ),
+        "terminal_set/checker/coordinates.py": tuple(
+            (line, line.replace("a <= 0.0 <= b", between))
+            for line in (
+                "low2 = [0.0 if a <= 0.0 <= b else min(a * a, b * b) for a, b in w]",
+                "arb(0) if a <= 0.0 <= b else square(arb(min(abs(a), abs(b)))) "
+                "for a, b in w",
+            )
+            for between in ("a < 0.0 <= b", "a <= 0.0 < b")
         ),
     },
     DIRECTION: {
