@@ -114,6 +114,24 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
             for between in ("a < 0.0 <= b", "a <= 0.0 < b")
         ),
     },
+    "a search that cannot succeed is begun all the same": {
+        "terminal_set/checker/decrease.py": (
+            (
+                "if s.times[0] == s.times[1] and not margin < 0:",
+                "if s.times[0] == s.times[1] and not margin <= 0:",
+            ),
+        ),
+    },
+    "a default for the type checker: the reader leaves no None there": {
+        "terminal_set/checker/ellipsoid_statements.py": tuple(
+            (line, line.replace("or 1.0", other))
+            for line in (
+                "growth = arb(self.certificate.growth or 1.0)",
+                "weight=arb(certificate.growth or 1.0),",
+            )
+            for other in ("or 0.0", "or 2.0")
+        ),
+    },
     DIRECTION: {
         "terminal_set/cells.py": tuple(
             (

@@ -190,6 +190,10 @@ def test_modulus_over_its_kink_has_every_slope_between_and_no_second() -> None:
     assert ends(found.value) == pytest.approx([0, 2], abs=1e-6)
     assert ends(found.slope(1)) == pytest.approx([-1, 1])
     assert not found.slope(2).is_finite()
+    for low, high in ((-0.5, 0.25), (-0.25, 0.5), (0.0, 0.5), (-0.5, 0.0)):
+        near = OPERATIONS["fabs"](Jet(RAY, [balls(low, high), arb(1), arb(0)]))
+        assert ends(near.value) == pytest.approx([0, max(-low, high)], abs=1e-6)
+        assert ends(near.slope(1)) == pytest.approx([-1, 1])
     slopes = Algebra(monomials=1)
     gradient = OPERATIONS["fabs"](slopes.variable(balls(-1.0, 2.0), {1: arb(3)}))
     assert ends(gradient.slope(1)) == pytest.approx([-3, 3])
