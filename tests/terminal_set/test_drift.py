@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.terminal_set import (
+    Change,
     NotAnEquilibriumError,
     ProofOptions,
     Reference,
@@ -18,7 +19,18 @@ from swarmstart.terminal_set import (
     certified_terminal_set,
     certify,
 )
-from swarmstart.terminal_set.drift import MOST_CORE, ReferenceMotion
+from swarmstart.terminal_set.drift import (
+    LEAST_CORE,
+    LEAST_SHARE,
+    MOST_CORE,
+    MOST_SHARE,
+    RESERVE,
+    ROOM,
+    ROUNDING,
+    Drift,
+    ReferenceMotion,
+    bearable_drift,
+)
 
 Array = NDArray[np.float64]
 
@@ -155,3 +167,76 @@ def test_states_that_may_move_along_are_left_out(
     motion = ReferenceMotion(formation, leader)
     assert motion.entries == () and not motion.bound.any()
     assert not motion.over_hold(1.0, 2).any()
+
+
+def linear_change(rates: Array, P: Array) -> Change:
+    """e' = -rates e, entry by entry; V falls by 2 rates_i of its own part."""
+    e = ca.SX.sym("e", rates.size)
+    motion = ca.Function("motion", [e], [-ca.DM(rates) * e])
+    return Change(motion=motion, P=P, Q_m=np.zeros(P.shape), is_held=False)
+
+
+def resting() -> ReferenceMotion:
+    """Of (x, y)' = (1e-9, -2e-9) - (x, y): both should rest."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [ca.DM([1e-9, -2e-9]) - x + 0 * u])
+    reference = at([0.0, 0.0], x_upper=np.ones(2))
+    return ReferenceMotion(f, reference)
+
+
+@pytest.mark.parametrize("rate", [0.05, 2.0])
+def test_drift_is_measured_by_p_and_allowed_for_within_shares_of_the_decrease(
+    rate: float,
+) -> None:
+    motion = resting()
+    assert motion.entries == (0, 1) and motion.rates == (1e-9, -2e-9)
+    P = np.diag([4.0, 9.0])
+    change = linear_change(np.array([rate, 3 * rate]), P)
+    for alpha in (1.0, 1e4, 1e16):
+        found = bearable_drift(motion, motion.bound, change, alpha)
+        size = ROUNDING * (1e-9 * 2 + 2e-9 * 3)
+        assert found.size == pytest.approx(size, rel=1e-12)
+        decay = 2 * rate  # Of the slower entry.
+        wanted = RESERVE * size / (ROOM * np.sqrt(alpha))
+        expected = np.clip(wanted, LEAST_SHARE * decay, MOST_SHARE * decay)
+        assert found.relative == pytest.approx(float(expected), rel=1e-9)
+        assert (found.entries, found.rates) == ((0, 1), (1e-9, -2e-9))
+    still = bearable_drift(motion, np.zeros(2), change, 1.0)
+    assert (still.size, still.relative, still.core_of(1.0)) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("rate", [0.05, 2.0])
+def test_drift_beyond_all_levels_is_refused_unless_nothing_can_be_proven(
+    rate: float,
+) -> None:
+    motion, large = resting(), np.array([1.0, 1.0])
+    with pytest.raises(NotAnEquilibriumError):
+        bearable_drift(motion, large, linear_change(np.full(2, rate), np.eye(2)), 1.0)
+    rising = linear_change(np.array([1.0, -rate]), np.eye(2))
+    assert bearable_drift(motion, large, rising, 1.0).relative == 0
+
+
+def test_core_is_where_the_drift_is_the_stated_share() -> None:
+    drift = Drift(entries=(0,), rates=(1.0,), size=1e-6, relative=0.5)
+    radius = RESERVE * 1e-6 / 0.5
+    edge = radius**2 / MOST_CORE
+    assert drift.core_of(edge * (1 + 1e-9)) == pytest.approx(radius**2, rel=1e-12)
+    with pytest.raises(NotAnEquilibriumError) as told:
+        drift.core_of(edge * (1 - 1e-9))
+    assert told.value.core == pytest.approx(radius**2, rel=1e-12)
+    large = 1e6 * radius**2 / LEAST_CORE
+    assert drift.core_of(large) == LEAST_CORE * large
+    with pytest.raises(NotAnEquilibriumError):
+        replace(drift, relative=0.0).core_of(1e9)
+    assert replace(drift, size=0.0).core_of(1.0) == 0
+
+
+@pytest.mark.parametrize("substeps", [1, 4])
+def test_constant_rate_moves_its_time_over_a_hold(substeps: int) -> None:
+    """A box as wide as the rate times the step is wide enough."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [ca.DM(-3e-3) + 0 * u])
+    motion = ReferenceMotion(f, at([2.0]))
+    found = motion.over_hold(0.5, substeps)
+    exact = 3e-3 * 0.5
+    assert exact <= found[0] <= exact * ROUNDING ** (2 * substeps + 1)
