@@ -222,13 +222,15 @@ class Ending:
     sent: str
 
 
-def ended(process: subprocess.Popen[str], sent: str) -> Ending:
-    """Wait for a command and all of its processes."""
+def ended(process: subprocess.Popen[str], sent: str = "") -> Ending:
+    """Wait for a command and all of its processes, longer if nothing was sent."""
+    patience = PATIENCE_S if sent else 10 * PATIENCE_S
     try:
-        out, err = process.communicate(timeout=PATIENCE_S)
+        out, err = process.communicate(timeout=patience)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
-        raise SystemExit(f"still there {PATIENCE_S:g} s after {sent}") from None
+        after = sent or "it was started"
+        raise SystemExit(f"still there {patience:g} s after {after}") from None
     deadline = time.monotonic() + PATIENCE_S
     while members(process.pid) and time.monotonic() < deadline:
         time.sleep(0.02)
@@ -342,7 +344,7 @@ class Siege:
             process = started(self.command, self.folder)
             ending = attack(process, chance, self.seconds)
             if ending is None or ending.code in (0, GATE):  # It has ended by itself.
-                self.end_round(ending or ended(process, "nothing"))
+                self.end_round(ending or ended(process))
                 continue
             wrong = complaints(self.command, self.folder, before, ending)
             after = self.command.finished(self.folder)
@@ -350,24 +352,30 @@ class Siege:
                 self.judge(self.command.numbers(self.folder, ""))
                 shutil.rmtree(self.folder)
             what = f"{self.command.name}, {ending.sent}"
-            self.wrong += [f"{what}: {text}" for text in wrong]
-            return f"{what}: {'; '.join([f'{len(after)} finished', *wrong])}"
+            for text in wrong:
+                self.note(f"{what}: {text}")
+            return f"{what}: {len(after)} finished"
 
     def judge(self, found: Numbers) -> None:
         """Note if other numbers than those of an undisturbed command are found."""
         if found != self.whole:
-            self.wrong.append(f"{self.command.name} has found other numbers")
+            self.note(f"{self.command.name} has found other numbers")
+
+    def note(self, text: str) -> None:
+        """Note, and say at once, that something is wrong."""
+        print(f"wrong: {text}", flush=True)
+        self.wrong.append(text)
 
     def end_round(self, ending: Ending) -> None:
         """Compare what a command found that has ended by itself; empty the folder."""
         name = self.command.name
         if ending.code not in (0, GATE):
-            self.wrong.append(f"{name} ends with {ending.code}: {ending.err[-2000:]}")
+            self.note(f"{name} ends with {ending.code}: {ending.err[-2000:]}")
         else:
             self.judge(self.command.numbers(self.folder, ending.out))
         rests = [*temporary_files(self.folder), *self.folder.glob("partial.*")]
         if rests:
-            self.wrong.append(f"{name} has left {rests}")
+            self.note(f"{name} has left {rests}")
         self.rounds += 1
         shutil.rmtree(self.folder)
 
@@ -411,7 +419,7 @@ def besieged(
             print(f"{number + 1}: {what}", flush=True)
         for siege in sieges:
             process = started(siege.command, siege.folder)
-            siege.end_round(ended(process, "nothing"))
+            siege.end_round(ended(process))
     wrong = [text for siege in sieges for text in siege.wrong]
     return happened, sum(siege.rounds for siege in sieges), wrong
 

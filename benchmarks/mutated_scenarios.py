@@ -31,7 +31,8 @@ from swarmstart.cases.cli import DONE, GATE, INFEASIBLE, INTERNAL, INVALID, main
 from swarmstart.cases.scenario import read_document, resolve, shipped
 from swarmstart.errors import SwarmstartError
 
-LIMIT_S = 60
+LIMIT_S = 180
+"""A proof of a terminal set gives up after a minute, and there may be two."""
 MEMORY = 8 << 30
 """Address space of the process [B], so that what asks for more is refused."""
 NUMBERS = (
@@ -145,10 +146,6 @@ class TooSlowError(BaseException):
     """A command has taken longer than LIMIT_S."""
 
 
-def _too_slow(*_: object) -> None:
-    raise TooSlowError
-
-
 def resolved(file: Path) -> tuple[int, str]:
     """Return the exit code and the errors of all variants, resolved and not built."""
     try:
@@ -173,7 +170,13 @@ def judged(
     ask: Callable[[], tuple[int, str]], allowed: Sequence[int]
 ) -> tuple[int, str]:
     """Return how a command ends, and what is wrong with that; empty: nothing."""
-    before = signal.signal(signal.SIGALRM, _too_slow)
+    late: list[int] = []
+
+    def too_slow(number: int, _: object) -> None:
+        late.append(number)
+        raise TooSlowError
+
+    before = signal.signal(signal.SIGALRM, too_slow)
     signal.alarm(LIMIT_S)
     try:
         code, err = ask()
@@ -184,6 +187,8 @@ def judged(
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
+    if late:  # IPOPT swallows what is raised within it.
+        return INTERNAL, f"more than {LIMIT_S} s"
     if code not in allowed or "Traceback" in err:
         return code, f"exit code {code}: {err[:300]}"
     silent = code == INVALID and not err.strip()

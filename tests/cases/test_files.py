@@ -165,6 +165,8 @@ def test_what_a_kill_left_under_temporary_names_is_removed_and_nothing_else(
     mine = [".hidden.tmp", ".notes.txt.7.tmp", "a.png.7.tmp", ".a.png.tmp", ".7.tmp"]
     for name in mine:
         (tmp_path / name).touch()
+    for place in (tmp_path, figures):
+        (place / ".left.png.7.tmp").touch()
     with locked(tmp_path):
         pass
     remove_rests(tmp_path / "nowhere")

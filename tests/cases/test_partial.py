@@ -192,6 +192,17 @@ def test_no_flipped_bit_of_the_arrays_changes_what_is_loaded(tmp_path: Path) -> 
     assert refused > 200
 
 
+def test_arrays_that_were_edited_are_refused(tmp_path: Path) -> None:
+    save_partial(tmp_path, "k", flight(2), np.random.default_rng(0).bit_generator.state)
+    file = tmp_path / "partial.npz"
+    with np.load(file, allow_pickle=False) as opened:
+        arrays: dict[str, Any] = dict(opened)
+    arrays["states"] = arrays["states"] + 1e-9
+    np.savez(file, **arrays)
+    with pytest.raises(RecordError, match="a wrong checksum"):
+        load_partial(tmp_path, "k", SUBSTEPS)
+
+
 def test_steps_of_one_plan_are_of_one_plan_again(tmp_path: Path) -> None:
     whole = flight(3)
     first, second, third = whole.decisions

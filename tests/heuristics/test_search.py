@@ -120,7 +120,7 @@ def test_refuses_arguments_out_of_range() -> None:
             snapshot=new_search().snapshot(),
         )
     with pytest.raises(InvalidSettingsError, match="size must be at most 10000000 wi"):
-        Search(RandomSearch(size=10**9), BOX, rng=np.random.default_rng(0))
+        Search(RandomSearch(size=10**7 + 1), BOX, rng=np.random.default_rng(0))
     for basins, radius, what in (
         (-1, 0.1, "basins must be an integer of at least 0, got -1"),
         (10**7, 0.1, "basins must be at most 2500000 with 2 variables, got 10000000"),
