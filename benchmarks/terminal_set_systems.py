@@ -342,7 +342,7 @@ SYSTEMS: dict[str, Callable[[], System]] = {
     "F-8": crusader,
     "jet engine": jet_engine,
     "ball and magnet": magnet,
-    "pole": pole,
+    "pole of the damping": pole,
     "tank": tank,
     "thin jump": jump,
     "thin bump": bump,

@@ -36,10 +36,11 @@ _HEAD = """# Proven and refuted levels
 
 Made by `python benchmarks/terminal_sets.py --samples {number}`. Refuted: the nearest
 deviation found at which e'Pe does not decrease (a local answer). Gap: refuted over
-proven, less 1; where nothing is refuted the level is that of the bounds. Seconds: the
-last proof alone. Violations: of {samples} random states of the set, half of them on its
-edge, flown for one hold (or 1 s) by another integrator (DOP853, 1e-10): how many broke
-an input's bound, left the set at the end, or did not decrease. New: nobody looked at it
+proven, less 1; where nothing is refuted the level is that of the bounds or, of the
+tank, ends with the model's domain. Seconds: the last proof alone. Violations: of
+{samples} random states of the set, half of them on its edge, flown for one hold (or
+1 s) by another integrator (DOP853, 1e-10): how many broke an input's bound, left the
+set at the end, or did not decrease. New: nobody looked at it
 before the proof was finished, and nothing was changed after.
 
 """

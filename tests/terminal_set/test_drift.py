@@ -155,6 +155,16 @@ def test_a_hold_moves_the_reference_no_further_than_its_bound(
         assert r * np.expm1(dt) < moved < 1.7 * r * np.expm1(dt)
 
 
+def test_a_state_that_rests_at_first_is_moved_by_one_that_does_not() -> None:
+    """x0' = r, x1' = 8 x0: after dt they are at r dt and at 4 r dt^2."""
+    x, u, r, dt = ca.SX.sym("x", 2), ca.SX.sym("u"), 1e-6, 0.5
+    dynamics = ca.Function("chain", [x, u], [ca.vertcat(r + 0 * u, 8 * x[0])])
+    reference = at([0.0, 0.0], x_upper=np.ones(2))
+    moved = ReferenceMotion(dynamics, reference).over_hold(dt, 1)
+    assert r * dt <= moved[0] < 1.6 * r * dt
+    assert 4 * r * dt**2 < moved[1] < 40 * r * dt**2
+
+
 def test_without_an_enclosure_of_the_hold_there_is_no_bound() -> None:
     motion = ReferenceMotion(decaying(1e-6, rate=10.0), at([0.0]))
     assert motion.over_hold(1.0, 1)[0] == np.inf

@@ -51,7 +51,7 @@ def test_the_bounds_level_is_proven_where_nothing_speaks_against_it(
 
 
 FEATURES = {
-    "pole": 1.0,  # at x0 = -1
+    "pole of the damping": 1.0,  # at x0 = -1
     "tank": 1.0,  # at x = -1
     "thin jump": 1.0,  # c = 0 at r = 1
     "thin bump": 1.0 - 1e-3 * np.sqrt(np.log(1.5)),  # there its edge is 0
@@ -92,7 +92,7 @@ def test_a_state_at_which_the_model_is_not_defined_is_no_refutation() -> None:
     assert proven_level(change, top, rng=np.random.default_rng(0)).refutation is None
 
 
-@pytest.mark.parametrize("name", ["thin jump", "pole"])
+@pytest.mark.parametrize("name", ["thin jump", "pole of the damping"])
 def test_the_time_is_kept_in_whatever_the_search_is_doing(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

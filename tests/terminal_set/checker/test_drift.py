@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 
+import casadi as ca
 import pytest
 
+from swarmstart.terminal_set.checker.findings import Verdict
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import (
+    certificate_of,
     chen,
     formation,
     replaced,
@@ -16,6 +20,8 @@ from swarmstart.tests.terminal_set.checker.certificates_by_hand import (
 )
 
 pytest.importorskip("flint")
+
+from swarmstart.terminal_set.checker.drift import check_drift
 
 Check = Callable[..., tuple[int, str]]
 
@@ -115,6 +121,22 @@ def test_over_a_hold_without_an_enclosure_nothing_is_borne(check: Check) -> None
     content = scalar(1e-9, dt=3.0, core=core(1e-12, 0.1))
     assert check(content)[0] == 3
     assert "no equilibrium" in check(content)[1]
+
+
+def test_a_state_that_rests_at_first_is_moved_by_one_that_does_not() -> None:
+    """x0' = r, x1' = 8 x0: after half a second they are at r / 2 and at r."""
+    x, u, r = ca.SX.sym("x", 2), ca.SX.sym("u"), 2.0**-30
+    dynamics = ca.Function("chain", [x, u], [ca.vertcat(r + 0 * u, 8 * x[0])])
+    certificate = certificate_of(dynamics, [[1.0, 0.0], [0.0, 1.0]], 1.0, dt=0.5)
+    stated = dataclasses.replace(
+        certificate,
+        core=1e-6,
+        bounds=certificate.bounds | {"x_upper": (1.0, 1.0)},
+    )
+    moved = math.hypot(0.5, 1.0) * r
+    for share, verdict in ((0.99, Verdict.REFUSED), (4.0, Verdict.PROVED)):
+        borne = dataclasses.replace(stated, drift=share * moved / 1e-3)
+        assert check_drift(borne).verdict is verdict
 
 
 def test_the_drift_is_part_of_what_bounds_of_states_leave_room_for(

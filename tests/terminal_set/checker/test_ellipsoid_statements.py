@@ -128,6 +128,17 @@ def test_what_counts_as_a_counterexample_is_in_the_set_and_certain() -> None:
     assert not held.violates_growth(tuple(0.5 * E), 1.5)
 
 
+@pytest.mark.parametrize("dt", [None, 0.5])
+def test_the_reserve_of_the_search_is_the_raised_one(dt: float | None) -> None:
+    """Semidefinite to rounding is enough for Q_m: what is proven has no rising part."""
+    Q_m = ((1.0, 0.0), (0.0, -1e-10))
+    statement = decrease_statement(linear(dt, Q_m=Q_m))
+    T = np.array(statement.T)
+    raised = np.diag([1.0 + 1e-9, 9e-10])
+    found = [[float(entry.mid()) for entry in row] for row in statement.M.tolist()]
+    np.testing.assert_allclose(found, T.T @ raised @ T, rtol=0, atol=1e-13)
+
+
 def test_a_proof_ends_at_the_deadline() -> None:
     for prove in (prove_decrease, prove_growth):
         with pytest.raises(TimeIsUpError):
