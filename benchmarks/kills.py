@@ -41,7 +41,7 @@ from swarmstart.cases.partial import load_partial
 
 PATIENCE_S = 60.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-WALL_TIMES = ("step_seconds", "wall_s", "seconds")
+WALL_TIMES = ("step_seconds", "wall_s", "seconds", "compile_seconds")
 WHOLE = {"run": "whole"}
 Numbers = Any
 """What a command has found, without wall times and the folder."""
