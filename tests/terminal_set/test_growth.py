@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from swarmstart.terminal_set import Reference, TerminalSet, sampled_terminal_set
+from swarmstart.terminal_set import growth as growth_module
 from swarmstart.terminal_set.growth import Hold, prove_growth
+from swarmstart.terminal_set.taylor import TaylorForm
 
 Array = NDArray[np.float64]
 
@@ -49,6 +51,42 @@ def test_of_a_linear_loop_it_is_what_the_eigenvalues_say() -> None:
         assert prove_growth(hold, alpha, 1.01 * largest).proven
         below = prove_growth(hold, alpha, 0.99 * largest, max_seconds=2)
         assert not below.proven
+
+
+def undecided_about_centre(
+    moved: Callable[[ca.SX, ca.SX], ca.SX],
+    growth: float,
+    times: tuple[float, float],
+    radius: float,
+) -> bool:
+    """Whether the box of all radii up to one, along +e, is left by the bounds."""
+    v = ca.SX.sym("v", 2)
+    after = moved(v[0], v[1])
+    c = ca.Function("growth", [v], [after**2 - growth * v[0] ** 2])
+    form = TaylorForm(c, np.eye(2))
+    bounds = growth_module._GrowthBounds(form, np.eye(1), times)
+    lower, upper = np.array([[0.0], [1.0]]), np.array([[radius], [1.0]])
+    return bool(bounds(lower, upper).lower.size)
+
+
+@pytest.mark.parametrize(("growth", "is_left"), [(1.971, False), (1.969, True)])
+def test_all_times_of_an_interval_are_bounded_from_its_middle(
+    growth: float, is_left: bool
+) -> None:
+    """(1 + t) e: 1.3^2 and half of 0.2 s times the fastest change, 2 (1 + 0.4)."""
+    moved = undecided_about_centre(lambda e, t: (1 + t) * e, growth, (0.2, 0.4), 1.0)
+    assert moved is is_left
+
+
+@pytest.mark.parametrize(("growth", "is_left"), [(1.1101, False), (1.1099, True)])
+def test_third_order_is_that_of_the_whole_way_from_the_centre(
+    growth: float, is_left: bool
+) -> None:
+    """e + a e^2 up to r, a = 1/10 and r = 1/2: 1 + 2 a r + 4 a^2 r^2."""
+    moved = undecided_about_centre(
+        lambda e, t: e + e**2 / 10 + 0 * t, growth, (0.2, 0.4), 0.5
+    )
+    assert moved is is_left
 
 
 @pytest.mark.parametrize(("weight", "growth"), [(1.0, 2.2), (100.0, 1.1)])
