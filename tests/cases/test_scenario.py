@@ -175,4 +175,4 @@ def test_a_claim_is_of_flights_as_long_as_the_file_says() -> None:
     longer = wanted("steps=7")
     assert longer == wanted()
     assert (longer["21"], longer["22"]) == (4, 10)
-    assert wanted("claims.1.when={steps: 9}", "steps=7")["21"] == 9
+    assert wanted("claims.2.when={steps: 9}", "steps=7")["21"] == 9
