@@ -21,7 +21,6 @@ from swarmstart.terminal_set.certificate import (
 )
 from swarmstart.terminal_set.certification import (
     ProofOptions,
-    UnprovenSetError,
     certified_terminal_set,
     certify,
 )
@@ -47,7 +46,12 @@ from swarmstart.terminal_set.design import (
 )
 from swarmstart.terminal_set.drift import NotAnEquilibriumError
 from swarmstart.terminal_set.ellipsoid import Ellipsoid, InvalidPlaneError
-from swarmstart.terminal_set.evidence import Proof, Refutation
+from swarmstart.terminal_set.evidence import (
+    CoarseHoldError,
+    Proof,
+    Refutation,
+    UnprovenSetError,
+)
 from swarmstart.terminal_set.intervals import (
     IntervalEvaluation,
     UnknownIntervalOperationError,
@@ -94,6 +98,7 @@ __all__ = [
     "Candidate",
     "Certificate",
     "Change",
+    "CoarseHoldError",
     "Ellipsoid",
     "ForeignCertificateError",
     "Gain",

@@ -26,6 +26,7 @@ class Cells:
         z_middle: Middle of the box around each cell, (nx, m).
         z_reach: How far it reaches from there, (nx, m).
         half: Half the widths of the boxes, (1 + nx, m).
+        radii: Lower and upper ends of rho, each (m,).
     """
 
     def __init__(self, lower: Array, upper: Array) -> None:
@@ -35,7 +36,8 @@ class Cells:
             lower: Lower corners, shape (1 + nx, m), rho > 0.
             upper: Upper corners, same shape.
         """
-        self._rho, w = (lower[0], upper[0]), (lower[1:] + upper[1:]) / 2
+        self.radii, w = (lower[0], upper[0]), (lower[1:] + upper[1:]) / 2
+        self._faces = (lower[1:], upper[1:])
         self.half = (upper - lower) / 2 * (1 + PADDING)
         self._u = w / np.linalg.norm(w, axis=0)
         least, most = squares(lower[1:], upper[1:])
@@ -50,6 +52,13 @@ class Cells:
         self._rho_middle = (lower[0] + upper[0]) / 2
         self.reach = np.maximum(high - self.z, self.z - low)
         self.reach += PADDING * np.abs(self.z)
+
+    @property
+    def directions(self) -> Cells:
+        """The same boxes of w, at rho = 1."""
+        ones = np.ones((1, self.half.shape[1]))
+        low, high = (np.vstack([ones, w]) for w in self._faces)
+        return Cells(low, high)
 
     def linear(self, g: Array) -> tuple[Array, Array]:
         """Return terms whose sum is an upper bound of g'(x - z), x in the cell.
@@ -70,7 +79,7 @@ class Cells:
         cosine = np.where(radial > 0, 1.0, least - PADDING)
         turned = np.abs(beside) * self.half[1:] / self._nearest
         sup = radial * cosine + turned.sum(axis=0)
-        rho = np.where(sup > 0, self._rho[1], self._rho[0])
+        rho = np.where(sup > 0, self.radii[1], self.radii[0])
         at = radial * self._rho_middle
         terms = np.vstack([rho * radial * cosine - at, rho * turned])
         rounding = PADDING * rho * np.abs(g).sum(axis=0)
@@ -85,7 +94,7 @@ class Cells:
             pull: By how much the slopes along z may differ from there, (nx, m).
         """
         radial = (pull * np.abs(self._u)).sum(axis=0)
-        beside = pull * self._rho[1] / self._nearest
+        beside = pull * self.radii[1] / self._nearest
         return np.asarray(self.half * (along + np.vstack([radial, beside])))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -18,11 +18,14 @@ from numpy.typing import NDArray
 
 from swarmstart.terminal_set.arrays import FloatArray, finite_array
 from swarmstart.terminal_set.evidence import Proof, Refutation
+from swarmstart.terminal_set.level import level_from_inputs, level_from_states
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.tape import tape_of
 
 FORMAT = "swarmstart terminal set certificate"
 VERSION = 1
+BY_LIBRARY = "proven by the library"
+"""Grounds of what the checker samples but does not prove again."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -56,22 +59,19 @@ class HeldMargins:
 
     Attributes:
         substeps: Runge-Kutta steps a hold.
-        integrator_error: c with |flow - map|_P <= c |e|_P, measured, with a reserve.
-        samples: Number of deviations it was measured at.
-        growth: g with e'Pe <= g (e'Pe at the last sample) at all times.
-        growth_is_proven: Whether that is proven, for the map; else it is measured.
+        integrator_error: c with |flow - map|_P <= c |e|_P at all times of a hold, for
+            every e of the set; proven.
+        boxes: How many boxes its proof took.
+        growth: g with e'Pe <= g (e'Pe at the last sample) at all times, of the map; of
+            the flow (sqrt(g) + c)^2.
+        growth_is_proven: Whether that is proven; else it is measured, with a reserve.
     """
 
     substeps: int
     integrator_error: float
-    samples: int
+    boxes: int
     growth: float
     growth_is_proven: bool
-
-    @property
-    def is_usable(self) -> bool:
-        """Whether the margins are numbers, and less than all of e'Pe."""
-        return bool(self.integrator_error < 0.4 and np.isfinite(self.growth))  # noqa: PLR2004
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -94,6 +94,7 @@ class Certificate:
         refutation: The nearest counterexample known; None where none was found.
         design: What the design is called.
         weights: Of the design; None where it has none.
+        seal: Digest of what was proven, from `sealed`; "" if nothing was.
     """
 
     dynamics: ca.Function
@@ -110,6 +111,7 @@ class Certificate:
     refutation: Refutation | None
     design: str
     weights: Weights | None
+    seal: str = ""
 
     def __post_init__(self) -> None:
         """Copy the arrays."""
@@ -124,34 +126,92 @@ class Certificate:
             return None
         return self.refutation.alpha / self.alpha - 1
 
+    def unproven(self) -> list[str]:
+        """Return what the library has not proven of the set; empty if nothing.
+
+        Certificates that `certify` makes are proven but for the growth between samples,
+        if that was not asked for or not found. The rest is what a changed copy shows:
+        margins are part of the seal, levels are compared with the proof's and the
+        bounds' own.
+        """
+        found = []
+        if not (self.proof.proven and self.alpha <= self.proof.alpha):
+            found.append("that e'Pe falls on all of the set")
+        growth = 1.0
+        if self.held is not None:
+            if not self.held.growth_is_proven:
+                found.append("its growth between samples, which is measured")
+            c = self.held.integrator_error + self.drift
+            growth = (self.held.growth**0.5 + c) ** 2
+        inputs = level_from_inputs(self.K, self.P, self.reference.u_max)
+        states = level_from_states(self.P, self.reference.e_max) / growth
+        if not self.alpha <= inputs:
+            found.append("that the inputs stay within their bounds")
+        if not self.alpha <= states:
+            found.append("that the states stay within their bounds")
+        if self.seal != seal_of(self):
+            found.append("what was changed after it was certified")
+        return found
+
     def statements(self) -> list[dict[str, str]]:
         """Return what is stated of the set, and on which grounds."""
         falls = "e'Pe falls by more than e'Q_m e"
         outside = " outside the stated core, which is not left"
-        said = [
-            ("the inputs stay within their bounds on the set", "closed form"),
-            (
-                "the states stay within their bounds on the set"
-                + ("" if self.held is None else ", between samples too"),
-                "closed form" if self.held is None else "measured",
-            ),
-        ]
+        inputs = ("the inputs stay within their bounds on the set", "closed form")
+        states = "the states stay within their bounds on the set"
         if self.held is None:
-            said.append((f"{falls} a second{outside}", "proven"))
+            said = [
+                inputs,
+                (states, "closed form"),
+                (f"{falls} a second{outside}", "proven"),
+            ]
         else:
-            said += [
+            grown = "proven" if self.held.growth_is_proven else "measured"
+            said = [
+                inputs,
+                (
+                    f"{states}, between samples too",
+                    BY_LIBRARY if self.held.growth_is_proven else "measured",
+                ),
                 (
                     f"{falls} a hold{outside}, for the Runge-Kutta map and any motion "
                     "that differs from it by the stated error",
                     "proven",
                 ),
-                ("the integrator's error is at most the stated one", "measured"),
-                (
-                    "e'Pe stays below the stated growth between samples",
-                    "proven" if self.held.growth_is_proven else "measured",
-                ),
+                ("the integrator's error is at most the stated one", BY_LIBRARY),
+                ("e'Pe stays below the stated growth between samples", grown),
             ]
         return [{"statement": text, "grounds": grounds} for text, grounds in said]
+
+
+def sealed(certificate: Certificate) -> Certificate:
+    """Return a certificate that remembers its numbers: a changed copy does not pass.
+
+    Against mistakes, not against intent: a seal can be computed by anybody.
+
+    Args:
+        certificate: What was proven.
+    """
+    return replace(certificate, seal=seal_of(certificate))
+
+
+def seal_of(certificate: Certificate) -> str:
+    """Return the digest of what a certificate states.
+
+    Args:
+        certificate: The certificate; its design, weights and seal do not count.
+    """
+    reference, held = certificate.reference, certificate.held
+    numbers = [
+        certificate.K, certificate.P, certificate.Q_m, reference.x_ref, reference.u_ref,
+        reference.u_max, reference.e_max,
+    ]  # fmt: skip
+    stated = [
+        certificate.alpha, certificate.core, certificate.drift, certificate.dt,
+        certificate.proof.proven, certificate.proof.alpha, held,
+        certificate.dynamics.serialize(), [entry.tolist() for entry in numbers],
+    ]  # fmt: skip
+    return hashlib.sha256(repr(stated).encode()).hexdigest()
 
 
 def certificate_text(certificate: Certificate) -> str:
@@ -242,8 +302,8 @@ def _margins(held: HeldMargins | None) -> dict[str, object]:
     return {
         "integrator": {
             "relative_error": held.integrator_error,
-            "grounds": "measured",
-            "samples": held.samples,
+            "grounds": BY_LIBRARY,
+            "boxes": held.boxes,
         },
         "between_samples": {
             "growth": held.growth,

@@ -4,43 +4,51 @@
     certify                  certifies a design
 
 For a held input the proof is of the Runge-Kutta map F, and the flow phi is another.
-With |phi - F|_P <= c |e|_P and V(F) <= V,
+With |phi - F|_P <= c |e|_P, proven too (`flow_error.py`), and V(F) <= V,
 
     V(phi) <= (|F|_P + c |e|_P)^2 <= V(F) + (2 c + c^2) V(e),
 
-so the proof asks for the margin Q_m + (2 c + c^2) P and then holds for the flow. c is
-measured against a much finer integration and multiplied by RESERVE. Between the samples
-V may grow before it falls, to at most g V; the set within which the states stay is that
-much larger.
+so the proof asks for the margin Q_m + (2 c + c^2) P and then holds for the flow.
+Between the samples V may grow before it falls, on the map's curve to at most g V and on
+the flow to (sqrt(g) + c)^2 V; the set within which the states stay is that much larger.
 """
 
 from __future__ import annotations
 
 import operator
+import time as clock
 from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.arrays import (
-    FloatArray,
     NotPositiveError,
     positive_semidefinite,
 )
-from swarmstart.terminal_set.certificate import Certificate, HeldMargins, Weights
-from swarmstart.terminal_set.decrease import Change, continuous_change, held_change
+from swarmstart.terminal_set.certificate import (
+    Certificate,
+    HeldMargins,
+    Weights,
+    sealed,
+)
+from swarmstart.terminal_set.decrease import continuous_change, held_change
 from swarmstart.terminal_set.design import (
     ForeignCertificateError,
     TerminalSet,
     continuous_terminal_set,
     sampled_terminal_set,
 )
-from swarmstart.terminal_set.drift import Drift, ReferenceMotion, bearable_drift
-from swarmstart.terminal_set.evidence import Refutation
-from swarmstart.terminal_set.growth import prove_growth
+from swarmstart.terminal_set.drift import ReferenceMotion, bearable_drift
+from swarmstart.terminal_set.evidence import UnprovenSetError
 from swarmstart.terminal_set.held_motion import HeldMotion
+from swarmstart.terminal_set.hold_margins import (
+    HoldBounds,
+    ProvableHold,
+    provable_hold,
+    with_proven_growth,
+)
 from swarmstart.terminal_set.level import level_from_inputs, level_from_states
 from swarmstart.terminal_set.level_search import proven_level
 from swarmstart.terminal_set.linearisation import linearise
@@ -49,39 +57,10 @@ from swarmstart.terminal_set.prerequisites import (
     require_stable_hold,
 )
 from swarmstart.terminal_set.reference import Reference
-from swarmstart.terminal_set.refutation import refuted_level
 from swarmstart.terminal_set.smoothness import require_smooth
 
-SHRUNK = 1 - 1e-9
-"""Of the growth that bounds of states leave room for: its rounding."""
 ROUNDING = 1e-12
 """Of a bound's level, beside what the condition of P adds to it."""
-HALVINGS = 40
-"""Of a level at which the model is not defined, or e'Pe does not fall, before a hold is
-measured at it."""
-
-
-@dataclass(eq=False)
-class UnprovenSetError(SwarmstartError, ArithmeticError):
-    """No level of a design could be proven.
-
-    Attributes:
-        smallest: The smallest level that was tried.
-        refuted: The refuted level; None where none was.
-        seconds: The time that was allowed [s].
-    """
-
-    smallest: float
-    refuted: float | None
-    seconds: float
-
-    def __str__(self) -> str:
-        """Say what was tried."""
-        refuted = "none" if self.refuted is None else f"{self.refuted:.6g}"
-        return (
-            f"no level could be proven within {self.seconds:g} s: the smallest tried "
-            f"was {self.smallest:.6g}, the refuted one is {refuted}"
-        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -95,7 +74,8 @@ class ProofOptions:
         substeps: Runge-Kutta steps a hold, at least 1.
         growth: Whether the growth between samples is to be proven too; otherwise it is
             measured only, which takes less time.
-        max_seconds: For the proofs of the decrease [s], and again for the growth.
+        max_seconds: For the proofs of the decrease [s], and again for that of the
+            integrator's error and that of the growth.
 
     Raises:
         NotPositiveError: substeps is below 1, or max_seconds not above 0.
@@ -222,7 +202,13 @@ def certify(
         moved = reference_motion.over_hold(dt, options.substeps)
         change = held_change(motion.step, design, Q_m=Q_m)
         drift = bearable_drift(reference_motion, moved, change, min(top, of_states))
-        hold = _measured_hold(motion, Q_m, top, of_states, drift=drift, rng=rng)
+        hold = provable_hold(
+            motion,
+            Q_m,
+            HoldBounds(inputs=top, states=of_states, drift=drift.relative),
+            rng=rng,
+            until=clock.perf_counter() + options.max_seconds,
+        )
         change, top = hold.change, hold.top
     level = proven_level(
         change,
@@ -247,13 +233,13 @@ def certify(
         drift=drift.relative,
         dt=dt,
         Q_m=Q_m,
-        held=None if hold is None else _with_growth(hold, level.alpha, options),
+        held=None if hold is None else _margins(hold, level.alpha, options),
         proof=level.proof,
         refutation=refutation,
         design=design.design,
         weights=None,
     )
-    return replace(design, alpha=level.alpha, dt=dt, certificate=certificate)
+    return replace(design, alpha=level.alpha, dt=dt, certificate=sealed(certificate))
 
 
 def _require_smooth(dynamics: ca.Function, reference: Reference) -> None:
@@ -264,85 +250,8 @@ def _require_smooth(dynamics: ca.Function, reference: Reference) -> None:
     require_smooth(f, at)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _MeasuredHold:
-    """What is to be proven of a held input.
-
-    Attributes:
-        motion: The motion.
-        change: c, the integrator's margin included.
-        top: The level within all bounds, those between the samples included; the
-            refuted one where that is less.
-        margins: As measured.
-        refutation: Of the map without a margin, within the bounds; None if there is
-            none.
-    """
-
-    motion: HeldMotion
-    change: Change
-    top: float
-    margins: HeldMargins
-    refutation: Refutation | None
-
-
-def _measured_hold(
-    motion: HeldMotion,
-    Q_m: FloatArray,
-    of_inputs: float,
-    of_states: float,
-    *,
-    drift: Drift,
-    rng: np.random.Generator,
-) -> _MeasuredHold:
-    """Measure the margins on the largest set that may be proven.
-
-    Args:
-        motion: The motion.
-        Q_m: Margin, shape (nx, nx).
-        of_inputs: The level of the inputs' bounds.
-        of_states: That of the states' bounds, at the samples.
-        drift: Of the reference.
-        rng: Of the samples and rays.
-    """
-    law, top = motion.law, min(of_inputs, of_states)
-    margins, falls = motion.margins(top, rng)
-    refutation = None
-    if not falls:
-        change = held_change(motion.step, law, Q_m=Q_m)
-        refutation = refuted_level(change, alpha_max=top, rng=rng)
-        top = top if refutation is None else refutation.alpha
-        margins, falls = motion.margins(top, rng)
-    for _ in range(HALVINGS):
-        if margins.is_usable and (falls or refutation is not None):
-            break
-        top /= 2
-        margins, falls = motion.margins(top, rng)
-    c = margins.integrator_error + drift.relative
-    top = min(top, of_states / (margins.growth**0.5 + c) ** 2)
-    if of_states < np.inf:
-        # What the states' bounds leave room for is proven sooner.
-        roomy = SHRUNK * max((of_states / top) ** 0.5 - c, 0.0) ** 2
-        growth = max(margins.growth, min(2 * margins.growth, roomy))
-        margins = replace(margins, growth=growth)
-    return _MeasuredHold(
-        motion=motion,
-        change=held_change(motion.step, law, Q_m=Q_m + (2 * c + c**2) * law.P),
-        top=top,
-        margins=margins,
-        refutation=refutation,
-    )
-
-
-def _with_growth(
-    hold: _MeasuredHold, alpha: float, options: ProofOptions
-) -> HeldMargins:
-    """Return the margins, the growth proven where that is asked for and works out."""
+def _margins(hold: ProvableHold, alpha: float, options: ProofOptions) -> HeldMargins:
+    """Return the margins, the growth proven if that is asked for and works out."""
     if not options.growth:
         return hold.margins
-    proof = prove_growth(
-        hold.motion.hold,
-        alpha,
-        hold.margins.growth,
-        max_seconds=options.max_seconds,
-    )
-    return replace(hold.margins, growth_is_proven=proof.proven)
+    return with_proven_growth(hold, alpha, max_seconds=options.max_seconds)

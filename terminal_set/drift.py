@@ -203,7 +203,7 @@ def bearable_drift(
     with np.errstate(invalid="ignore"):
         parts = np.where(moved > 0, moved * np.sqrt(np.diag(change.P)), 0.0)
     size = float(ROUNDING * parts.sum())
-    decay = _linear_decrease(change)
+    decay = linear_decrease(change)
     wanted = RESERVE * size / (ROOM * np.sqrt(alpha_max))
     relative = np.clip(wanted, LEAST_SHARE * decay, MOST_SHARE * decay)
     drift = Drift(
@@ -217,8 +217,15 @@ def bearable_drift(
     return drift
 
 
-def _linear_decrease(change: Change) -> float:
-    """Return by which part V falls near the centre at least; 0 if it does not."""
+def linear_decrease(change: Change) -> float:
+    """Return by which part V falls near the centre at least; 0 if it does not.
+
+    Args:
+        change: The change of V.
+
+    Returns:
+        The least decay of V there, 1/s or, held, a share; from floats, not proven.
+    """
     e = ca.SX.sym("e", len(change.P))
     hessian = ca.Function("hessian", [e], [ca.hessian(change.function(e), e)[0]])
     root = np.linalg.inv(np.linalg.cholesky(change.P))

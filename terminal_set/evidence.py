@@ -1,9 +1,10 @@
-"""Evidence for and against a level: how a proof went, and a counterexample."""
+"""Evidence for and against a level: how a proof went, a counterexample, neither."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.arrays import FloatArray, finite_array
 
 
@@ -44,3 +45,45 @@ class Refutation:
     def __post_init__(self) -> None:
         """Copy and lock."""
         object.__setattr__(self, "e", finite_array("e", self.e, (None,)))
+
+
+@dataclass(eq=False)
+class UnprovenSetError(SwarmstartError, ArithmeticError):
+    """No level of a design could be proven.
+
+    Attributes:
+        smallest: The smallest level that was tried.
+        refuted: The refuted level; None where none was.
+        seconds: The time that was allowed [s].
+    """
+
+    smallest: float
+    refuted: float | None
+    seconds: float
+
+    def __str__(self) -> str:
+        """Say what was tried."""
+        refuted = "none" if self.refuted is None else f"{self.refuted:.6g}"
+        return (
+            f"no level could be proven within {self.seconds:g} s: the smallest tried "
+            f"was {self.smallest:.6g}, the refuted one is {refuted}"
+        )
+
+
+@dataclass(eq=False)
+class CoarseHoldError(UnprovenSetError):
+    """The integrator's error over a hold leaves too little of the decrease.
+
+    Attributes:
+        substeps: Runge-Kutta steps a hold.
+    """
+
+    substeps: int
+
+    def __str__(self) -> str:
+        """Say what helps."""
+        return (
+            f"{super().__str__()}; the error of {self.substeps} Runge-Kutta steps a "
+            "hold, or the bound that could be proven of it, leaves too little of the "
+            "decrease: more substeps may help, or a shorter hold"
+        )

@@ -35,7 +35,7 @@ from swarmstart.terminal_set.taylor import TaylorForm
 Array = NDArray[np.float64]
 
 PIECES = 16
-"""Intervals of time to begin with."""
+"""Intervals that a whole hold is cut into, to begin with."""
 BOXES_OF_A_PIECE = 4000
 """After how many it is cut, while it is longer than the shortest."""
 SHORTEST = 1 / 1024
@@ -50,11 +50,13 @@ class Hold:
         motion: (e, t) -> the deviation after t; e for t = 0.
         P: Shape of the ellipsoids, (nx, nx), symmetric positive definite.
         dt: How long [s].
+        pieces: Intervals of time to begin with.
     """
 
     motion: ca.Function
     P: FloatArray
     dt: float
+    pieces: int = PIECES
 
 
 def prove_growth(
@@ -83,7 +85,7 @@ def prove_growth(
     after = hold.motion(e, t)
     change = ca.bilin(ca.DM(P), after, after) - growth * ca.bilin(ca.DM(P), e, e)
     form = TaylorForm(ca.Function("growth", [v], [change]), np.eye(nx + 1))
-    pieces = list(pairwise(np.linspace(0.0, hold.dt, PIECES + 1).tolist()))
+    pieces = list(pairwise(np.linspace(0.0, hold.dt, hold.pieces + 1).tolist()))
     until = began + max_seconds
     centre = np.zeros((nx + 1, 1))
     at_end = centre.copy()

@@ -131,7 +131,7 @@ class TaylorForm:
         """Return bounds and spread by first derivatives over the boxes of the cells."""
         size, at = self._size, self._T @ cells.z
         _, high = self._value_and_slope(at, at)
-        middle, radius = _middle_and_radius(*self._value_and_slope(lower, upper))
+        middle, radius = middle_and_radius(*self._value_and_slope(lower, upper))
         slope, unsure = self._T.T @ middle[1:], size.T @ radius[1:]
         rounded = PADDING * (size @ np.abs(cells.z))
         moved = (np.abs(middle[1:]) + radius[1:]) * rounded
@@ -157,7 +157,7 @@ class TaylorForm:
             lower: Lower corners, shape (n, m).
             upper: Upper corners.
         """
-        middle, radius = _middle_and_radius(*self._hessian(lower, upper))
+        middle, radius = middle_and_radius(*self._hessian(lower, upper))
         middle, radius = middle.T[:, self._pairs], radius.T[:, self._pairs]
         with np.errstate(invalid="ignore", over="ignore"):
             return self._T.T @ middle @ self._T, self._size.T @ radius @ self._size
@@ -185,14 +185,14 @@ class TaylorForm:
             lower: Lower corners of boxes of e, shape (n, m).
             upper: Upper corners.
         """
-        middle, radius = _middle_and_radius(*self._third(lower, upper))
+        middle, radius = middle_and_radius(*self._third(lower, upper))
         tensor = np.abs(_turned(middle.T[:, self._triples], self._T))
         tensor += _turned(radius.T[:, self._triples], self._size)
         return np.asarray(tensor[..., -1])
 
     def _third_order(self, cells: Cells, d: Array) -> Array:
         """Bound |D^3 c [x, x, .]| over cells, |x_i| <= d_i, (n, m)."""
-        middle, radius = _middle_and_radius(*self._third(*self._box(cells)))
+        middle, radius = middle_and_radius(*self._third(*self._box(cells)))
         tensor = _turned(middle.T[:, self._triples], self._T)
         along = _twice_along(np.abs(tensor), d.T)
         # Of the radius no more than this is needed, and this takes less.
@@ -227,7 +227,7 @@ def evaluated(
     return interval_function(function, takes_jumps=takes_jumps)
 
 
-def _middle_and_radius(low: Array, high: Array) -> tuple[Array, Array]:
+def middle_and_radius(low: Array, high: Array) -> tuple[Array, Array]:
     """Return middles and radii, these with room for the rounding of products."""
     size = np.maximum(np.abs(low), np.abs(high))
     with np.errstate(invalid="ignore", over="ignore"):

@@ -10,13 +10,13 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from swarmstart.terminal_set.checker.file_content import (
     read_content,
     unusable,
 )
-from swarmstart.terminal_set.checker.statements import expected_statements
+from swarmstart.terminal_set.checker.statements import TAKEN, expected_statements
 
 LONGEST_TAPE = 100_000  # instructions; larger files are not worth minutes of parsing
 MOST_SUBSTEPS = 10_000
@@ -67,6 +67,8 @@ class Certificate:
         substeps: Runge-Kutta steps a hold; None: continuous.
         Q_m: Reserve e'Q_m e of the decrease, shape (nx, nx).
         integrator: Relative error of the Runge-Kutta map; None: none stated.
+        integrator_proven: Whether that is labelled proven by the library, whose proof
+            is not repeated here.
         growth: Bound of V between samples, relative to V; None: none stated.
         growth_proven: Whether `growth` is labelled proven.
         refuted: Level and point of a counterexample; None: none known.
@@ -86,6 +88,7 @@ class Certificate:
     substeps: int | None
     Q_m: Matrix
     integrator: float | None
+    integrator_proven: bool = False
     growth: float | None
     growth_proven: bool
     refuted: Refuted | None
@@ -229,9 +232,7 @@ def _certificate(content: dict[str, object]) -> Certificate:
     )
     reference = _mapping(content["reference"], "reference", {"x", "u"})
     dt = _optional(content["dt"], "dt", lambda v, w: _at_least(v, w, 0.0, strict=True))
-    integrator, growth, growth_proven = _margins(
-        content["margins"], held=dt is not None
-    )
+    margins = _margins(content["margins"], held=dt is not None)
     core = _mapping(content["core"], "core", {"level", "drift"})
     _check_remarks(content, nx=nx, nu=nu)
     certificate = Certificate(
@@ -248,9 +249,10 @@ def _certificate(content: dict[str, object]) -> Certificate:
         dt=dt,
         substeps=_substeps(content["substeps"], held=dt is not None),
         Q_m=_matrix(content["Q_m"], "Q_m", nx, nx),
-        integrator=integrator,
-        growth=growth,
-        growth_proven=growth_proven,
+        integrator=margins.integrator,
+        integrator_proven=margins.integrator_proven,
+        growth=margins.growth,
+        growth_proven=margins.growth_proven,
         refuted=_refuted(content["refuted"], nx=nx),
     )
     _check_statements(content["statements"], certificate=certificate)
@@ -277,29 +279,41 @@ def _substeps(value: object, *, held: bool) -> int | None:
     return None
 
 
-def _margins(value: object, *, held: bool) -> tuple[float | None, float | None, bool]:
+class _Margins(NamedTuple):
+    integrator: float | None
+    integrator_proven: bool
+    growth: float | None
+    growth_proven: bool
+
+
+def _margins(value: object, *, held: bool) -> _Margins:
     margins = _mapping(value, "margins", {"integrator", "between_samples"})
     if not held:
         for name, margin in margins.items():
             if margin is not None:
                 raise unusable(f"margins.{name}", "null where dt is null", margin)
     error = growth = None
-    proven = False
+    taken = proven = False
     if margins["integrator"] is not None:
-        where = "margins.integrator"
-        keys = {"relative_error", "grounds", "samples"}
-        margin = _mapping(margins["integrator"], where, keys)
-        name = f"{where}.relative_error"
-        error = _at_least(margin["relative_error"], name, 0.0, strict=False)
-        _integer(margin["samples"], f"{where}.samples", 0, 10**15)
-        _one_of(margin["grounds"], f"{where}.grounds", ("measured",))
+        error, taken = _integrator(margins["integrator"], "margins.integrator")
     if margins["between_samples"] is not None:
         where = "margins.between_samples"
         margin = _mapping(margins["between_samples"], where, {"growth", "grounds"})
         growth = _at_least(margin["growth"], f"{where}.growth", 0.0, strict=True)
         grounds = ("proven", "measured")
         proven = _one_of(margin["grounds"], f"{where}.grounds", grounds) == "proven"
-    return error, growth, proven
+    return _Margins(error, taken, growth, proven)
+
+
+def _integrator(value: object, where: str) -> tuple[float, bool]:
+    grounds = value.get("grounds") if isinstance(value, dict) else None
+    taken = grounds == TAKEN
+    count = "boxes" if taken else "samples"
+    margin = _mapping(value, where, {"relative_error", "grounds", count})
+    _one_of(margin["grounds"], f"{where}.grounds", (TAKEN, "measured"))
+    _integer(margin[count], f"{where}.{count}", 0, 10**15)
+    name = f"{where}.relative_error"
+    return _at_least(margin["relative_error"], name, 0.0, strict=False), taken
 
 
 def _one_of(value: object, where: str, allowed: tuple[str, ...]) -> str:
@@ -335,6 +349,7 @@ def _check_statements(value: object, *, certificate: Certificate) -> None:
     # Whoever reads "proven" in the file takes it for what the checker proved.
     known = expected_statements(
         held=certificate.dt is not None,
+        integrator_proven=certificate.integrator_proven,
         growth_proven=certificate.growth_proven,
     )
     left = dict(known)

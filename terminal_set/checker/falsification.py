@@ -215,10 +215,13 @@ def check_integrator(certificate: Certificate, deadline: Deadline) -> Finding:
         if not _norm(certificate, flow) < size:
             text = f"the flow does not decrease V at e = ({_listed(e)})"
             return Finding(Verdict.REFUSED, text)
+    taken = (
+        "; its proof is the library's alone" if certificate.integrator_proven else ""
+    )
     return Finding(
         Verdict.SAMPLED,
         f"the flow is within {certificate.integrator:.3g} of the Runge-Kutta map: "
-        f"{largest:.3g} at {SAMPLES} points",
+        f"{largest:.3g} at {SAMPLES} points{taken}",
     )
 
 

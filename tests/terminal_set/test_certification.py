@@ -74,8 +74,8 @@ def test_the_formation_is_certified_at_the_level_of_its_bounds(
     certificate = held.certificate
     assert certificate is not None and certificate.refutation is None
     assert certificate.held is not None
-    # 3.3e-6 was measured by another program; ten times that is allowed for.
-    assert certificate.held.integrator_error == pytest.approx(3.3e-5, rel=0.2)
+    # 3.3e-6 was measured by another program; 1 % of the decrease, 0.50, may be spent.
+    assert 3.3e-6 < certificate.held.integrator_error < 2.5e-3
     assert certificate.gap is None and certificate.proof.proven
     assert certificate.held.growth_is_proven
 
@@ -194,7 +194,7 @@ def test_so_it_does_for_the_formation_and_refuses_it_changed(
     assert main(["--seconds", "60", str(file)]) == 0
     said = capsys.readouterr().out
     assert "re-proved: V decreases over a hold of 1 s on 0 < V(e) <= 4.32194" in said
-    assert "re-proved: V stays below 1.1 V(e) between samples" in said
+    assert "re-proved: V stays below 2.2 V(e) between samples" in said
     content = json.loads(text)
     content["alpha"] *= 1.01
     file.write_text(json.dumps(content), "utf-8")
@@ -209,7 +209,7 @@ def test_the_file_holds_every_number_to_the_last_bit(held: TerminalSet) -> None:
     np.testing.assert_array_equal(content["K"], held.K)
     np.testing.assert_array_equal(content["P"], held.P)
     assert {s["grounds"] for s in content["statements"]} == {
-        "closed form", "proven", "measured"
+        "closed form", "proven", "proven by the library"
     }  # fmt: skip
     assert content["design"]["R"] == [[1.0, 0.0], [0.0, 100.0]]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -131,3 +132,19 @@ def test_of_a_kink_at_the_centre_nothing_is_proven_and_nothing_tried() -> None:
     assert not proof.proven and proof.boxes == 0
     later = of_one(lambda e, t: e + 0.1 * ca.fmax(t - 0.5 + 0 * e, 0.0) * e)
     assert prove_growth(later, 4.0, 2.0).boxes == 0
+
+
+def test_the_growth_over_an_interval_of_times_counts_and_not_that_in_its_middle() -> (
+    None
+):
+    """e'Pe becomes 1.49 times as much, and 1.22 half way: the one piece is cut."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    dynamics = ca.Function("f", [x, u], [0.2 * x + 0 * u])
+    found = TerminalSet(
+        K=np.zeros((1, 2)), P=np.eye(2), alpha=1.0, x_ref=np.zeros(2),
+        u_ref=np.zeros(1), dt=None, design="own",
+    )  # fmt: skip
+    hold = replace(hold_of(dynamics, found, 1.0), pieces=1)
+    largest = np.exp(0.4)
+    assert prove_growth(hold, 1.0, 1.01 * largest).proven
+    assert not prove_growth(hold, 1.0, 0.9 * largest, max_seconds=1).proven

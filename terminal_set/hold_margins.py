@@ -1,0 +1,204 @@
+"""The margins of a held input: how far its map is from the flow, and how e'Pe grows.
+
+    c with |flow - map|_P <= c |e|_P        proven (`flow_error.py`)
+    g with V(map at any time) <= g V        proven (`growth.py`); (sqrt(g) + c)^2 V is
+                                            what V(flow) stays below
+
+A level at which c would use up the decrease is lowered until it does not. What is
+proven of one level holds for every smaller one.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from swarmstart.terminal_set.arrays import FloatArray
+from swarmstart.terminal_set.certificate import HeldMargins
+from swarmstart.terminal_set.decrease import Change, held_change
+from swarmstart.terminal_set.drift import linear_decrease
+from swarmstart.terminal_set.evidence import (
+    CoarseHoldError,
+    Refutation,
+    UnprovenSetError,
+)
+from swarmstart.terminal_set.flow_error import FlowError, prove_flow_error
+from swarmstart.terminal_set.growth import prove_growth
+from swarmstart.terminal_set.held_motion import HeldMotion
+from swarmstart.terminal_set.refutation import refuted_level
+
+ENOUGH = 0.005
+"""Of the linear decrease: a margin that costs hardly any of the level."""
+AFFORDABLE = 0.5
+"""Of the linear decrease: a margin that leaves too little of it."""
+HALVINGS = 40
+"""Of a level at which the model is not defined, e'Pe does not fall, or no affordable
+margin is proven."""
+CLOSE = 1.05
+"""Up to which factor between a level with such a margin and one without is looked."""
+SHARE = 0.25
+"""Of the time left, for each try at a margin."""
+GROWTH_RESERVE = 1.1
+LEAST_GROWTH = 1.05
+ROOMIER = 2.0
+"""How much more growth is stated, as it is proven sooner, where bounds allow for it."""
+SHRUNK = 1 - 1e-9
+"""Of the growth that bounds of states leave room for: its rounding."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HoldBounds:
+    """What limits a level beside the decrease.
+
+    Attributes:
+        inputs: The level of the bounds of the inputs.
+        states: That of the bounds of the states, of deviations at any time.
+        drift: What the reference moves, relative to e; a share (`drift.py`).
+    """
+
+    inputs: float
+    states: float
+    drift: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ProvableHold:
+    """What is to be proven of a held input.
+
+    Attributes:
+        motion: The motion.
+        change: c, the margins of integrator and drift included.
+        top: The level within all bounds, those between the samples included, up to
+            which the integrator's error is proven; the refuted one if that is less.
+        margins: The error proven, the growth measured.
+        refutation: Of the map without a margin, within the bounds; None if there is
+            none.
+    """
+
+    motion: HeldMotion
+    change: Change
+    top: float
+    margins: HeldMargins
+    refutation: Refutation | None
+
+
+def provable_hold(
+    motion: HeldMotion,
+    Q_m: FloatArray,
+    bounds: HoldBounds,
+    *,
+    rng: np.random.Generator,
+    until: float,
+) -> ProvableHold:
+    """Find the margins, and the largest level at which they are affordable.
+
+    Args:
+        motion: The motion.
+        Q_m: Margin, shape (nx, nx).
+        bounds: Levels of the bounds.
+        rng: Of the samples and rays.
+        until: When proofs of the integrator's error are given up, of
+            `time.perf_counter` [s].
+
+    Raises:
+        UnprovenSetError: No level can be proven.
+    """
+    law, top = motion.law, min(bounds.inputs, bounds.states)
+    change = held_change(motion.step, law, Q_m=Q_m)
+    growth, falls = motion.measured(top, rng)
+    refutation = None
+    if not falls:
+        refutation = refuted_level(change, alpha_max=top, rng=rng)
+        top = top if refutation is None else refutation.alpha
+        growth, falls = motion.measured(top, rng)
+    for _ in range(HALVINGS):
+        if np.isfinite(growth) and (falls or refutation is not None):
+            break
+        top /= 2
+        growth, falls = motion.measured(top, rng)
+    top, error = _affordable_error(motion, top, linear_decrease(change), until)
+    c = error.relative + bounds.drift
+    least = max(LEAST_GROWTH, GROWTH_RESERVE * growth)
+    top = min(top, bounds.states / (least**0.5 + c) ** 2)
+    room = SHRUNK * max((bounds.states / top) ** 0.5 - c, 0.0) ** 2
+    margins = HeldMargins(
+        substeps=len(motion.holds),
+        integrator_error=error.relative,
+        boxes=error.boxes,
+        growth=max(least, min(ROOMIER * least, room)),
+        growth_is_proven=False,
+    )
+    return ProvableHold(
+        motion=motion,
+        change=held_change(motion.step, law, Q_m=Q_m + (2 * c + c**2) * law.P),
+        top=top,
+        margins=margins,
+        refutation=refutation,
+    )
+
+
+def with_proven_growth(
+    hold: ProvableHold, alpha: float, *, max_seconds: float
+) -> HeldMargins:
+    """Return the margins of a hold, and whether its growth is proven.
+
+    Args:
+        hold: The hold.
+        alpha: The level, at most that up to which its error is proven.
+        max_seconds: For the proof [s].
+    """
+    until = clock.perf_counter() + max_seconds
+    for one in hold.motion.holds:
+        left = until - clock.perf_counter()
+        proof = prove_growth(one, alpha, hold.margins.growth, max_seconds=left)
+        if not proof.proven:
+            return hold.margins
+    return replace(hold.margins, growth_is_proven=True)
+
+
+def _affordable_error(
+    motion: HeldMotion, top: float, decrease: float, until: float
+) -> tuple[float, FlowError]:
+    """Prove the integrator's error up to the largest level at which it is affordable.
+
+    Returns:
+        The level and the error there.
+
+    Raises:
+        UnprovenSetError: There is no decrease to pay with.
+        CoarseHoldError: It is affordable at no level that was tried.
+    """
+    if not decrease > 0:
+        raise UnprovenSetError(top, None, until - clock.perf_counter())
+
+    def error_at(alpha: float) -> tuple[FlowError, bool]:
+        now = clock.perf_counter()
+        error = prove_flow_error(
+            motion.residual,
+            alpha,
+            enough=ENOUGH * decrease / 2,
+            useless=AFFORDABLE * decrease / 2,
+            until=now + SHARE * (until - now),
+        )
+        c = error.relative
+        return error, bool(2 * c + c**2 <= AFFORDABLE * decrease)
+
+    low, began = top, clock.perf_counter()
+    error, is_affordable = error_at(low)
+    for _ in range(HALVINGS):
+        if is_affordable or clock.perf_counter() > until:
+            break
+        low /= 2
+        error, is_affordable = error_at(low)
+    if not is_affordable:
+        seconds = clock.perf_counter() - began
+        raise CoarseHoldError(low, None, seconds, len(motion.holds))
+    high = min(2 * low, top)
+    while high > CLOSE * low and clock.perf_counter() < until:
+        middle = (low * high) ** 0.5
+        found, will_do = error_at(middle)
+        low, high = (middle, high) if will_do else (low, middle)
+        error = found if will_do else error
+    return low, error

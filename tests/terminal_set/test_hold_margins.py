@@ -1,0 +1,125 @@
+"""The margins of a held input: affordable ones, and all of them in the proof."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from swarmstart.terminal_set import (
+    CoarseHoldError,
+    Reference,
+    TerminalSet,
+    UnprovenSetError,
+    sampled_terminal_set,
+)
+from swarmstart.terminal_set.held_motion import HeldMotion
+from swarmstart.terminal_set.hold_margins import (
+    HoldBounds,
+    ProvableHold,
+    provable_hold,
+    with_proven_growth,
+)
+
+DT = 0.1
+
+
+def pendulum() -> tuple[ca.Function, TerminalSet]:
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    f = ca.Function("pendulum", [x, u], [ca.vertcat(x[1], 9.81 * ca.sin(x[0]) + u)])
+    wide = Reference(
+        x_ref=np.zeros(2), u_ref=np.zeros(1), u_lower=-np.ones(1), u_upper=np.ones(1)
+    )
+    return f, sampled_terminal_set(f, wide, dt=DT, Q=np.eye(2), R=np.eye(1))
+
+
+def held(
+    bounds: HoldBounds, Q_m: float = 0.0, dt: float = DT, substeps: int = 1
+) -> ProvableHold:
+    f, law = pendulum()
+    motion = HeldMotion(f, law, dt=dt, substeps=substeps)
+    rng = np.random.default_rng(0)
+    return provable_hold(motion, Q_m * np.eye(2), bounds, rng=rng, until=np.inf)
+
+
+@pytest.fixture(scope="module")
+def hold() -> ProvableHold:
+    return held(HoldBounds(inputs=20.0, states=np.inf, drift=1e-3), Q_m=0.1)
+
+
+def test_the_proof_pays_for_the_integrator_and_the_drift(hold: ProvableHold) -> None:
+    """V(F) - V + e'Q_m e + (2 c + c^2) V, c their sum: V of the flow is no more."""
+    c = hold.margins.integrator_error + 1e-3
+    f, law = pendulum()
+    step = ca.simpleRK(f, 1, 4)
+    for e in ([1.0, 0.2], [-0.3, 0.8]):
+        later = np.array(step(e, -law.K @ e, DT)).ravel()
+        V = float(law.value(e))
+        expected = float(law.value(later)) - V + 0.1 * np.dot(e, e)
+        change = float(hold.change.function(e))
+        assert change == pytest.approx(expected + (2 * c + c**2) * V, rel=1e-12)
+        assert change - expected > 2e-3 * V
+
+
+def test_the_margin_leaves_nearly_all_of_the_decrease(hold: ProvableHold) -> None:
+    assert hold.top == 20.0
+    assert 0 < hold.margins.integrator_error < 2e-3
+    assert hold.margins.substeps == 1 and not hold.margins.growth_is_proven
+
+
+def test_bounds_of_states_leave_room_for_growth_error_and_drift() -> None:
+    found = held(HoldBounds(inputs=1e3, states=15.0, drift=1e-3))
+    c = found.margins.integrator_error + 1e-3
+    assert found.top < 15.0 / 1.05
+    assert found.top * (found.margins.growth**0.5 + c) ** 2 <= 15.0
+
+
+def test_a_growth_is_proven_or_is_said_not_to_be(hold: ProvableHold) -> None:
+    proven = with_proven_growth(hold, hold.top, max_seconds=60)
+    assert proven.growth_is_proven and proven.growth == hold.margins.growth
+    assert not with_proven_growth(hold, hold.top, max_seconds=0).growth_is_proven
+
+
+def test_a_level_is_lowered_until_its_error_is_affordable() -> None:
+    """Up to 1e6 the refuted level is taken; sin's higher terms count for c there."""
+    found = held(HoldBounds(inputs=1e6, states=np.inf, drift=0.0))
+    assert found.refutation is not None
+    assert found.top <= found.refutation.alpha < 100
+
+
+def test_a_margin_beyond_the_decrease_is_refused() -> None:
+    with pytest.raises(UnprovenSetError, match="no level could be proven"):
+        held(HoldBounds(inputs=1.0, states=np.inf, drift=0.0), Q_m=100.0)
+
+
+def test_steps_that_are_too_coarse_are_named() -> None:
+    """x' = -x over a hold of 2.5 s: the map's 0.65 is not the flow's 0.08."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [-x + 0 * u])
+    law = TerminalSet(
+        K=np.zeros((1, 1)), P=np.eye(1), alpha=1.0, x_ref=np.zeros(1),
+        u_ref=np.zeros(1), dt=None, design="own",
+    )  # fmt: skip
+    motion = HeldMotion(f, law, dt=2.5, substeps=1)
+    bounds = HoldBounds(inputs=1.0, states=np.inf, drift=0.0)
+    rng = np.random.default_rng(0)
+    with pytest.raises(CoarseHoldError, match="1 Runge-Kutta steps a hold"):
+        provable_hold(motion, np.zeros((1, 1)), bounds, rng=rng, until=np.inf)
+    motion = HeldMotion(f, law, dt=2.5, substeps=4)
+    found = provable_hold(motion, np.zeros((1, 1)), bounds, rng=rng, until=np.inf)
+    assert found.top == 1.0
+
+
+def test_the_curve_of_a_hold_goes_on_where_its_steps_end() -> None:
+    f, law = pendulum()
+    motion = HeldMotion(f, law, dt=DT, substeps=3)
+    x = np.array([0.7, -0.4])
+    u, e = -law.K @ x, x
+    for number, one in enumerate(motion.holds):
+        assert one.dt == pytest.approx(DT / 3)
+        np.testing.assert_allclose(np.array(one.motion(x, 0.0)).ravel(), e, rtol=1e-14)
+        e = np.array(ca.simpleRK(f, 1, 4)(e, u, DT / 3)).ravel()
+        np.testing.assert_allclose(
+            np.array(one.motion(x, one.dt)).ravel(), e, rtol=1e-12, err_msg=str(number)
+        )
+    np.testing.assert_allclose(np.array(motion.step(x, u)).ravel(), e, rtol=1e-12)
