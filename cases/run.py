@@ -38,7 +38,14 @@ from swarmstart.cases.trajectory_arrays import trajectory_arrays
 from swarmstart.cases.versions import versions
 from swarmstart.compile_time import Stopwatch, stopwatch
 from swarmstart.heuristics.interrupts import heeded, put_off
-from swarmstart.ocp import Step, Trajectory, chosen_backend, collected, fly
+from swarmstart.ocp import (
+    DualMode,
+    Step,
+    Trajectory,
+    chosen_backend,
+    collected,
+    fly,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -318,6 +325,15 @@ def _kept(
 
 
 def _status(flight: Flight, trajectory: Trajectory) -> tuple[str, bool]:
+    """Return one sentence on a flight, and whether any of its plans can be used."""
+    said, is_usable = _status_of_plans(flight, trajectory)
+    controller = flight.controller
+    if isinstance(controller, DualMode) and controller.uncertified:
+        said += "; the linear law's terminal sets are not certified"
+    return said, is_usable
+
+
+def _status_of_plans(flight: Flight, trajectory: Trajectory) -> tuple[str, bool]:
     """Return one sentence on the plans of a flight, and whether any can be used.
 
     One plan that is flown to its end must be confirmed along its path.

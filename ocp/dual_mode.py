@@ -44,6 +44,7 @@ class DualMode:
         team: Plans while somebody is outside.
         sets: The terminal set of each agent.
         targets: The moving reference of each agent.
+        uncertified: Whether sets that are not proven in every part were accepted.
     """
 
     def __init__(
@@ -60,12 +61,14 @@ class DualMode:
             team: The team.
             sets: One terminal set an agent, certified for inputs held over `team.dt`.
             targets: One target an agent.
-            uncertified: Whether sets without such a certificate are accepted too.
+            uncertified: Whether sets without such a certificate, or with one that is
+                not proven in every part, are accepted too.
 
         Raises:
             InvalidProblemError: If there is not one of each an agent.
-            UncertifiedSetError: If a set is not certified for this dt, or for inputs
-                that exceed the bounds of the agent's controls.
+            UncertifiedSetError: If a set is not certified for this dt, if anything in
+                its certificate is only measured, or if its inputs exceed the bounds of
+                the agent's controls.
         """
         if not len(team.agents) == len(sets) == len(targets):
             raise InvalidProblemError(
@@ -76,6 +79,7 @@ class DualMode:
             problems = [agent.controller.planner.problem for agent in team.agents]
             _require_certified(sets, team.dt, problems)
         self.team, self.sets, self.targets = team, tuple(sets), tuple(targets)
+        self.uncertified = uncertified
         self._problems = [a.controller.planner.problem for a in team.agents]
         # Agents of one kind share one problem's model; each keeps its own step.
         self._steps = [_step(problem) for problem in self._problems]
@@ -142,16 +146,14 @@ def _require_certified(
     That the certificate's model is the agent's own is for the caller to see to.
     """
     for number, (one, problem) in enumerate(zip(sets, problems, strict=True)):
-        held = None if one.certificate is None else one.certificate.dt
-        if held is None or not np.isclose(held, dt, rtol=1e-12, atol=0):
-            found = "no certificate"
-            if one.certificate is not None:
-                found = "a certificate for "
-                found += f"{held:g} s" if held else "an input that moves all the time"
+        _require_hold(number, one, dt)
+        unproven = [] if one.certificate is None else one.certificate.unproven()
+        if unproven:
             raise UncertifiedSetError(
-                f"the terminal set of agent {number} must be certified for inputs held "
-                f"for {dt:g} s, it has {found}: certify it "
-                "(swarmstart.terminal_set.certify), or pass uncertified=True"
+                f"the terminal set of agent {number} must be proven in every part; of "
+                f"its certificate this is not: {'; '.join(unproven)}. Certify it again "
+                "(swarmstart.terminal_set.certify, with growth=True), or pass "
+                "uncertified=True"
             )
         lower, upper = problem.control_limits
         at, ones = one.u_ref, np.ones(len(one.u_ref))
@@ -162,6 +164,22 @@ def _require_certified(
                 f"{lower.tolist()} and {upper.tolist()}; its law reaches from "
                 f"{(at - reach).tolist()} to {(at + reach).tolist()}"
             )
+
+
+def _require_hold(number: int, one: TerminalSet, dt: float) -> None:
+    """Refuse a set whose certificate is missing or for another hold."""
+    held = None if one.certificate is None else one.certificate.dt
+    if held is not None and np.isclose(held, dt, rtol=1e-12, atol=0):
+        return
+    found = "no certificate"
+    if one.certificate is not None:
+        found = "a certificate for "
+        found += f"{held:g} s" if held else "an input that moves all the time"
+    raise UncertifiedSetError(
+        f"the terminal set of agent {number} must be certified for inputs held for "
+        f"{dt:g} s, it has {found}: certify it (swarmstart.terminal_set.certify), or "
+        "pass uncertified=True"
+    )
 
 
 def _step(problem: OptimalControlProblem) -> ca.Function:

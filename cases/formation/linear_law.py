@@ -13,7 +13,6 @@ from swarmstart.cases.formation.problem import dynamics_of
 from swarmstart.cases.formation.scenario import FormationScenario
 from swarmstart.cases.models.unicycle import unicycle
 from swarmstart.terminal_set import (
-    ProofOptions,
     Reference,
     TerminalSet,
     Weights,
@@ -63,15 +62,12 @@ def _certified(
         dt: How long inputs are held [s].
     """
     reference = Reference(**{name: np.array(values) for name, values in entries})
-    # Only bounds of states rest on the growth between samples.
-    is_bounded = bool(np.isfinite(reference.e_max).any())
     return certified_terminal_set(
         dynamics_of(unicycle()),
         reference,
         Weights(Q=np.diag(Q), R=np.diag(R)),
         dt=dt,
         rng=np.random.default_rng(SEED),
-        options=ProofOptions(growth=is_bounded),
     )
 
 

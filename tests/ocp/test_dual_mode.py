@@ -35,7 +35,6 @@ from swarmstart.terminal_set import (
 
 Array = NDArray[np.float64]
 DT = 0.5
-MEASURED = ProofOptions(growth=False)  # linear: nothing to learn from the proof
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +48,7 @@ def terminal_set(double_integrator: Model) -> TerminalSet:
     )
     weights = Weights(Q=np.eye(2), R=np.eye(1))
     return certified_terminal_set(
-        f, reference, weights, dt=DT, options=MEASURED, rng=np.random.default_rng(0)
+        f, reference, weights, dt=DT, rng=np.random.default_rng(0)
     )
 
 
@@ -210,7 +209,6 @@ def test_refuses_a_set_that_is_not_certified_for_its_hold_and_its_bounds(
         terminal_set.certificate.reference,
         Weights(Q=np.eye(2), R=np.eye(1)),
         dt=2 * DT,
-        options=MEASURED,
         rng=np.random.default_rng(0),
     )
     with pytest.raises(UncertifiedSetError, match="has a certificate for 1 s"):
@@ -225,10 +223,61 @@ def test_refuses_a_set_that_is_not_certified_for_its_hold_and_its_bounds(
         wide,
         Weights(Q=np.eye(2), R=np.eye(1)),
         dt=DT,
-        options=MEASURED,
         rng=np.random.default_rng(0),
     )
     with pytest.raises(UncertifiedSetError, match=r"between \[-1\.0\] and \[1\.0\]"):
         DualMode(team, sets=[strong] * 2, targets=targets)
     accepted = DualMode(team, sets=[bare, longer], targets=targets, uncertified=True)
     assert accepted.sets == (bare, longer)
+
+
+@pytest.mark.parametrize("controls", [(-0.9, 1.0), (-1.0, 0.9)])
+def test_refuses_a_law_beyond_either_bound_of_the_controls(
+    double_integrator: Model, terminal_set: TerminalSet, controls: tuple[float, float]
+) -> None:
+    """Its inputs reach from -1 to 1: each bound is looked at by itself."""
+    problem = OptimalControlProblem(
+        double_integrator, horizon=2.0, intervals=4, bounds=Bounds(controls=controls)
+    )
+    controller = RecedingHorizon(planner=Planner(problem, search=None))
+    alone = Team([Agent(controller=controller)], order=(0,))
+    with pytest.raises(UncertifiedSetError, match="must keep its controls between"):
+        DualMode(alone, sets=[terminal_set], targets=[moving])
+
+
+def test_refuses_a_set_whose_growth_is_measured_only(
+    team: Team, terminal_set: TerminalSet
+) -> None:
+    certificate = terminal_set.certificate
+    assert certificate is not None
+    measured = certified_terminal_set(
+        certificate.dynamics,
+        certificate.reference,
+        Weights(Q=np.eye(2), R=np.eye(1)),
+        dt=DT,
+        options=ProofOptions(growth=False),
+        rng=np.random.default_rng(0),
+    )
+    with pytest.raises(UncertifiedSetError, match=r"agent 0 .* growth between samples"):
+        DualMode(team, sets=[measured] * 2, targets=[moving, moving])
+    taken = DualMode(team, sets=[measured] * 2, targets=[moving] * 2, uncertified=True)
+    assert taken.sets == (measured, measured)
+
+
+def test_refuses_a_certificate_that_was_changed(
+    team: Team, terminal_set: TerminalSet
+) -> None:
+    own = terminal_set.certificate
+    assert own is not None and own.held is not None and own.unproven() == []
+    larger = replace(own, alpha=2 * own.alpha)
+    better = replace(own, held=replace(own.held, growth=1.01))
+    unfounded = replace(own, proof=replace(own.proof, proven=False))
+    for changed, found in (
+        (larger, "e'Pe falls on all of the set; that the inputs stay"),
+        (better, "what was changed after it was certified"),
+        (unfounded, "that e'Pe falls"),
+        (replace(own, seal=""), "what was changed"),
+    ):
+        forged = replace(terminal_set, alpha=changed.alpha, certificate=changed)
+        with pytest.raises(UncertifiedSetError, match=found):
+            DualMode(team, sets=[forged] * 2, targets=[moving, moving])
