@@ -91,6 +91,8 @@ def test_a_gain_that_does_not_survive_its_hold_is_refused_with_the_longest() -> 
     k = float(gain.K[0, 0])
     longest = np.log((k + 1) / (k - 1))
     require_stable_hold(A, B, gain.K, 0.999 * longest)
+    with pytest.raises(HeldTooLongError, match="radius is 1"):
+        require_stable_hold(A, B, gain.K, 1.001 * longest)
     with pytest.raises(HeldTooLongError) as caught:
         require_stable_hold(A, B, gain.K, 2 * longest)
     assert caught.value.longest == pytest.approx(longest, rel=1e-9)
