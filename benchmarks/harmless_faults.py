@@ -8,7 +8,7 @@ TEXT = "text that is read, and nothing is decided by"
 EFFORT = "how much is tried; what is found is checked by itself"
 GUARD = "avoids 0/0 only"
 EQUAL = "differs where two computed real numbers are equal in all bits only"
-EMPTY = "both are empty"
+EMPTY = "both are empty, or zeros of the same shape"
 AT_ZERO = "at 0 the square of the end is 0 as well"
 DIRECTION = "only the direction of w counts"
 
@@ -24,6 +24,7 @@ _ANY: dict[str, dict[str, tuple[str, ...]]] = {
             "_STEPS_A_LOOK = 256  # instructions between looks at the clock; "
             "well below 1 ms",
         ),
+        "terminal_set/interval_kernel.py": ("BLOCK = 256",),
         "terminal_set/proof.py": ("CHUNK = 8192",),
         "terminal_set/refutation.py": (
             "RAYS = 4000",
@@ -65,7 +66,32 @@ _ANY: dict[str, dict[str, tuple[str, ...]]] = {
 """Reason -> file -> lines of which every fault is harmless."""
 
 _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
+    EFFORT: {
+        "terminal_set/level_search.py": tuple(
+            (line, line.replace(share, other))
+            for line, share, others in (
+                ("if not search.proves(alpha_max, 0.25):", "0.25", ("0.5", "0.125")),
+                (
+                    "if self.proves(FIRST_SHARE * self._unproven, 0.7):",
+                    "0.7",
+                    ("1.4", "0.35"),
+                ),
+                (
+                    "if self.proves(share * self._unproven, 0.5):",
+                    "0.5",
+                    ("1.0", "0.25"),
+                ),
+            )
+            for other in others
+        ),
+    },
     EQUAL: {
+        "terminal_set/level_search.py": (
+            (
+                "if change >= 0 and alpha <= self._alpha_max:",
+                "if change >= 0 and alpha < self._alpha_max:",
+            ),
+        ),
         "terminal_set/growth.py": (
             (
                 "proven = not shortest and clock.perf_counter() < until",
@@ -148,6 +174,14 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
         ),
     },
     EMPTY: {
+        "terminal_set/taylor.py": (
+            (
+                "return np.where(kinks | cuts, np.inf, "
+                "added_up(0 * d[0], third * d / 6))",
+                "return np.where(kinks | cuts, np.inf, "
+                "added_up(0 * d[1], third * d / 6))",
+            ),
+        ),
         "ocp/checking.py": (
             (
                 "values = ca.vertcat(ca.SX(0, 1), *[r.values for r in rows])",

@@ -166,3 +166,13 @@ def test_where_all_derivatives_are_bounded_nothing_is_refused() -> None:
         return ca.sqrt(1 + x) + ca.asin(y / 2) + ca.hypot(1, x) + (2 + y) ** 1.5
 
     require_bounded(of(model), np.zeros(2))
+
+
+@pytest.mark.parametrize("rough", [0, 1])
+def test_one_row_without_bounded_derivatives_is_enough(rough: int) -> None:
+    """x^2 and x^1.5 at 0: of the second derivatives only one has no bound."""
+    x = ca.SX.sym("x")
+    rows = [x**2, x**2]
+    rows[rough] = x**1.5
+    with pytest.raises(NotSmoothError):
+        require_smooth(ca.Function("f", [x], [ca.vertcat(*rows)]), np.zeros(1))
