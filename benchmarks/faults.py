@@ -41,6 +41,7 @@ FILES = {
         *(f"terminal_set/{name}.py" for name in (
             "intervals", "interval_functions", "interval_kernel", "smoothness",
             "cells", "taylor", "enclosure", "decrease", "growth", "held_motion",
+            "flow_error", "hold_margins", "residual",
             "proof", "level", "level_search", "drift", "certification",
             "prerequisites", "ellipsoid",
             "refutation", "stability", "lyapunov", "lqr", "linearisation",

@@ -167,8 +167,8 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
     DIRECTION: {
         "terminal_set/cells.py": tuple(
             (
-                "self._rho, w = (lower[0], upper[0]), (lower[1:] + upper[1:]) / 2",
-                f"self._rho, w = (lower[0], upper[0]), (lower[1:] + upper[1:]) {half}",
+                "self.radii, w = (lower[0], upper[0]), (lower[1:] + upper[1:]) / 2",
+                f"self.radii, w = (lower[0], upper[0]), (lower[1:] + upper[1:]) {half}",
             )
             for half in ("/ 1", "/ 4", "* 2")
         ),
