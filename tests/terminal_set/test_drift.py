@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,11 +14,13 @@ from swarmstart.terminal_set import (
     Change,
     NotAnEquilibriumError,
     ProofOptions,
+    ProvenLevel,
     Reference,
     TerminalSet,
     Weights,
     certified_terminal_set,
     certify,
+    proven_level,
 )
 from swarmstart.terminal_set.drift import (
     LEAST_CORE,
@@ -83,6 +86,27 @@ def test_a_rounded_reference_has_a_core_that_holds_the_equilibrium(
     moved = abs(offset) * (1 if dt is None else 1 - np.exp(-dt))
     assert moved < certificate.drift * certificate.core**0.5
     assert certificate.drift <= 1e-3  # 5e-4 of the decrease, 2 V a second
+
+
+@pytest.mark.parametrize("dt", [None, 0.5])
+def test_what_is_proven_has_the_drift_in_reserve(
+    dt: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Too little to see in the level: the margin that is asked for is looked at."""
+    asked = []
+
+    def recorded(change: Change, *rest: Any, **options: Any) -> ProvenLevel:
+        asked.append(change.Q_m)
+        return proven_level(change, *rest, **options)
+
+    monkeypatch.setattr("swarmstart.terminal_set.certification.proven_level", recorded)
+    certificate = certified(1e-9, dt=dt).certificate
+    assert certificate is not None and certificate.drift > 1e-5
+    expected = 2 * certificate.drift
+    if certificate.held is not None:
+        c = certificate.held.integrator_error + certificate.drift
+        expected = 2 * c + c**2
+    assert asked[-1][0, 0] == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("dt", [None, 0.5])
