@@ -74,7 +74,10 @@ def prepare(function: Callable[..., object], *arguments: object) -> None:
         arguments: Values of the types that it will be called with.
     """
     if isinstance(function, _Kernel):
-        function.compile(_types_of(arguments))
+        kinds = _types_of(arguments)
+        kept = function.overloads.get(kinds)
+        if kept is None or _is_inner(kept):
+            function.compile(kinds)
 
 
 def is_kept(
@@ -108,14 +111,35 @@ def address_of(function: Callable[..., object], *arguments: object) -> int:
     """
     kinds = _types_of(arguments)
     dispatcher = cast(Any, function)
-    dispatcher.get_call_template(kinds, {})
+    if kinds not in dispatcher.overloads:
+        dispatcher.get_call_template(kinds, {})
     compiled = dispatcher.overloads[kinds]
     name = compiled.fndesc.llvm_func_name
     return int(compiled.library.get_pointer_to_function(name))
 
 
 def _types_of(arguments: tuple[object, ...]) -> tuple[Any, ...]:
-    return tuple(numba.typeof(argument) for argument in arguments)
+    """Return Numba's types of values; asked for once, since that takes 0.1 ms each."""
+    kinds = []
+    for argument in arguments:
+        key = _key_of(argument)
+        if key not in _TYPES:
+            _TYPES[key] = numba.typeof(argument)
+        kinds.append(_TYPES[key])
+    return tuple(kinds)
+
+
+_TYPES: dict[object, Any] = {}
+"""Numba's types, by what determines them; nothing is ever forgotten."""
+
+
+def _key_of(value: object) -> object:
+    """Return what determines Numba's type of a value."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.ndim, value.flags.num
+    if isinstance(value, tuple):
+        return type(value), tuple(map(_key_of, value))
+    return type(value)
 
 
 def _compiled(function: Function, **options: Any) -> Function:

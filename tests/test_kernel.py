@@ -8,9 +8,13 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
+import numba
+import numpy as np
 import pytest
 
+import swarmstart.kernel as kernel_module
 import swarmstart.ocp
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="modes of files are POSIX's")
@@ -181,3 +185,23 @@ def test_types_of_one_name_are_told_apart(tmp_path: Path) -> None:
     for fields in ("xy", "yx"):
         code = RECORD.format(fields=fields)
         assert ran(code, folder, cache) == "0.5"
+
+
+class Record(NamedTuple):
+    """A record of arrays and numbers, as kernels take them."""
+
+    array: object
+    number: object
+
+
+def test_types_are_remembered_by_what_determines_them() -> None:
+    plain = np.zeros((3, 4))
+    locked = plain.copy()
+    locked.setflags(write=False)
+    unaligned = np.frombuffer(bytes(81), dtype=np.uint8)[1:].view(np.float64)
+    arrays = plain, plain.T, plain[:, 1], plain[0], locked, plain.astype(int), unaligned
+    numbers = 1, 1.0, True, np.int64(1), np.random.default_rng(0)
+    values = [*arrays, *numbers, *(Record(a, n) for a in arrays for n in numbers)]
+    values += [(value, Record(value, 1)) for value in values]
+    for value in values * 2:
+        assert kernel_module._types_of((value,)) == (numba.typeof(value),)
