@@ -92,7 +92,7 @@ def prove_flow_error(
         useless: A bound that is of no use: from there on it is given up.
         until: When it is given up, of `time.perf_counter` [s].
     """
-    search = _Search(residual, alpha, until)
+    search = ErrorSearch(residual, alpha, until)
     with np.errstate(all="ignore"):
         return FlowError(relative=search.error(enough, useless), boxes=search.boxes)
 
@@ -128,7 +128,7 @@ class Piece:
         return sum(sign * max(s - q, 0.0) ** 5 for s, q, sign in ends) / 120
 
 
-class _Search:
+class ErrorSearch:
     """The search for the bounds that the error is made of."""
 
     def __init__(self, residual: Residual, alpha: float, until: float) -> None:
@@ -171,7 +171,8 @@ class _Search:
             bends = [self._bend(piece, tube, drift, error) for piece in self._pieces]
             error = self._grown(residuals, speeds, [drift * bend for bend in bends])
             if error * self._radius + drift < tube:
-                return error * (1 + COVER)
+                # |e|_P is |z|, and r'Pr that of z, to this.
+                return error * (1 + COVER) * (1 + 4 * self._residual.off)
         return float("inf")
 
     def _grown(
@@ -202,7 +203,7 @@ class _Search:
         self, speeds: list[float], enough: float, useless: float
     ) -> list[float]:
         """Return bounds R of the relative r4, one a piece of time."""
-        measures = [self._relative_residual(piece) for piece in self._pieces]
+        measures = [self.relative_residual(piece) for piece in self._pieces]
         met = [float(measure(self._points)[1].max()) for measure in measures]
         ones = np.eye(len(self._pieces)).tolist()
         weights = [self._grown(one, speeds) for one in ones]
@@ -302,8 +303,8 @@ class _Search:
             at = residual.start(piece.step, cells.z, 0 * cells.z)
             (met, _), _ = residual.field(at, piece.times, 0.0)
             return (
-                _logarithmic(middle, radius),
-                _logarithmic(met, 0 * met),
+                logarithmic_norms(middle, radius),
+                logarithmic_norms(met, 0 * met),
                 _widths(cells),
             )
 
@@ -330,8 +331,12 @@ class _Search:
             turns.append(np.median(change) / (2 * step * size))
         return np.asarray(np.nan_to_num(turns), dtype=np.float64)
 
-    def _relative_residual(self, piece: Piece) -> Measure:
-        """Return |r4(e) - r4(0)| / |e| on a piece of time as a quantity on cells."""
+    def relative_residual(self, piece: Piece) -> Measure:
+        """Return |r4(e) - r4(0)| / |e| on a piece of time as a quantity on cells.
+
+        Args:
+            piece: The piece of time.
+        """
         residual = self._residual
         own, own_wide = self._at_reference(piece)
 
@@ -408,10 +413,14 @@ def _norms(middle: Array, radius: Array) -> Array:
     return np.asarray(np.linalg.norm(np.abs(middle) + radius, axis=(1, 2)))
 
 
-def _logarithmic(middle: Array, radius: Array) -> Array:
+def logarithmic_norms(middle: Array, radius: Array) -> Array:
     """Return upper bounds of the logarithmic norms of matrices, (m,).
 
     That of A is the largest eigenvalue of (A + A') / 2.
+
+    Args:
+        middle: Middles, shape (m, n, n).
+        radius: Radii of their entries, same shape.
     """
     known = np.asarray(np.isfinite(np.abs(middle) + radius).all(axis=(1, 2)))
     middle = np.where(known[:, None, None], middle, 0.0)

@@ -17,7 +17,13 @@ from swarmstart.terminal_set import (
     certify,
     sampled_terminal_set,
 )
-from swarmstart.terminal_set.flow_error import Piece, prove_flow_error
+from swarmstart.terminal_set.cells import Cells
+from swarmstart.terminal_set.flow_error import (
+    ErrorSearch,
+    Piece,
+    logarithmic_norms,
+    prove_flow_error,
+)
 from swarmstart.terminal_set.residual import Residual
 
 Array = NDArray[np.float64]
@@ -196,3 +202,55 @@ def test_a_bound_that_is_not_found_in_time_is_infinite() -> None:
     assert prove_flow_error(residual, 64.0, enough=1e-9, until=0.0).relative == np.inf
     hopeless = prove_flow_error(residual, 64.0, enough=1e-9, useless=1e-8)
     assert hopeless.relative == np.inf
+
+
+def test_a_logarithmic_norm_bounds_that_of_every_matrix_between() -> None:
+    rng = np.random.default_rng(2)
+    middle, radius = rng.normal(size=(5, 3, 3)), rng.uniform(0, 0.3, size=(5, 3, 3))
+    bounds = logarithmic_norms(middle, radius)
+    for _ in range(300):
+        A = middle + radius * rng.choice([-1.0, 1.0], size=radius.shape)
+        found = np.linalg.eigvalsh((A + A.transpose(0, 2, 1)) / 2)[:, -1]
+        assert np.all(found <= bounds)
+    alone = logarithmic_norms(middle[:1], 0 * radius[:1])
+    exact = np.linalg.eigvalsh((middle[0] + middle[0].T) / 2)[-1]
+    assert alone[0] == pytest.approx(exact, rel=1e-9)
+    assert logarithmic_norms(middle[:1], np.full((1, 3, 3), np.nan))[0] == np.inf
+
+
+@pytest.mark.parametrize(
+    ("low", "side", "times"),
+    [
+        (0.0, 0.4, (0.02, 0.021)),
+        (0.6, 0.4, (0.02, 0.021)),
+        (0.95, 0.4, (0.02, 0.021)),
+        (0.9999, 1e-4, (0.0, 0.1)),
+    ],
+)
+def test_the_bound_of_a_cell_holds_at_all_its_points(
+    low: float, side: float, times: tuple[float, float]
+) -> None:
+    """One state, x' = -x^3: r4 / e is steep along the radius; and a pendulum."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    cubic = ca.Function("f", [x, u], [-(x**3) + 0 * u])
+    for f, law in ((cubic, own_law(1)), pendulum()):
+        nx = len(law.P)
+        residual = Residual(f, law, dt=0.1, substeps=1)
+        search = ErrorSearch(residual, 1.0, np.inf)
+        lower = np.array([low, 1.0, 0.1 - side][: 1 + nx])[:, None]
+        upper = np.array([1.0, 1.0, 0.1 + side][: 1 + nx])[:, None]
+        with np.errstate(all="ignore"):
+            measure = search.relative_residual(Piece(step=0, times=times))
+            (bound,), _, _ = measure(Cells(lower, upper))
+        rng = np.random.default_rng(1)
+        box = rng.uniform(lower, upper, size=(1 + nx, 500))
+        box[0] = np.maximum(np.where(np.arange(500) < 250, 1.0, box[0]), 1e-3)
+        z = box[0] * box[1:] / np.linalg.norm(box[1:], axis=0)
+        ratios = []
+        for at in np.linspace(*times, 6).tolist():
+            value, own = (
+                residual.fourth(residual.start(0, w, 0 * w), (at, at))[0][0]
+                for w in (z, 0 * z)
+            )
+            ratios.append((np.linalg.norm(value - own, axis=0) / box[0]).max())
+        assert max(ratios) <= bound < 1e4 * max(ratios)
