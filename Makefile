@@ -12,7 +12,7 @@ run: $(INSTALLED)
 	$(VENV)/bin/swarmstart run formation_v
 
 test: $(INSTALLED_TO_TEST)
-	$(VENV)/bin/python -m pytest -q
+	$(VENV)/bin/python -m pytest -q -n auto --dist loadfile
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('swarmstart needs Python 3.11 or newer; found ' + sys.version.split()[0] + '. Try: make PYTHON=python3.11')"

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 from swarmstart.cases.output import say
 
+AT_WORK = "at work: loading and checking"
 FIRST_SIGN_S = 0.6
 """A command that takes longer says so; quicker ones say nothing."""
 
@@ -40,7 +41,7 @@ def first_minute(*, quiet: bool) -> Iterator[None]:
     before = logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
-    sign = threading.Timer(FIRST_SIGN_S, say, ["at work: loading and checking"])
+    sign = threading.Timer(FIRST_SIGN_S, say, [AT_WORK])
     sign.daemon = True
     sign.start()
     try:

@@ -11,8 +11,9 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextvars import ContextVar
+from dataclasses import dataclass
 
 import numba
 
@@ -21,7 +22,11 @@ from swarmstart.heuristics.algorithm import Algorithm
 
 log = logging.getLogger(__name__)
 
-Wait = Callable[[], None]
+Part = tuple[int, ...]
+SMALLER_PART: Part = (1, 2, 3)
+"""All but `propose`: for a helper that is started when the kernels are needed."""
+LARGER_PART: Part = (0, 1)
+"""`propose` and `accept`: for one that is started while there is other work."""
 
 PATIENCE_S = 120.0
 """How long a helper is waited for; then this process does its part too [s]."""
@@ -34,52 +39,77 @@ from swarmstart.heuristics.ahead import compile_part
 compile_part(sys.stdin.buffer.read())
 """
 
-_helper: ContextVar[subprocess.Popen[bytes] | None] = ContextVar(
-    "_helper", default=None
-)
+
+@dataclass(frozen=True, slots=True)
+class Helper:
+    """A process that compiles a part of the kernels.
+
+    Attributes:
+        part: Which of the `preparations` of a search it does.
+        process: The process; None if there is none.
+    """
+
+    part: Part
+    process: subprocess.Popen[bytes] | None
+
+    def wait(self) -> None:
+        """Return when it is done, or has taken too long."""
+        if self.process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self.process.wait(timeout=PATIENCE_S)
+
+
+NO_HELPER = Helper((), None)
+_helper: ContextVar[Helper | None] = ContextVar("_helper", default=None)
 
 
 @contextlib.contextmanager
-def compiled_ahead(algorithm: Algorithm, *, compiled: bool) -> Iterator[Wait]:
-    """Have a helper compile all kernels of an algorithm but `propose` meanwhile.
+def compiled_ahead(
+    algorithm: Algorithm, *, compiled: bool, part: Part = SMALLER_PART
+) -> Iterator[Helper]:
+    """Have a helper compile a part of the kernels of an algorithm meanwhile.
 
     Within another such context no second helper is started. It ends with the context.
 
     Args:
         algorithm: The algorithm.
         compiled: Whether for the compiled loop, or for a loop in Python.
+        part: Which of the `preparations` of a search it does.
 
     Yields:
-        A function that returns when the helper is done.
+        The helper; one that does nothing if there is none.
     """
     running = _helper.get()
     if running is not None or not _is_possible():
-        yield _nothing if running is None else _waiting_for(running)
+        yield running or NO_HELPER
         return
-    helper = _started(algorithm, compiled)
+    process = _started(algorithm, compiled, part)
+    helper = NO_HELPER if process is None else Helper(part, process)
     token = _helper.set(helper)
     try:
-        yield _nothing if helper is None else _waiting_for(helper)
+        yield helper
     finally:
         _helper.reset(token)
-        if helper is not None:
-            helper.kill()
-            helper.wait()
+        if process is not None:
+            process.kill()
+            process.wait()
 
 
 def compile_part(pickled: bytes) -> None:
-    """Compile all kernels of an algorithm but `propose`: the work of a helper.
+    """Compile a part of the kernels of an algorithm: the work of a helper.
 
     Args:
-        pickled: The algorithm, and whether for the compiled loop.
+        pickled: The algorithm, whether for the compiled loop, and the part.
     """
     from swarmstart.heuristics.search import (  # noqa: PLC0415 - it imports this
         smallest_search,
     )
 
-    algorithm, compiled = pickle.loads(pickled)
-    for job in smallest_search(algorithm).preparations(compiled=compiled)[1:]:
-        job()
+    algorithm, compiled, part = pickle.loads(pickled)
+    jobs = smallest_search(algorithm).preparations(compiled=compiled)
+    for k in part:
+        if k < len(jobs):
+            jobs[k]()
 
 
 def _is_possible() -> bool:
@@ -90,10 +120,12 @@ def _is_possible() -> bool:
     return jit and fit and usage().refused is None
 
 
-def _started(algorithm: Algorithm, compiled: bool) -> subprocess.Popen[bytes] | None:
+def _started(
+    algorithm: Algorithm, compiled: bool, part: Part
+) -> subprocess.Popen[bytes] | None:
     """Return a new helper; None if there can be none."""
     try:
-        given = pickle.dumps(sys.path) + pickle.dumps((algorithm, compiled))
+        given = pickle.dumps(sys.path) + pickle.dumps((algorithm, compiled, part))
         helper = subprocess.Popen(
             [sys.executable, "-c", _CODE],
             stdin=subprocess.PIPE,
@@ -109,15 +141,3 @@ def _started(algorithm: Algorithm, compiled: bool) -> subprocess.Popen[bytes] | 
             helper.stdin.write(given)
             helper.stdin.close()
     return helper
-
-
-def _waiting_for(helper: subprocess.Popen[bytes]) -> Wait:
-    def wait() -> None:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            helper.wait(timeout=PATIENCE_S)
-
-    return wait
-
-
-def _nothing() -> None:
-    """Return at once: there is no helper."""

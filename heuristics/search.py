@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.compile_time import compiling, stopwatch
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.ahead import compiled_ahead
+from swarmstart.heuristics.ahead import LARGER_PART, compiled_ahead
 from swarmstart.heuristics.algorithm import (
     MOST_NUMBERS,
     Algorithm,
@@ -355,15 +355,17 @@ class Search:
         with stopwatch() as watch, compiling():
             jobs = self.preparations(compiled=compiled)
             if not self._is_prepared(compiled=compiled):
-                with compiled_ahead(self.algorithm, compiled=compiled) as wait:
-                    jobs[0]()
-                    wait()
+                with compiled_ahead(self.algorithm, compiled=compiled) as helper:
+                    for k, job in enumerate(jobs):
+                        if k not in helper.part:
+                            job()
+                    helper.wait()
             for job in jobs:
                 job()
         self.compile_seconds += watch.compile_seconds
 
     def preparations(self, *, compiled: bool) -> list[Callable[[], object]]:
-        """Return what `prepare` does, as functions; the first is of `propose`.
+        """Return what `prepare` does, as functions: propose, accept, collect, loop.
 
         Args:
             compiled: As in `prepare`.
@@ -490,7 +492,7 @@ def kernels_ahead(algorithm: Algorithm) -> Iterator[None]:
     if search._is_prepared(compiled=True):
         yield
         return
-    with compiled_ahead(algorithm, compiled=True):
+    with compiled_ahead(algorithm, compiled=True, part=LARGER_PART):
         yield
 
 

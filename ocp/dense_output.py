@@ -16,8 +16,8 @@ Source: Hairer, Norsett and Wanner (1993), Solving Ordinary Differential Equatio
 section II.6; Farin (2002), Curves and Surfaces for CAGD, chapter 7.
 """
 
+import math
 from dataclasses import dataclass
-from math import comb
 
 import casadi as ca
 import numpy as np
@@ -30,6 +30,7 @@ from swarmstart.ocp.model import Model
 Array = NDArray[np.float64]
 
 DEGREE = 5
+BINOMIALS = np.array([math.comb(DEGREE, k) for k in range(DEGREE + 1)])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -54,7 +55,7 @@ class DenseOutput:
         elapsed = np.atleast_1d(np.asarray(times, dtype=np.float64)) / self.step
         piece = np.clip(elapsed.astype(int), 0, self.curves.shape[1] - 1)
         s, k = (elapsed - piece)[:, None], np.arange(DEGREE + 1)
-        weights = comb(DEGREE, k) * s**k * (1.0 - s) ** (DEGREE - k)
+        weights = BINOMIALS * s**k * (1.0 - s) ** (DEGREE - k)
         return np.asarray(np.einsum("xnk,nk->xn", self.curves[:, piece], weights))
 
 

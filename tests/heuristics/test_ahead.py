@@ -104,5 +104,6 @@ def test_an_algorithm_that_cannot_be_sent_is_compiled_here() -> None:
     class Local(ParticleSwarm):
         """A class that another process cannot find."""
 
-    with compiled_ahead(Local(), compiled=True) as wait:
-        wait()
+    with compiled_ahead(Local(), compiled=True) as helper:
+        helper.wait()
+        assert helper.part == ()

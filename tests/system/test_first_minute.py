@@ -20,7 +20,8 @@ from swarmstart.heuristics.ahead import _IN_HELPER
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
 
-AT_WORK = "swarmstart: at work: loading and checking"
+FIRST_SIGN_S = first_minute.FIRST_SIGN_S  # Before tests put it off.
+AT_WORK = f"swarmstart: {first_minute.AT_WORK}"
 
 
 def run(cache: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -50,6 +51,10 @@ def test_a_first_run_says_that_it_compiles_and_how_long_that_took(
     assert told["files"] > 0 and told["refused"] is None
 
 
+def test_the_first_sign_comes_within_a_second() -> None:
+    assert FIRST_SIGN_S < 1.0
+
+
 def test_a_command_that_takes_a_while_says_that_it_is_at_work(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -57,7 +62,7 @@ def test_a_command_that_takes_a_while_says_that_it_is_at_work(
         """A timer that is due at once, unless it is never started."""
 
         def __init__(self, delay: float, call: object, arguments: list[str]) -> None:
-            assert delay < 1.0
+            assert delay == first_minute.FIRST_SIGN_S
             self.call, self.arguments, self.daemon = call, arguments, False
 
         def start(self) -> None:

@@ -419,7 +419,12 @@ def test_a_reader_that_has_gone_is_no_error() -> None:
     read, write = os.pipe()
     os.close(read)
     process = subprocess.run(
-        [sys.executable, "-m", "swarmstart", "run", "formation_v", "--print-config"],
+        [
+            sys.executable,
+            "-m",
+            "swarmstart",
+            *"run formation_v --print-config -q".split(),
+        ],
         stdout=write,
         stderr=subprocess.PIPE,
         text=True,

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from swarmstart.cases.first_minute import AT_WORK
+
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command, Said
 
@@ -18,8 +20,8 @@ FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of L
 
 
 def typed(line: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a line of a shell, in which $S is the program."""
-    return subprocess.run(
+    """Run a line of a shell, in which $S is the program; that it works is left out."""
+    said = subprocess.run(
         ["sh", "-c", line.replace("$S", PROGRAM)],
         capture_output=True,
         text=True,
@@ -28,6 +30,8 @@ def typed(line: str, **environment: str) -> subprocess.CompletedProcess[str]:
         stdin=subprocess.DEVNULL,
         env={**os.environ, **environment},
     )
+    said.stderr = said.stderr.replace(f"swarmstart: {AT_WORK}\n", "")
+    return said
 
 
 @FULL
