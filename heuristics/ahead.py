@@ -95,6 +95,13 @@ def compiled_ahead(
             process.wait()
 
 
+def helper_runs() -> bool:
+    """Return whether a helper is at work: some kernels may be there, others to come."""
+    helper = _helper.get()
+    process = None if helper is None else helper.process
+    return process is not None and process.poll() is None
+
+
 def compile_part(pickled: bytes) -> None:
     """Compile a part of the kernels of an algorithm: the work of a helper.
 

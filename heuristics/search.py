@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.compile_time import compiling, stopwatch
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.ahead import LARGER_PART, compiled_ahead
+from swarmstart.heuristics.ahead import LARGER_PART, compiled_ahead, helper_runs
 from swarmstart.heuristics.algorithm import (
     MOST_NUMBERS,
     Algorithm,
@@ -354,7 +354,7 @@ class Search:
         """
         with stopwatch() as watch, compiling():
             jobs = self.preparations(compiled=compiled)
-            if not self._is_prepared(compiled=compiled):
+            if helper_runs() or not self._is_prepared(compiled=compiled):
                 with compiled_ahead(self.algorithm, compiled=compiled) as helper:
                     for k, job in enumerate(jobs):
                         if k not in helper.part:

@@ -30,7 +30,8 @@ from swarmstart.ocp.model import Model
 Array = NDArray[np.float64]
 
 DEGREE = 5
-BINOMIALS = np.array([math.comb(DEGREE, k) for k in range(DEGREE + 1)])
+choices = np.vectorize(math.comb, otypes=[np.float64])
+"""Binomial coefficients; the import of scipy.special takes 0.1 s."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -55,7 +56,7 @@ class DenseOutput:
         elapsed = np.atleast_1d(np.asarray(times, dtype=np.float64)) / self.step
         piece = np.clip(elapsed.astype(int), 0, self.curves.shape[1] - 1)
         s, k = (elapsed - piece)[:, None], np.arange(DEGREE + 1)
-        weights = BINOMIALS * s**k * (1.0 - s) ** (DEGREE - k)
+        weights = choices(DEGREE, k) * s**k * (1.0 - s) ** (DEGREE - k)
         return np.asarray(np.einsum("xnk,nk->xn", self.curves[:, piece], weights))
 
 

@@ -19,9 +19,8 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import comb
 
-from swarmstart.ocp.dense_output import DEGREE
+from swarmstart.ocp.dense_output import DEGREE, choices
 from swarmstart.ocp.errors import InvalidProblemError
 
 Array = NDArray[np.float64]
@@ -147,10 +146,10 @@ def _least(relative: Array, best: float, *, sign: int) -> float:
 
 _EACH = np.arange(DEGREE + 1)
 _SUMS = (_EACH[:, None] + _EACH).ravel()
-_CHOICES = np.outer(comb(DEGREE, _EACH), comb(DEGREE, _EACH)).ravel()
-_PRODUCT = (_CHOICES / comb(2 * DEGREE, _SUMS))[:, None] * (
+_CHOICES = np.outer(choices(DEGREE, _EACH), choices(DEGREE, _EACH)).ravel()
+_PRODUCT = (_CHOICES / choices(2 * DEGREE, _SUMS))[:, None] * (
     _SUMS[:, None] == np.arange(2 * DEGREE + 1)
 )
 """Products of coefficients (i, j) -> coefficients of the product."""
-_FRONT_HALF = comb(_EACH, _EACH[:, None]) / 2.0**_EACH
+_FRONT_HALF = choices(_EACH, _EACH[:, None]) / 2.0**_EACH
 _BACK_HALF = _FRONT_HALF[::-1, ::-1]
