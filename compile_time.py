@@ -74,11 +74,13 @@ def compiling() -> Iterator[None]:
 
 
 @cache
-def announce(what: str, duration: str) -> None:
+def announce(what: str, duration: str, *, is_kept: bool = True) -> None:
     """Say by logging, once in a process, that something is compiled.
 
     Args:
         what: What is compiled.
         duration: How long it takes, in words.
+        is_kept: Whether a later process finds it.
     """
-    log.info("compiling %s for this machine, once, %s", what, duration)
+    how_often = "once" if is_kept else "as in each process, since no cache can be used"
+    log.info("compiling %s for this machine, %s, %s", what, how_often, duration)

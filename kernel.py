@@ -36,7 +36,7 @@ from numba.core.types import unliteral
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from swarmstart.code_cache import load, store
+from swarmstart.code_cache import load, store, usage
 from swarmstart.compile_time import announce, compiling
 from swarmstart.fingerprint import CALLED_FROM_PYTHON, UnknownValueError, fingerprint
 
@@ -104,6 +104,8 @@ def is_kept(
 
 def address_of(function: Callable[..., object], *arguments: object) -> int:
     """Return where the machine code of a kernel is, for `call_at`.
+
+    It stays there: Numba unloads no code as long as the process runs.
 
     Args:
         function: A kernel that returns None.
@@ -218,7 +220,8 @@ class _KernelCache(_Cache):
         key = self._key(signature, target_context.codegen())
         code = None if key is None else load(key)
         if code is None:
-            announce(*_ANNOUNCED.get(_room_of(self._dispatcher), _OTHER))
+            what = _ANNOUNCED.get(_room_of(self._dispatcher), _OTHER)
+            announce(*what, is_kept=usage().refused is None)
             return None
         return CompileResult._rebuild(target_context, *pickle.loads(code))
 

@@ -25,7 +25,7 @@ from swarmstart.heuristics.stopping import (
     finished,
     progress_of,
 )
-from swarmstart.kernel import Array, Count, address_of, call_at, kernel
+from swarmstart.kernel import Array, Count, call_at, kernel
 
 CHUNK = 1
 """Generations before the first look at the clock."""
@@ -120,6 +120,10 @@ def can_loop(objective: object) -> bool:
     return hasattr(objective, "attach") and not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
+Call = tuple[Callable[..., None], tuple[object, ...]]
+"""A kernel and what it is called with."""
+
+
 class Entries(NamedTuple):
     """Where the machine code of an algorithm's kernels is.
 
@@ -134,28 +138,31 @@ class Entries(NamedTuple):
     collect: int
 
 
-def entries_of(
+def calls_of(
     kernels: Kernels,
     rng: np.random.Generator,
     settings: Any,
     searched: tuple[State, Archive],
-) -> Entries:
-    """Compile or load the kernels of an algorithm; return where they are.
+) -> list[Call]:
+    """Return the kernels that a generation calls, each with arguments of its types.
 
     Args:
-        kernels: Its kernels.
+        kernels: Those of the algorithm.
         rng: What they will be called with, here and below.
         settings: Kernel settings of the algorithm.
         searched: State and archive of the search.
+
+    Returns:
+        `propose`, `accept` and `collect`, in the order of `Entries`.
     """
     state, archive = searched
     asked, values = np.empty((state.best.size, 0)), np.empty(0)
-    order, told = settings.order, (asked, values, values)
-    return Entries(
-        propose=address_of(kernels.propose, rng, settings, state, asked),
-        accept=address_of(kernels.accept, settings, state, *told),
-        collect=address_of(collect, order, archive, *told),
-    )
+    told = asked, values, values
+    return [
+        (kernels.propose, (rng, settings, state, asked)),
+        (kernels.accept, (settings, state, *told)),
+        (collect, (settings.order, archive, *told)),
+    ]
 
 
 @kernel

@@ -29,11 +29,12 @@ from swarmstart.heuristics.algorithm import (
 from swarmstart.heuristics.archive import Archive, collect, new_archive
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.compiled_loop import (
+    Call,
     CompiledObjective,
     Entries,
     Pointers,
     Work,
-    entries_of,
+    calls_of,
     loop,
     new_work,
 )
@@ -370,37 +371,34 @@ class Search:
         Args:
             compiled: As in `prepare`.
         """
-        kernels, rng, settings = self.algorithm.kernels, self.rng, self._settings
-        asked, values = np.empty((self.box.dim, 0)), np.empty(0)
-        told = (asked, values, values)
-        calls: list[tuple[Callable[..., None], tuple[object, ...]]] = [
-            (kernels.propose, (rng, settings, self._state, asked)),
-            (kernels.accept, (settings, self._state, *told)),
-            (collect, (self._order, self._archive, *told)),
-        ]
+        calls = self._calls()
         if not compiled:
             return [partial(prepare, kernel, *given) for kernel, given in calls]
-        searched, limits = (self._state, self._archive), Limits(0, 0.0, 0)
-        work, nowhere = new_work(self.box.dim, 0, 0), Pointers(0, 0, 0)
-        given = rng, settings, searched, Entries(0, 0, 0), work, nowhere, limits
         jobs = [partial(address_of, kernel, *given) for kernel, given in calls]
-        return [*jobs, partial(prepare, loop, *given)]
+        looped = (
+            *(self.rng, self._settings, (self._state, self._archive)),
+            *(Entries(0, 0, 0), new_work(self.box.dim, 0, 0)),
+            *(Pointers(0, 0, 0), Limits(0, 0.0, 0)),
+        )
+        return [*jobs, partial(prepare, loop, *looped)]
+
+    def _calls(self) -> list[Call]:
+        searched = self._state, self._archive
+        return calls_of(self.algorithm.kernels, self.rng, self._settings, searched)
 
     def _is_prepared(self, *, compiled: bool) -> bool:
         """Return whether the largest kernel need not be compiled."""
-        asked = np.empty((self.box.dim, 0))
-        given = self.rng, self._settings, self._state, asked
-        return is_kept(self.algorithm.kernels.propose, *given, for_kernel=compiled)
+        propose, given = self._calls()[0]
+        return is_kept(propose, *given, for_kernel=compiled)
 
     def _looped(
         self,
     ) -> tuple[np.random.Generator, Any, tuple[State, Archive], Entries]:
         """Return the first arguments of the compiled loop."""
-        searched = self._state, self._archive
         if self._entries is None:
-            self._entries = entries_of(
-                self.algorithm.kernels, self.rng, self._settings, searched
-            )
+            addresses = (address_of(kernel, *given) for kernel, given in self._calls())
+            self._entries = Entries(*addresses)
+        searched = self._state, self._archive
         return self.rng, self._settings, searched, self._entries
 
     def _attached_to(

@@ -73,3 +73,13 @@ def test_it_is_said_once_in_a_process(caplog: pytest.LogCaptureFixture) -> None:
         "compiling the search for this machine, once, about 10 s",
         "compiling something else for this machine, once, some seconds",
     ]
+
+
+def test_nothing_is_promised_once_that_is_done_in_each_process(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    announce.cache_clear()
+    with caplog.at_level(logging.INFO, "swarmstart"):
+        announce("the search", "about 10 s", is_kept=False)
+    (message,) = caplog.messages
+    assert "once" not in message and "no cache can be used" in message

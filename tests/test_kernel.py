@@ -126,7 +126,10 @@ def test_nothing_is_written_beside_the_source(tmp_path: Path) -> None:
 def test_kernels_work_where_nothing_can_be_kept(tmp_path: Path) -> None:
     folder, in_the_way = copied(tmp_path / "installed"), tmp_path / "file"
     in_the_way.write_text("in the way")
-    assert ran(CALLER, folder, in_the_way) == "1"
+    loud = "import logging, sys\nlogging.basicConfig(level=20, stream=sys.stdout)\n"
+    *_, said, answer = ran(loud + CALLER, folder, in_the_way).split("\n")
+    assert answer == "1"
+    assert "as in each process, since no cache can be used" in said
 
 
 @pytest.mark.parametrize("part", [0, 1, 2])
