@@ -85,6 +85,7 @@ def program() -> int:
         # Python, which would end the process by SIGINT in place of this code.
         atexit._run_exitfuncs()
         os._exit(code)
+    gc.freeze()  # Python looks for garbage once more at its end: 0.2 s for nothing.
     return code
 
 

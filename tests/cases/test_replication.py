@@ -225,6 +225,16 @@ def test_a_run_that_failed_is_told_and_nothing_is_judged() -> None:
     assert not found.is_expected
 
 
+def test_one_part_that_failed_is_as_unexpected_as_all() -> None:
+    parts = planned(WHOLE, claim(1), seeds=2)
+    outcomes = {cell.key: outcome(8.0) for cell in cells_of(parts)}
+    (last, *_) = cells_of(parts[1:])
+    lost = Outcome(result=None, failure="it died", seconds=0.0, folder=Path())
+    found = judged(claim(1), parts, {**outcomes, last.key: lost})
+    assert [bool(part.failures) for part in found.parts] == [False, True]
+    assert not found.is_expected
+
+
 def test_a_part_is_of_a_scenario_or_computed() -> None:
     for content in (
         {},

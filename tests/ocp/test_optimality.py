@@ -21,7 +21,13 @@ from swarmstart.ocp import (
     TerminalConstraint,
 )
 from swarmstart.ocp.fitness import NOTHING, shared_arguments
-from swarmstart.ocp.optimality import Curvature, NlpPoint, curvature, stationarity
+from swarmstart.ocp.optimality import (
+    Curvature,
+    NlpPoint,
+    curvature,
+    is_stationary,
+    stationarity,
+)
 from swarmstart.ocp.transcription import multiple_shooting
 
 Array = NDArray[np.float64]
@@ -119,7 +125,29 @@ def lq_point(lq: OptimalControlProblem, riccati: tuple[Array, Array]) -> NlpPoin
 
 def test_linear_quadratic_optimum_is_stationary(lq_point: NlpPoint) -> None:
     assert stationarity(lq_point) <= 1e-13
+    assert is_stationary(lq_point)
     assert curvature(lq_point) is Curvature.POSITIVE
+
+
+@pytest.mark.parametrize("wrong", [1.0, 1e3, -1e6])
+def test_residual_is_counted_in_parts_of_all_terms_of_one_derivative(
+    lq_point: NlpPoint, wrong: float
+) -> None:
+    """Nothing is bounded here, and the rows are 0: only the sum of terms is left."""
+    point = replace(
+        lq_point, lam_g=wrong * lq_point.lam_g + 1, lam_x=0.5 + 0 * lq_point.lam_x
+    )
+    free = np.isinf(point.limits.lbx) & np.isinf(point.limits.ubx)
+    point = replace(point, lam_x=np.where(free, 0.0, point.lam_x))
+    assert free.all()
+    derivatives = point.program.derivatives
+    gradient = np.array(derivatives["grad_f"](point.w, point.q)[1]).ravel()
+    pull = np.array(derivatives["jac_g"](point.w, point.q)[1]).T @ point.lam_g
+    size = max(1.0, float((np.abs(gradient) + np.abs(pull)).max()))
+    expected = np.abs(gradient + pull).max() / size
+    assert expected > 1e-3
+    assert stationarity(point) == pytest.approx(expected, rel=1e-6)
+    assert not is_stationary(point)
 
 
 def test_whatever_is_changed_at_the_optimum_makes_it_not_stationary(
@@ -320,6 +348,14 @@ def test_what_is_active_holds_a_cost_that_falls_everywhere(
     reduced = least_curvature(point)
     assert curvature(point) is expected
     assert reduced > 0 if expected is Curvature.POSITIVE else reduced < 0
+
+
+def test_an_equality_holds_whatever_its_multiplier() -> None:
+    """-u^2 falls, but one interval has to end at 0: no pull is needed for that."""
+    problem = scalar(-(U**2), 0, terminal=[X], intervals=1)
+    point = point_at(problem, np.zeros((1, 1)), [0.0])
+    assert not point.lam_g.any()
+    assert curvature(point) is Curvature.POSITIVE
 
 
 def test_state_at_its_bound_is_held() -> None:

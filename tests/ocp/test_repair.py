@@ -191,6 +191,21 @@ def test_margin_begins_where_the_checks_are() -> None:
     assert wanted.amount == pytest.approx(0.3 + 0.2)
 
 
+@pytest.mark.parametrize("times", [1, 2])
+@pytest.mark.parametrize("nearest", [1.0, 2.0, 4.0])
+def test_slack_is_that_at_the_checks_the_start_left_out(
+    nearest: float, times: int
+) -> None:
+    """|x - nearest| is least, 0, at one check; at the start it would be less."""
+    near = PathConstraint(
+        expression=ca.if_else(X[0] < 0.25, -1, ca.fabs(X[0] - nearest)), lower=0
+    )
+    problem = moving(near)
+    answer = evaluated(problem, [0.0] * 4)
+    slack = slack_at_checks(problem, answer, [0, 0], NOTHING, times)
+    assert slack[0, 0] == pytest.approx(0, abs=1e-12)
+
+
 def test_margins_fall_with_the_square_of_the_distance_of_checks() -> None:
     first, other = excess(0, 0.1), excess(1, 0.4)
     before = added({}, [first], {}, 1.0)
@@ -313,7 +328,7 @@ def test_later_attempts_look_more_often_on_the_same_steps_if_these_can_be_shared
 
 
 def test_chord_of_points_that_move_by_signals_is_cut_where_it_is() -> None:
-    """A thing that passes at 1 m/s, from ahead by 3 m: in the third second it meets."""
+    """A thing that comes at 1 m/s and sinks: in the third second it is met."""
     at = ca.SX.sym("at", 2)
     apart = Separation(relative=X - at, distance=0.75, along="segments")
     problem = moving(
@@ -324,14 +339,14 @@ def test_chord_of_points_that_move_by_signals_is_cut_where_it_is() -> None:
         bounds=Bounds(controls=(-1, 1)),
     )
     t = problem.times
-    known = Known(signals=np.stack([5.5 - t, 0 * t + 0.5]))
+    known = Known(signals=np.stack([5.5 - t, 0.5 + 0.2 * (2.75 - t)]))
     planner = Planner(problem, search=None, backend="casadi")
     plan = planner.evaluated(np.zeros((1, 4)), [0, 0], known=known, source=Source.GUESS)
     solution = verified(problem, plan, [0, 0], known)
     asked = needed(problem, solution, [0, 0], known)
     (found,) = (e for e in asked if e.name.startswith("the chord of"))
-    # Relative: (2 t - 5.5, -0.5); the chord from 2.5 to 3 s passes 0.5 m away.
-    assert found.amount == pytest.approx(0.75 - 0.5)
+    # Relative: through (0, -0.5) at 2.75 s along (2, 0.2), within the last half second.
+    assert found.amount == pytest.approx(0.75 - 0.5 / np.hypot(1, 0.1))
     assert (found.time, found.constraint, found.row, found.above) == (3.0, 1, 0, False)
     assert found.scale == 0.75
 
