@@ -33,6 +33,7 @@ from swarmstart.terminal_set.drift import (
     Drift,
     ReferenceMotion,
     bearable_drift,
+    linear_decrease,
 )
 
 Array = NDArray[np.float64]
@@ -201,6 +202,33 @@ def test_states_that_may_move_along_are_left_out(
     motion = ReferenceMotion(formation, leader)
     assert motion.entries == () and not motion.bound.any()
     assert not motion.over_hold(1.0, 2).any()
+
+
+def test_states_that_drive_nothing_may_move_whatever_the_inputs_drive() -> None:
+    """x' = (1e-3, -y + v) with inputs (v, w): y alone must rest, and does."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 2)
+    f = ca.Function("f", [x, u], [ca.vertcat(1e-3 + 0 * u[1], -x[1] + u[0])])
+    reference = Reference(
+        x_ref=np.zeros(2), u_ref=np.zeros(2), u_lower=-np.ones(2), u_upper=np.ones(2)
+    )
+    motion = ReferenceMotion(f, reference)
+    assert motion.entries == () and not motion.bound.any()
+    swapped = ca.Function("f", [x, u], [ca.vertcat(-x[0] + u[1], 1e-3 + x[0])])
+    assert ReferenceMotion(swapped, reference).entries == ()
+    driven = ca.Function("f", [x, u], [ca.vertcat(-x[1] + u[0], 1e-3 + 0 * x[0])])
+    assert ReferenceMotion(driven, reference).entries == (1,)
+
+
+def test_linear_decrease_is_that_at_the_centre() -> None:
+    """e' = -(1, 3) e + e^2: V falls by 2 of itself there, by less away from it."""
+    e = ca.SX.sym("e", 2)
+    motion = ca.Function("motion", [e], [ca.vertcat(-e[0], -3 * e[1]) + e**2])
+    for P in (np.eye(2), np.diag([4.0, 9.0])):
+        change = Change(motion=motion, P=P, Q_m=np.zeros((2, 2)), is_held=False)
+        assert linear_decrease(change) == pytest.approx(2.0, rel=1e-12)
+    rising = ca.Function("motion", [e], [e - e**2])
+    change = Change(motion=rising, P=np.eye(2), Q_m=np.zeros((2, 2)), is_held=False)
+    assert linear_decrease(change) == 0
 
 
 def linear_change(rates: Array, P: Array) -> Change:

@@ -15,6 +15,7 @@ from swarmstart.terminal_set import (
 )
 from swarmstart.terminal_set.held_motion import HeldMotion
 from swarmstart.terminal_set.hold_margins import (
+    GROWTH_RESERVE,
     HoldBounds,
     ProvableHold,
     provable_hold,
@@ -72,6 +73,39 @@ def test_bounds_of_states_leave_room_for_growth_error_and_drift() -> None:
     c = found.margins.integrator_error + 1e-3
     assert found.top < 15.0 / 1.05
     assert found.top * (found.margins.growth**0.5 + c) ** 2 <= 15.0
+
+
+def test_stated_growth_is_more_than_any_hold_shows_and_roomy_where_it_can_be() -> None:
+    """A mass brought to rest in two holds: it goes furthest in between.
+
+    V = e'Q e + (A e)'Q A e falls by e'Q e in each, since A^2 = 0.
+    """
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [ca.vertcat(x[1], u)])
+    K, A = np.array([[1.0, 1.5]]), np.array([[0.5, 0.25], [-1.0, -0.5]])
+    Q = np.diag([1.0, 0.01])
+    law = TerminalSet(
+        K=K, P=Q + A.T @ Q @ A, alpha=1.0, x_ref=np.zeros(2), u_ref=np.zeros(1),
+        dt=None, design="own",
+    )  # fmt: skip
+    motion, rng = HeldMotion(f, law, dt=1.0, substeps=2), np.random.default_rng(0)
+
+    def stated(states: float) -> ProvableHold:
+        bounds = HoldBounds(inputs=1.0, states=states, drift=0.0)
+        return provable_hold(motion, np.zeros((2, 2)), bounds, rng=rng, until=np.inf)
+
+    root = np.linalg.inv(np.linalg.cholesky(law.P)).T
+    angle = np.linspace(0, 2 * np.pi, 2001)
+    e = root @ np.stack([np.cos(angle), np.sin(angle)])
+    most, force = 1.0, -law.K @ e
+    for t in np.linspace(0, 1, 101):
+        moved = np.vstack([e[0] + t * e[1] + t**2 / 2 * force[0], e[1] + t * force[0]])
+        most = max(most, float(np.einsum("im,ij,jm->m", moved, law.P, moved).max()))
+    assert most > 1.2
+    roomy = stated(np.inf).margins.growth
+    assert roomy == pytest.approx(2 * GROWTH_RESERVE * most, rel=1e-3)
+    tight = stated(1.0).margins.growth
+    assert tight == pytest.approx(GROWTH_RESERVE * most, rel=1e-3)
 
 
 def test_a_growth_is_proven_or_is_said_not_to_be(hold: ProvableHold) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 flint = pytest.importorskip("flint")
 
@@ -231,6 +232,28 @@ def test_counterexample_is_a_state_of_the_set_where_v_does_not_fall() -> None:
     assert change(chen_field, certificate, e) >= 0
     assert e @ np.array(certificate.P) @ e <= 3.0
     assert outcome.boxes > 0 and outcome.remark == ""
+
+
+@pytest.mark.parametrize("over", [1e-6, 1e-3])
+def test_counterexample_is_told_however_little_v_rises(over: float) -> None:
+    """Near where q changes its sign, on a ray from the centre, within the set."""
+    certificate = as_read(chen(alpha=3.0, refuted=None))
+    search = Search(decrease_statement(certificate), NEVER)
+    outcome = search.run()
+    assert outcome.counterexample is not None
+    e, P = np.array(outcome.counterexample), np.array(certificate.P)
+
+    def rises(part: float) -> float:
+        return float(change(chen_field, certificate, part * e)) / (part**2 * e @ P @ e)
+
+    edge = brentq(lambda part: rises(part) - over, 0.1, 1.0)
+    T = np.array(search.statement.T)
+    w = np.linalg.solve(T, e)
+    rho, w = edge * np.linalg.norm(w), w / np.abs(w).max()
+    box = ((0.0, 0.0), (rho, rho * (1 + 1e-12)), *((one, one) for one in w.tolist()))
+    found = search.judge(box)
+    assert isinstance(found, Outcome) and found.counterexample is not None
+    np.testing.assert_allclose(found.counterexample, edge * e, rtol=1e-6)
 
 
 def test_search_begins_with_all_faces_of_the_cube_and_the_whole_radius() -> None:

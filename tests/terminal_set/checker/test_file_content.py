@@ -40,6 +40,15 @@ def test_what_is_no_regular_file_is_refused_without_waiting(
         read_content(make(tmp_path / "certificate.json"))
 
 
+def test_files_are_read_where_no_opening_waits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(os, "O_NONBLOCK")
+    file = tmp_path / "certificate.json"
+    file.write_text(json.dumps(chen()))
+    assert read_content(file) == chen()
+
+
 @pytest.mark.parametrize("more", [0, 1])
 def test_a_file_may_have_ten_megabytes_and_no_byte_more(
     more: int, tmp_path: Path

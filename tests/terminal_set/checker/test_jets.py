@@ -104,6 +104,24 @@ def test_coefficients_are_those_of_the_series(name: str, sign: int) -> None:
         assert near(found.slope(k), mp.diff(exact, (0, 0), order))
 
 
+@pytest.mark.parametrize("missing", [{1}, {2}, {3}, {1, 2}, {3, 4}, {2, 3, 4}])
+@pytest.mark.parametrize("name", EXACT)
+def test_missing_coefficients_are_zeros(name: str, missing: set[int]) -> None:
+    given = [jet(RAY_AND_TIME, c) for c in AT[: 2 if name in TWO else 1]]
+    kept = [list(one.coefficients) for one in given]
+    for others in ([], kept[1:]):  # One sparse, or all.
+        sparse, zeros = ([list(c) for c in kept] for _ in range(2))
+        for k in missing:
+            for number in range(1 + len(others)):
+                sparse[number][k], zeros[number][k] = None, arb(0)
+        found, expected = (
+            OPERATIONS[name](*(Jet(RAY_AND_TIME, c) for c in of))
+            for of in (sparse, zeros)
+        )
+        for k in range(RAY_AND_TIME.monomials + 1):
+            assert near(found.slope(k), expected.slope(k).mid()), k
+
+
 @pytest.mark.parametrize("exponent", [-4, -3, -2, -1, 0, 1, 2, 3, 4, 7, 0.5, -1.5, 2.5])
 @pytest.mark.parametrize("base", [0.75, 1.5, -1.25])
 def test_powers_with_constant_exponents(base: float, exponent: float) -> None:
