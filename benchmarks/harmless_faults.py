@@ -12,6 +12,8 @@ EMPTY = "both are empty, or zeros of the same shape"
 AT_ZERO = "at 0 the square of the end is 0 as well"
 DIRECTION = "only the direction of w counts"
 
+MIDDLE = "a middle is as far from both ends, but for its own rounding"
+
 _ANY: dict[str, dict[str, tuple[str, ...]]] = {
     EFFORT: {
         "terminal_set/checker/coordinates.py": ("_SWEEPS = 60",),
@@ -37,6 +39,12 @@ _ANY: dict[str, dict[str, tuple[str, ...]]] = {
             "condition = c(ca.DM(T) @ (rho * u)) / rho**2",
             "lbx=np.concatenate([[1e-6 * radius], np.full(nx, -1.0)]),",
         ),
+        "terminal_set/flow_error.py": (
+            "PIECES = 8",
+            "POINTS = 64",
+            "rho = self._radius * np.linspace(0.5, 1.0, POINTS)",
+            "if (_lengths(own_wide / mean, 0 * q) > reached / 10).any():",
+        ),
     },
     TEXT: {
         "ocp/path.py": ("_SHOWN = 5",),
@@ -55,6 +63,14 @@ _ANY: dict[str, dict[str, tuple[str, ...]]] = {
             "_SHORTEST_SEGMENT = 1e-24",
             "shortest = _SHORTEST_SEGMENT * self.distance**2",
         ),
+    },
+    "a figure, drawn with more or fewer points": {
+        "terminal_set/ellipsoid.py": (
+            "def shadow(self, i: int, j: int, *, count: int = 201) -> FloatArray:",
+        ),
+    },
+    "any number but 0 would do": {
+        "terminal_set/smoothness.py": ("NEIGHBOURHOOD = 1e-150",),
     },
     "any large weight: the form is only smaller than on the tangent space": {
         "ocp/optimality.py": ("_HELD = 1e7",),
@@ -77,6 +93,11 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
                     ("1.4", "0.35"),
                 ),
                 (
+                    "if self.proves(FIRST_SHARE * self._unproven, 0.7):",
+                    "FIRST_SHARE *",
+                    ("FIRST_SHARE /",),
+                ),
+                (
                     "if self.proves(share * self._unproven, 0.5):",
                     "0.5",
                     ("1.0", "0.25"),
@@ -85,8 +106,78 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
             for other in others
         ),
     },
+    "a wider bound, and still one": {
+        "terminal_set/flow_error.py": (
+            (
+                "return slopes((low + high) / 2, (high - low) / 2)",
+                "return slopes((low + high) / 2, (high - low) * 2)",
+            ),
+        ),
+        "terminal_set/drift.py": (("ROUNDING = 1 + 1e-9", "ROUNDING = 1 + 2e-09"),),
+    },
+    "refused all the same, in other words": {
+        "terminal_set/checker/certificate_file.py": tuple(
+            (line, line.replace("10**9", other))
+            for line in ('if _integer(content["version"], "version", 0, 10**9) != 1:',)
+            for other in ("10**18", "20**9")
+        ),
+    },
+    "the same number once more, computed from itself": {
+        "terminal_set/checker/coordinates.py": (
+            ("for i in range(j + 1, n):", "for i in range(j + 0, n):"),
+        ),
+    },
+    MIDDLE: {
+        "terminal_set/checker/decrease.py": (
+            (
+                "reach = (arb(high) - arb(c)).max(arb(c) - arb(low))",
+                "reach = (arb(high) - arb(c)).max(arb(c) + arb(low))",
+            ),
+        ),
+    },
+    "no cell holds the origin: where w is 0, another entry is 1 or -1": {
+        "terminal_set/cells.py": (
+            ("outwards = sign * w >= 0", "outwards = sign * w > 0"),
+        ),
+    },
+    "only as many entries are read as there are states": {
+        "ocp/checking.py": (
+            (
+                "found = self._path.worst(excess, above, np.zeros(1), sizes())",
+                "found = self._path.worst(excess, above, np.zeros(2), sizes())",
+            ),
+        ),
+    },
+    "less than one more, which is cut off": {
+        "ocp/repair.py": (
+            (
+                "columns = np.linspace(0, path.times.size - 1, checks + 1)"
+                ".astype(int)[1:]",
+                "columns = np.linspace(1, path.times.size - 1, checks + 1)"
+                ".astype(int)[1:]",
+            ),
+        ),
+    },
+    "NumPy takes any negative number for the size that is to be found": {
+        "terminal_set/taylor.py": (
+            (
+                "turned = (tensor.reshape(-1, len(T)) @ T).reshape(tensor.shape)",
+                "turned = (tensor.reshape(-2, len(T)) @ T).reshape(tensor.shape)",
+            ),
+        ),
+    },
     EQUAL: {
+        "terminal_set/checker/falsification.py": (
+            (
+                "largest = grown if not grown <= largest else largest  # NaN is kept.",
+                "largest = grown if not grown < largest else largest  # NaN is kept.",
+            ),
+        ),
         "terminal_set/level_search.py": (
+            (
+                "return clock.perf_counter() > self._until",
+                "return clock.perf_counter() >= self._until",
+            ),
             (
                 "if change >= 0 and alpha <= self._alpha_max:",
                 "if change >= 0 and alpha < self._alpha_max:",
@@ -162,6 +253,12 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
                 "weight=arb(certificate.growth or 1.0),",
             )
             for other in ("or 0.0", "or 2.0")
+        ),
+        "terminal_set/checker/falsification.py": (
+            (
+                "growth, dt = certificate.growth or 1.0, certificate.dt or 0.0",
+                "growth, dt = certificate.growth or 1.0, certificate.dt or 1.0",
+            ),
         ),
     },
     DIRECTION: {

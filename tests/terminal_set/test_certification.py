@@ -91,6 +91,45 @@ def test_the_level_is_lowered_where_the_decrease_fails_first() -> None:
     assert found.certificate.held is None and found.dt is None
 
 
+def test_the_level_has_a_reserve_for_an_ill_conditioned_p() -> None:
+    """4 nx eps cond(P) of it: F P^-1 F' is computed with an error of that order."""
+    x, u = ca.SX.sym("x", 3), ca.SX.sym("u")
+    P, K = np.diag([1.0, 1e-4, 1e-10]), np.ones((1, 3))
+    law = TerminalSet(
+        K=K, P=P, alpha=1.0, x_ref=np.zeros(3), u_ref=np.zeros(1), dt=None,
+        design="own",
+    )  # fmt: skip
+    reference = bounded(np.zeros(3), np.ones(1))
+    found = certify(loop(-x + 0 * u, x, u), reference, law, dt=None, rng=rng())
+    level = 1 / (1 + 1e4 + 1e10)  # 1 / K P^-1 K'
+    reserve = 12 * np.finfo(float).eps * 1e10
+    assert reserve > 2e-5
+    assert 1 - found.alpha / level == pytest.approx(reserve, rel=1e-3)
+
+
+@pytest.mark.parametrize("within", [np.inf, 80.0])
+def test_a_held_set_tells_the_counterexample_that_is_known(within: float) -> None:
+    """Also where bounds of the states keep the set well below its level, 78.3."""
+    weights, f, dt = Weights(Q=np.eye(2), R=np.eye(1)), pendulum(), 0.1
+    free = bounded(np.zeros(2), np.array([1e3]))
+    design = sampled_terminal_set(f, free, dt=dt, Q=weights.Q, R=weights.R)
+    furthest = np.sqrt(within * np.linalg.inv(design.P)[0, 0])
+    reference = replace(free, x_upper=np.array([furthest, np.inf]))
+    found = certified_terminal_set(
+        f, reference, weights, dt=dt, options=MEASURED, rng=rng()
+    )
+    certificate = found.certificate
+    assert certificate is not None and certificate.held is not None
+    refutation, c = certificate.refutation, certificate.held.integrator_error
+    assert refutation is not None and 78 < refutation.alpha < 79
+    assert (0.98 * refutation.alpha < found.alpha) == np.isinf(within)
+    e, V = refutation.e, float(found.value(refutation.e))
+    step = ca.simpleRK(f, MEASURED.substeps, 4)
+    moved = np.array(step(e, found.u_ref - found.K @ e, dt)).ravel()
+    assert float(found.value(moved)) - V + (2 * c + c**2) * V >= -1e-9 * V
+    assert refutation.alpha == pytest.approx(V, rel=1e-9)
+
+
 def test_states_keep_their_bounds_between_the_samples_too(
     formation: ca.Function, leader: Reference
 ) -> None:

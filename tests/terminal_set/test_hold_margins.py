@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -11,10 +13,16 @@ from swarmstart.terminal_set import (
     Reference,
     TerminalSet,
     UnprovenSetError,
+    hold_margins,
     sampled_terminal_set,
 )
+from swarmstart.terminal_set.decrease import held_change
+from swarmstart.terminal_set.drift import linear_decrease
+from swarmstart.terminal_set.flow_error import FlowError
 from swarmstart.terminal_set.held_motion import HeldMotion
 from swarmstart.terminal_set.hold_margins import (
+    AFFORDABLE,
+    CLOSE,
     GROWTH_RESERVE,
     HoldBounds,
     ProvableHold,
@@ -35,12 +43,16 @@ def pendulum() -> tuple[ca.Function, TerminalSet]:
 
 
 def held(
-    bounds: HoldBounds, Q_m: float = 0.0, dt: float = DT, substeps: int = 1
+    bounds: HoldBounds,
+    Q_m: float = 0.0,
+    dt: float = DT,
+    substeps: int = 1,
+    until: float = np.inf,
 ) -> ProvableHold:
     f, law = pendulum()
     motion = HeldMotion(f, law, dt=dt, substeps=substeps)
     rng = np.random.default_rng(0)
-    return provable_hold(motion, Q_m * np.eye(2), bounds, rng=rng, until=np.inf)
+    return provable_hold(motion, Q_m * np.eye(2), bounds, rng=rng, until=until)
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +131,25 @@ def test_a_level_is_lowered_until_its_error_is_affordable() -> None:
     found = held(HoldBounds(inputs=1e6, states=np.inf, drift=0.0))
     assert found.refutation is not None
     assert found.top <= found.refutation.alpha < 100
+
+
+@pytest.mark.parametrize("edge", [0.9, 3.0, 7.0, 19.0, 21.0])
+def test_the_level_is_the_largest_whose_error_leaves_half_of_the_decrease(
+    edge: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With an error that rises with the level, half of the decrease at `edge`."""
+    f, law = pendulum()
+    motion = HeldMotion(f, law, dt=DT, substeps=1)
+    decrease = linear_decrease(held_change(motion.step, law, Q_m=np.zeros((2, 2))))
+    most = np.sqrt(1 + AFFORDABLE * decrease) - 1  # 2 c + c^2 is half the decrease.
+
+    def rising(residual: object, alpha: float, **_: object) -> FlowError:
+        return FlowError(relative=most * (alpha / edge) ** 3, boxes=1)
+
+    monkeypatch.setattr(hold_margins, "prove_flow_error", rising)
+    bounds = HoldBounds(inputs=20.0, states=np.inf, drift=0.0)
+    top = held(bounds, until=time.perf_counter() + 5).top
+    assert min(edge, 20.0) / CLOSE <= top <= min(edge, 20.0)
 
 
 def test_a_margin_beyond_the_decrease_is_refused() -> None:

@@ -91,6 +91,15 @@ def test_values_and_derivatives_are_in_their_intervals(name: str) -> None:
                 assert bottom[entry, k] - slack <= slope <= top[entry, k] + slack
 
 
+def test_turned_arguments_alone_are_no_tie() -> None:
+    """atan2(x, y) + atan2(y, x) is pi / 2 in the first quadrant, not 0 to 1."""
+    x = ca.SX.sym("x", 2)
+    total = ca.atan2(x[0], x[1]) + ca.atan2(x[1], x[0])
+    evaluate = interval_function(ca.Function("f", [x], [total]))
+    low, high = evaluate(np.array([[0.3], [0.6]]), np.array([[0.3], [0.6]]))
+    assert low[0, 0] <= np.pi / 2 <= high[0, 0] <= low[0, 0] + 1e-12
+
+
 @pytest.mark.parametrize("name", KINKS)
 def test_slopes_of_a_kink_hold_those_of_both_sides(name: str) -> None:
     """And c(x) - c(m) is one of them times x - m, for any x and m of the box."""

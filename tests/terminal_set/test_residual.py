@@ -107,6 +107,32 @@ def test_coordinates_are_those_of_the_ellipsoid(formation: ca.Function) -> None:
         assert np.all((start.lower <= xu) & (xu <= start.upper))
 
 
+@pytest.mark.parametrize("number", [0, 1, 2, 3])
+def test_a_later_step_begins_where_the_map_is_and_with_its_slopes(
+    formation: ca.Function, number: int
+) -> None:
+    """Of x and u along e, by differences of the classical Runge-Kutta map."""
+    rng, h = np.random.default_rng(1), 0.05
+    own = law(rng.normal(size=(2, 4)), np.eye(4), np.array([15.0, 0.2, 1, 2]))
+    residual = Residual(formation, own, dt=4 * h, substeps=4)
+    map_of = ca.simpleRK(formation, 1, 4)
+
+    def after(e: Array) -> Array:
+        x, u = own.x_ref + e, own.u_ref - own.K @ e
+        for _ in range(number):
+            x = np.array(map_of(x, u, h)).ravel()
+        return np.concatenate([x, u])
+
+    z = 0.1 * rng.normal(size=(4, 1))
+    e, d = (residual.T @ z).ravel(), 1e-5
+    start = residual.start(number, z, 0 * z)
+    np.testing.assert_allclose(start.lower[:, 0], after(e), atol=1e-12)
+    np.testing.assert_allclose(start.upper[:, 0], after(e), atol=1e-12)
+    near = [(after(e + w) - after(e - w)) / (2 * d) for w in d * np.eye(4)]
+    np.testing.assert_allclose(start.slopes[0][0], np.transpose(near), atol=1e-7)
+    assert start.slopes[1].shape == (1, 6, 4) and start.slopes[1].max() < 1e-10
+
+
 @pytest.mark.parametrize("name", ["fabs", "fmax"])
 def test_nothing_is_said_of_a_box_with_a_kink(name: str) -> None:
     x, u = ca.SX.sym("x"), ca.SX.sym("u")

@@ -244,7 +244,8 @@ def test_counterexample_is_told_however_little_v_rises(over: float) -> None:
     e, P = np.array(outcome.counterexample), np.array(certificate.P)
 
     def rises(part: float) -> float:
-        return float(change(chen_field, certificate, part * e)) / (part**2 * e @ P @ e)
+        size = float(part**2 * e @ P @ e)
+        return float(change(chen_field, certificate, part * e)) / size
 
     edge = brentq(lambda part: rises(part) - over, 0.1, 1.0)
     T = np.array(search.statement.T)
