@@ -254,3 +254,101 @@ def test_the_bound_of_a_cell_holds_at_all_its_points(
             )
             ratios.append((np.linalg.norm(value - own, axis=0) / box[0]).max())
         assert max(ratios) <= bound < 1e4 * max(ratios)
+
+
+class Affine:
+    """A residual r4 = value + slope z of one state, known to a radius each."""
+
+    nx, substeps, h, off = 1, 1, 0.1, 0.0
+
+    def __init__(
+        self, own: float, value: float, slope: float, radius: float, blur: float = 0.0
+    ) -> None:
+        self._own, self._value, self._blur = own, value, blur
+        self._slopes = np.full((1, 1, 1), slope), np.full((1, 1, 1), radius)
+
+    def start(self, number: int, middle: Array, reach: Array) -> Array:
+        return middle
+
+    def fourth(self, start: Array, times: tuple[float, float]) -> object:
+        r4 = np.where(start > 0, self._value, self._own)
+        return (r4, 0 * r4 + self._blur), self._slopes
+
+
+def bound_of(residual: Affine, low: float, high: float) -> float:
+    """Return the bound of |r4(z) - r4(0)| / z for low <= z <= high."""
+    search = ErrorSearch(residual, 1.0, np.inf)  # type: ignore[arg-type]
+    measure = search.relative_residual(Piece(step=0, times=(0.0, 0.1)))
+    with np.errstate(all="ignore"):
+        bounds, _, _ = measure(Cells(np.array([[low], [1.0]]), np.array([[high], [1]])))
+    return float(bounds[0])
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.3])
+@pytest.mark.parametrize("slope", [-1.0, 0.0, 2.0, 5.0])
+@pytest.mark.parametrize(("low", "high"), [(0.2, 1.0), (0.9, 1.0), (0.99, 1.0)])
+def test_between_the_ends_of_a_cell_slopes_bound_what_its_middle_does_not(
+    low: float, high: float, slope: float, radius: float
+) -> None:
+    """r4(z) = r4(0) + 2 m + (slope +- radius) (z - m), m the middle: at both ends."""
+    middle = (low + high) / 2
+    residual = Affine(own=7.0, value=7.0 + 2 * middle, slope=slope, radius=radius)
+    bound = bound_of(residual, low, high)
+    worst = max(
+        abs(2 * middle + (slope + side * radius) * (z - middle)) / z
+        for z in (low, high)
+        for side in (-1, 1)
+    )
+    assert worst <= bound
+    if slope + radius <= 2:  # At the lower end all of it has one sign.
+        assert bound == pytest.approx(worst, rel=1e-9)
+
+
+def test_rounding_of_values_that_nearly_cancel_is_allowed_for() -> None:
+    large, blur = 1e8, 1e-4  # Of both values; their rounding is less.
+    near = Affine(own=large, value=large + 1, slope=1.0, radius=0.0, blur=blur)
+    assert bound_of(near, 0.5, 1) >= (1 + 2 * blur + np.spacing(large)) / 0.75
+
+
+class Given(ErrorSearch):
+    """A search whose bounds on pieces of time are given; its tubes are noted."""
+
+    tubes: tuple[float, ...] = ()
+
+    def __init__(self, *given: object, speed: float, bend: float) -> None:
+        super().__init__(*given)  # type: ignore[arg-type]
+        self.speed, self.bend = speed, bend
+
+    def _residuals(self, speeds: object, enough: float, useless: float) -> list[float]:
+        return (
+            [1.0] * len(self._pieces) if self.bend == 0 else [0.0] * len(self._pieces)
+        )
+
+    def _fastest(self, piece: Piece, tube: float) -> float:
+        self.tubes = (*self.tubes, tube)
+        return self.speed
+
+    def _bend(self, piece: Piece, tube: float, drift: float, error: float) -> float:
+        return self.bend
+
+
+def test_the_error_stays_within_the_tube_whose_slopes_bound_it() -> None:
+    """Also where a sample of states shows nothing of how fast errors grow."""
+    f, law = pendulum()
+    residual = Residual(f, law, dt=0.1, substeps=1)
+    search = Given(residual, 4.0, np.inf, speed=60.0, bend=0.0)
+    error = search.error(1e-3, np.inf)
+    assert np.isfinite(error)
+    assert error * 2.0 < search.tubes[-1]
+    assert error * 2.0 > search.tubes[0]  # The first one was too thin.
+
+
+def test_the_error_of_the_reference_bends_those_of_all_states() -> None:
+    """With residuals of 0 and slopes that bend by 3: all of it is 3 d_0 over time."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [x**2 + 1 + 0 * u])
+    residual = Residual(f, own_law(1), dt=0.2, substeps=1)
+    search = Given(residual, 1e-6, np.inf, speed=0.0, bend=3.0)
+    step = float(ca.simpleRK(f, 1, 4)(0, 0, 0.2))
+    d_0 = abs(step - np.tan(0.2))
+    assert d_0 * 0.2 * 3 <= search.error(1e-3, np.inf) < 20 * d_0 * 0.2 * 3
