@@ -306,7 +306,7 @@ def test_between_the_ends_of_a_cell_slopes_bound_what_its_middle_does_not(
 
 def test_rounding_of_values_that_nearly_cancel_is_allowed_for() -> None:
     large, blur = 1e8, 1e-4  # Of both values; their rounding is less.
-    near = Affine(own=large, value=large + 1, slope=1.0, radius=0.0, blur=blur)
+    near = Affine(large, large + 1, slope=1 / 0.75, radius=0.0, blur=blur)
     assert bound_of(near, 0.5, 1) >= (1 + 2 * blur + np.spacing(large)) / 0.75
 
 
