@@ -60,7 +60,7 @@ FILES = {
 """What is drawn from: patterns of files, by what they make sound."""
 MORE_TESTS: Mapping[str, str] = {
     "ocp/constraints.py": "tests/ocp/test_problem.py",
-    "terminal_set/held_motion.py": "tests/terminal_set/test_certification.py",
+    "terminal_set/certification.py": "tests/terminal_set/test_drift.py",
     "terminal_set/checker/deadline.py": "tests/terminal_set/checker/test_motion.py",
     "terminal_set/checker/findings.py": "tests/terminal_set/test_check.py",
     "terminal_set/checker/statements.py": "tests/terminal_set/test_check.py",

@@ -21,10 +21,20 @@ _ANY: dict[str, dict[str, tuple[str, ...]]] = {
             "SAMPLES = 200",
             "REFINEMENT = 32  # Runge-Kutta steps of the flow a step of the map",
             "TIMES = 8  # instants within a hold",
+            "yield from _on_spheres(certificate, T, lambda _: 1 - 1e-12)",
         ),
         "terminal_set/checker/motion.py": (
             "_STEPS_A_LOOK = 256  # instructions between looks at the clock; "
             "well below 1 ms",
+        ),
+        "terminal_set/enclosure.py": (
+            "spread[0] = np.where(inner, np.where(quadratic < 0, np.inf, 0.0), "
+            "spread[0])",
+        ),
+        "terminal_set/held_motion.py": (
+            "SAMPLES = 500",
+            "RADII = (0.01, 0.3, 0.6, 0.8, 0.9, 1.0)",
+            "TIMES = 50",
         ),
         "terminal_set/interval_kernel.py": ("BLOCK = 256",),
         "terminal_set/proof.py": ("CHUNK = 8192",),
@@ -44,6 +54,11 @@ _ANY: dict[str, dict[str, tuple[str, ...]]] = {
             "POINTS = 64",
             "rho = self._radius * np.linspace(0.5, 1.0, POINTS)",
             "if (_lengths(own_wide / mean, 0 * q) > reached / 10).any():",
+            # How a cell is cut, and how sharp a bound has to be.
+            "start = residual.start(last.step, z, 0 * z)",
+            "change = np.linalg.norm(slopes(z + axis) - slopes(z - axis), axis=(1, 2))",
+            "return size, 0 * size, _widths(cells)",
+            "reached = np.fmin(reached, near)",
         ),
     },
     TEXT: {
@@ -122,6 +137,16 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
             for other in ("10**18", "20**9")
         ),
     },
+    "sweeps beyond the last that changes anything": {
+        "terminal_set/checker/coordinates.py": (
+            (
+                "rest = sum(a[i][j] ** 2 for i in range(n) for j in range(n) "
+                "if i != j)",
+                "rest = sum(a[i][j] ** 2 for i in range(n) for j in range(n) "
+                "if i == j)",
+            ),
+        ),
+    },
     "the same number once more, computed from itself": {
         "terminal_set/checker/coordinates.py": (
             ("for i in range(j + 1, n):", "for i in range(j + 0, n):"),
@@ -167,6 +192,20 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
         ),
     },
     EQUAL: {
+        "cases/verdicts.py": (("if p > LEVEL:", "if p >= LEVEL:"),),
+        "ocp/kinks.py": tuple(
+            ("crossed = ((low <= near) & (high >= -near)).any(axis=1)", after)
+            for after in (
+                "crossed = ((low < near) & (high >= -near)).any(axis=1)",
+                "crossed = ((low <= near) & (high > -near)).any(axis=1)",
+            )
+        ),
+        "ocp/optimality.py": (
+            (
+                "return stationarity(point) <= STATIONARY_WITHIN",
+                "return stationarity(point) < STATIONARY_WITHIN",
+            ),
+        ),
         "terminal_set/checker/falsification.py": (
             (
                 "largest = grown if not grown <= largest else largest  # NaN is kept.",

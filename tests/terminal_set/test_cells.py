@@ -74,6 +74,17 @@ def test_box_around_a_cell_is_the_smallest_but_for_rounding(seed: int, nx: int) 
     np.testing.assert_allclose(found.half, half, atol=1e-15)
 
 
+@settings(deadline=None, max_examples=10)
+@given(seed=seeds, nx=sizes)
+def test_directions_of_a_cell_are_the_cell_of_radius_one(seed: int, nx: int) -> None:
+    lower, upper = boxes(np.random.default_rng(seed), nx)
+    found = Cells(lower, upper).directions
+    lower[0] = upper[0] = 1.0
+    expected = Cells(lower, upper)
+    for name in ("z", "reach", "z_middle", "z_reach", "half"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
 def linear_bound(
     lower: Array, upper: Array, g: Array
 ) -> tuple[float, tuple[float, Array]]:

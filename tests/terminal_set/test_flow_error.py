@@ -310,6 +310,37 @@ def test_rounding_of_values_that_nearly_cancel_is_allowed_for() -> None:
     assert bound_of(near, 0.5, 1) >= (1 + 2 * blur + np.spacing(large)) / 0.75
 
 
+class Cubic:
+    """r4 = r4(0) + z^3 of one state, its values known badly, its slopes well."""
+
+    nx, substeps, h, off = 1, 1, 0.1, 0.0
+
+    def start(self, number: int, middle: Array, reach: Array) -> tuple[Array, Array]:
+        return middle - reach, middle + reach
+
+    def fourth(self, start: tuple[Array, Array], times: tuple[float, float]) -> object:
+        low, high = start
+        least = np.where((low < 0) & (high > 0), 0.0, 3 * np.minimum(low**2, high**2))
+        most = 3 * np.maximum(low**2, high**2)
+        value = ((low + high) / 2) ** 3, np.full_like(low, 1e6)
+        return value, tuple(
+            part.T[:, :, None] for part in ((least + most) / 2, (most - least) / 2)
+        )
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("low", "high"), [(0.0, 0.5), (0.5, 1.0), (0.9, 0.91)])
+def test_slopes_from_the_centre_on_bound_where_values_do_not(
+    low: float, high: float, side: float
+) -> None:
+    search = ErrorSearch(Cubic(), 1.0, np.inf)  # type: ignore[arg-type]
+    measure = search.relative_residual(Piece(step=0, times=(0.0, 0.1)))
+    cells = Cells(np.array([[low], [side]]), np.array([[high], [side]]))
+    with np.errstate(all="ignore"):
+        (bound,), _, _ = measure(cells)
+    assert high**2 <= bound <= 3 * high**2 * (1 + 1e-9)
+
+
 class Given(ErrorSearch):
     """A search whose bounds on pieces of time are given; its tubes are noted."""
 
@@ -341,6 +372,16 @@ def test_the_error_stays_within_the_tube_whose_slopes_bound_it() -> None:
     assert np.isfinite(error)
     assert error * 2.0 < search.tubes[-1]
     assert error * 2.0 > search.tubes[0]  # The first one was too thin.
+
+
+def test_coordinates_that_are_rounded_make_the_error_larger() -> None:
+    f, law = pendulum()
+    residual = Residual(f, law, dt=0.1, substeps=1)
+    search = Given(residual, 4.0, np.inf, speed=0.0, bend=0.0)
+    residual.off = 0.0
+    exact = search.error(1e-3, np.inf)
+    residual.off = 0.01
+    assert search.error(1e-3, np.inf) >= exact * (1 + 2 * 0.01)
 
 
 def test_the_error_of_the_reference_bends_those_of_all_states() -> None:

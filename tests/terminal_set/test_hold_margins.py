@@ -173,18 +173,3 @@ def test_steps_that_are_too_coarse_are_named() -> None:
     motion = HeldMotion(f, law, dt=2.5, substeps=4)
     found = provable_hold(motion, np.zeros((1, 1)), bounds, rng=rng, until=np.inf)
     assert found.top == 1.0
-
-
-def test_the_curve_of_a_hold_goes_on_where_its_steps_end() -> None:
-    f, law = pendulum()
-    motion = HeldMotion(f, law, dt=DT, substeps=3)
-    x = np.array([0.7, -0.4])
-    u, e = -law.K @ x, x
-    for number, one in enumerate(motion.holds):
-        assert one.dt == pytest.approx(DT / 3)
-        np.testing.assert_allclose(np.array(one.motion(x, 0.0)).ravel(), e, rtol=1e-14)
-        e = np.array(ca.simpleRK(f, 1, 4)(e, u, DT / 3)).ravel()
-        np.testing.assert_allclose(
-            np.array(one.motion(x, one.dt)).ravel(), e, rtol=1e-12, err_msg=str(number)
-        )
-    np.testing.assert_allclose(np.array(motion.step(x, u)).ravel(), e, rtol=1e-12)

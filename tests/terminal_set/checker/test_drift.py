@@ -18,10 +18,13 @@ from swarmstart.tests.terminal_set.checker.certificates_by_hand import (
     scalar,
     signed,
 )
+from swarmstart.tests.terminal_set.checker.systems import as_read
 
 pytest.importorskip("flint")
 
-from swarmstart.terminal_set.checker.drift import check_drift
+from flint import arb
+
+from swarmstart.terminal_set.checker.drift import _norm, check_drift
 
 Check = Callable[..., tuple[int, str]]
 
@@ -160,6 +163,14 @@ def test_the_drift_is_part_of_the_decrease(check: Check) -> None:
         assert check(scalar(core=core(0.0, drift)))[0] == expected
     for drift, expected in ((0.276, 0), (0.277, 3)):
         assert check(scalar(dt=0.5, core=core(0.0, drift)))[0] == expected
+
+
+@pytest.mark.parametrize("beside", [3.0, -3.0])
+def test_a_motion_is_as_large_as_its_worst_signs_make_it(beside: float) -> None:
+    certificate = dataclasses.replace(as_read(chen()), P=((4.0, beside), (beside, 9.0)))
+    most = math.sqrt(4 * 0.5**2 + 2 * 3 * 0.5 * 0.25 + 9 * 0.25**2)
+    found = float(_norm(certificate, [arb(0.5), arb(0.25)]))
+    assert found == pytest.approx(most, rel=1e-6) and found >= most
 
 
 def test_chen_is_an_exact_equilibrium(check: Check) -> None:

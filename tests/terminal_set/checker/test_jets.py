@@ -212,6 +212,11 @@ def test_modulus_over_its_kink_has_every_slope_between_and_no_second() -> None:
         near = OPERATIONS["fabs"](Jet(RAY, [balls(low, high), arb(1), arb(0)]))
         assert ends(near.value) == pytest.approx([0, max(-low, high)], abs=1e-6)
         assert ends(near.slope(1)) == pytest.approx([-1, 1])
+    (value, slope, second) = OPERATIONS["fabs"](
+        Jet(RAY, [arb(0), arb(1), arb(0)])
+    ).coefficients
+    assert value is not None and slope is not None and second is not None
+    assert ends(slope) == pytest.approx([-1, 1]) and not second.is_finite()
     slopes = Algebra(monomials=1)
     gradient = OPERATIONS["fabs"](slopes.variable(balls(-1.0, 2.0), {1: arb(3)}))
     assert ends(gradient.slope(1)) == pytest.approx([-3, 3])
