@@ -114,6 +114,11 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
                 ),
                 (
                     "if self.proves(share * self._unproven, 0.5):",
+                    "share *",
+                    ("share /",),
+                ),
+                (
+                    "if self.proves(share * self._unproven, 0.5):",
                     "0.5",
                     ("1.0", "0.25"),
                 ),

@@ -84,6 +84,16 @@ def test_a_flow_that_does_not_shrink_is_not_blamed_on_the_substeps() -> None:
     require_enough_substeps(-A, B, law, dt=1.0, substeps=1)
 
 
+def test_a_hold_beyond_all_numbers_in_one_entry_is_not_blamed_on_the_substeps() -> None:
+    law = TerminalSet(
+        K=np.array([[1e200, 0.0]]), P=np.eye(2), alpha=1.0, x_ref=np.zeros(2),
+        u_ref=np.zeros(1), dt=None, design="own",
+    )  # fmt: skip
+    B = np.array([[1e200], [0.0]])
+    with np.errstate(over="ignore", invalid="ignore"):
+        require_enough_substeps(-np.eye(2), B, law, dt=1.0, substeps=1)
+
+
 def test_a_gain_that_does_not_survive_its_hold_is_refused_with_the_longest() -> None:
     """x' = x + u, u = -k x held: Ad - Bd k = exp(dt) (1 - k) + k, -1 at the longest."""
     A, B = np.eye(1), np.eye(1)

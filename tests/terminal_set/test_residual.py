@@ -11,6 +11,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from swarmstart.terminal_set import TerminalSet
+from swarmstart.terminal_set import residual as residual_module
 from swarmstart.terminal_set.residual import Residual
 
 Array = NDArray[np.float64]
@@ -105,6 +106,22 @@ def test_coordinates_are_those_of_the_ellipsoid(formation: ca.Function) -> None:
         e = residual.T @ moved
         xu = np.vstack([own.x_ref[:, None] + e, own.feedback(e)])
         assert np.all((start.lower <= xu) & (xu <= start.upper))
+
+
+@pytest.mark.parametrize("reach", [0.0, 2.0])
+def test_rounding_of_the_start_is_that_of_all_that_is_added(
+    reach: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Made visible: a quarter of |x_ref|, of |e| and of the width of its box."""
+    monkeypatch.setattr(residual_module, "ULPS", 0.25)
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [-x + u])
+    own = law(np.array([[GAIN]]), np.eye(1), np.array([3.0]))
+    z = np.array([[5.0]])
+    start = Residual(f, own, dt=0.1, substeps=1).start(0, z, np.full((1, 1), reach))
+    half = (start.upper - start.lower)[:, 0] / 2
+    assert half[0] == pytest.approx(reach + 0.25 * (3 + 5 + reach), rel=1e-9)
+    assert half[1] == pytest.approx(GAIN * (reach + 0.25 * (5 + reach)), rel=1e-9)
 
 
 @pytest.mark.parametrize("number", [0, 1, 2, 3])

@@ -42,6 +42,17 @@ def test_an_oscillation_no_input_reaches_is_named_with_both_its_modes() -> None:
     assert e.value.directions.shape == (3, 2)
 
 
+@pytest.mark.parametrize("rate", [0.5, 2.0])
+def test_a_mode_is_named_with_its_direction_of_length_one(rate: float) -> None:
+    """e' = rate e along (3, 4) / 5, which only the decay across is reached beside."""
+    along, across = np.array([0.6, 0.8]), np.array([0.8, -0.6])
+    A = rate * np.outer(along, along) - np.outer(across, across)
+    with pytest.raises(NotStabilisableError, match=r"along \(0\.6, 0\.8\)"):
+        require_stabilisable(A, across[:, None], CONTINUOUS)
+    with pytest.raises(NotStabilisableError, match=r"along \(0\.6, 0\.8\)"):
+        require_stabilisable(A.T, -across[:, None], CONTINUOUS)
+
+
 def test_the_unit_of_an_input_does_not_matter(matrices: Matrices) -> None:
     A, B = matrices
     require_stabilisable(A, B * [1e-12, 1e12], CONTINUOUS)
