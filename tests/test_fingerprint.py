@@ -2,8 +2,6 @@
 
 import collections
 import importlib.util
-import os
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-import swarmstart.ocp
 from swarmstart.fingerprint import UnknownValueError, fingerprint, sources
 from swarmstart.kernel import ieee_kernel, kernel
+from swarmstart.tests.processes import python
 
 CALLEE = """
 def inner(x):
@@ -166,22 +164,11 @@ def test_another_process_finds_the_same() -> None:
         code += f"module = importlib.import_module('swarmstart.{module}')\n"
         code += f"print(fingerprint(module.{name}))\n"
     printed = [
-        subprocess.run(
-            [sys.executable, "-c", code],
-            check=True,
-            capture_output=True,
-            text=True,
-            env={**environment(), "PYTHONHASHSEED": seed},
-        ).stdout
+        python("-c", code, variables={"PYTHONHASHSEED": seed}).stdout
         for seed in ("1", "2")
     ]
     assert printed[0] == printed[1]
     assert len(set(printed[0].split())) == len(names)
-
-
-def environment() -> dict[str, str]:
-    root = Path(swarmstart.ocp.__path__[0]).parents[1]
-    return {**os.environ, "PYTHONPATH": str(root)}
 
 
 def test_sources_are_those_of_all_modules_imported(

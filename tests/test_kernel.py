@@ -16,6 +16,7 @@ import pytest
 
 import swarmstart.kernel as kernel_module
 import swarmstart.ocp
+from swarmstart.tests.processes import environment, python
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="modes of files are POSIX's")
 
@@ -72,22 +73,11 @@ def negate_costs(folder: Path) -> None:
     file.write_text(text.replace(line, turned), encoding="utf-8")
 
 
-def ran(code: str, folder: Path, cache: Path, **environment: str) -> str:
+def ran(code: str, folder: Path, cache: Path, **variables: str) -> str:
     """What code prints that imports the package of a folder."""
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env={
-            **os.environ,
-            "PYTHONPATH": str(folder),
-            "XDG_CACHE_HOME": str(cache),
-            **environment,
-        },
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
+    done = python(
+        "-c", code, root=folder, variables={"XDG_CACHE_HOME": str(cache), **variables}
     )
-    assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
 
@@ -154,15 +144,10 @@ def test_damaged_code_is_compiled_anew(tmp_path: Path, part: int) -> None:
 
 def test_two_processes_may_compile_at_once(tmp_path: Path) -> None:
     folder, cache = copied(tmp_path / "checkout"), tmp_path / "cache"
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(folder),
-        "XDG_CACHE_HOME": str(cache),
-    }
     running = [
         subprocess.Popen(
             [sys.executable, "-c", BETTER],
-            env=environment,
+            env=environment(folder, {"XDG_CACHE_HOME": str(cache)}),
             stdout=subprocess.PIPE,
             text=True,
         )

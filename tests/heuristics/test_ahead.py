@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-import swarmstart.ocp
 from swarmstart.heuristics import ParticleSwarm, ahead
 from swarmstart.heuristics.ahead import compiled_ahead
+from swarmstart.tests.processes import ROOT, python
 
 FIRST_USE = """
 import logging, sys
@@ -31,20 +30,10 @@ print(found.compile_seconds > found.seconds, *compiled)
 """
 
 
-def first_use(cache: Path, **environment: str) -> list[str]:
+def first_use(cache: Path, **variables: str) -> list[str]:
     """What is said, and which kernels this process compiles."""
-    root = Path(swarmstart.ocp.__path__[0]).parents[1]
-    done = subprocess.run(
-        [sys.executable, "-c", FIRST_USE],
-        env={
-            **os.environ,
-            "PYTHONPATH": str(root),
-            "XDG_CACHE_HOME": str(cache),
-            **environment,
-        },
-        capture_output=True,
-        text=True,
-        check=True,
+    done = python(
+        "-c", FIRST_USE, variables={"XDG_CACHE_HOME": str(cache), **variables}
     )
     return done.stdout.split("\n")
 
@@ -69,8 +58,7 @@ def test_a_helper_that_fails_is_no_harm(tmp_path: Path) -> None:
     (tmp_path / "sitecustomize.py").write_text(
         f"import os, sys\nif '{ahead._IN_HELPER}' in os.environ: os._exit(1)\n"
     )
-    root = Path(swarmstart.ocp.__path__[0]).parents[1]
-    path = f"{tmp_path}{os.pathsep}{root}"
+    path = f"{tmp_path}{os.pathsep}{ROOT}"
     _, last, *_ = first_use(tmp_path, PYTHONPATH=path)
     assert {"propose", "accept", "collect"} <= set(last.split())
 

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-import sys
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
-import swarmstart.ocp
 from swarmstart.cases import first_minute
 from swarmstart.compile_time import announce
 from swarmstart.heuristics.ahead import _IN_HELPER
+from swarmstart.tests.processes import python
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
@@ -26,15 +24,8 @@ AT_WORK = f"swarmstart: {first_minute.AT_WORK}"
 
 def run(cache: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command line with a cache of its own, alone."""
-    root = Path(swarmstart.ocp.__path__[0]).parents[1]
-    environment = {"PYTHONPATH": str(root), "XDG_CACHE_HOME": str(cache)}
-    return subprocess.run(
-        [sys.executable, "-m", "swarmstart", *arguments],
-        env={**os.environ, **environment, _IN_HELPER: "1"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    variables = {"XDG_CACHE_HOME": str(cache), _IN_HELPER: "1"}
+    return python("-m", "swarmstart", *arguments, variables=variables)
 
 
 def test_a_first_run_says_that_it_compiles_and_how_long_that_took(

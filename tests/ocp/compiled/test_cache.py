@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 import swarmstart.code_cache as cache
-import swarmstart.ocp
 from swarmstart import fingerprint
 from swarmstart.ocp.compiled import simd
 from swarmstart.ocp.compiled.engine import machine, translate
 from swarmstart.ocp.compiled.simd import compile_flat, compile_rollout
+from swarmstart.tests.processes import environment
 
 Array = NDArray[np.float64]
 pytestmark = [
@@ -228,14 +228,12 @@ np.testing.assert_allclose(got, np.sin(values) + np.exp(-values), atol=1e-15)
 
 
 def test_two_processes_may_build_at_once(fresh_cache: Path) -> None:
-    root = Path(swarmstart.ocp.__path__[0]).parents[1]
-    environment = {**os.environ, "PYTHONPATH": str(root)}
     running = [
         subprocess.Popen(
             [sys.executable, "-c", BUILD],
             stdin=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            env=environment,
+            env=environment(),
             text=True,
         )
         for _ in range(2)

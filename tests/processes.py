@@ -1,0 +1,49 @@
+"""Other processes with the package that is tested, and with a cache of their own."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import swarmstart.ocp
+
+ROOT = Path(swarmstart.ocp.__path__[0]).parents[1]
+"""What is to be on the path for the package to be found."""
+
+
+NOTHING: Mapping[str, str] = {}
+
+
+def environment(
+    root: Path = ROOT, variables: Mapping[str, str] = NOTHING
+) -> dict[str, str]:
+    """Return the environment of a process that finds the package under a folder.
+
+    Args:
+        root: The folder.
+        variables: What is set besides.
+    """
+    return {**os.environ, "PYTHONPATH": str(root), **variables}
+
+
+def python(
+    *arguments: str, root: Path = ROOT, variables: Mapping[str, str] = NOTHING
+) -> subprocess.CompletedProcess[str]:
+    """Run Python to its end, which must be a good one.
+
+    Args:
+        arguments: Of Python, as -c and a program.
+        root: Where the package is; the process begins there.
+        variables: What is set in its environment besides.
+    """
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        env=environment(root, variables),
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done
