@@ -178,6 +178,16 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
             ),
         ),
     },
+    "moved by one, it jumps at whole numbers all the same": {
+        "ocp/kinks.py": (
+            (
+                '_WRAPS = {ca.OP_FMOD: ("fmod", 0.0), ca.OP_REMAINDER: '
+                '("remainder", 0.5)}',
+                '_WRAPS = {ca.OP_FMOD: ("fmod", 1.0), ca.OP_REMAINDER: '
+                '("remainder", 0.5)}',
+            ),
+        ),
+    },
     "less than one more, which is cut off": {
         "ocp/repair.py": (
             (

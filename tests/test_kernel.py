@@ -75,9 +75,8 @@ def negate_costs(folder: Path) -> None:
 
 def ran(code: str, folder: Path, cache: Path, **variables: str) -> str:
     """What code prints that imports the package of a folder."""
-    done = python(
-        "-c", code, root=folder, variables={"XDG_CACHE_HOME": str(cache), **variables}
-    )
+    variables["XDG_CACHE_HOME"] = str(cache)
+    done = python("-c", code, root=folder, variables=variables)
     return done.stdout.strip()
 
 

@@ -32,6 +32,8 @@ def test_every_seed_counts_or_the_share_that_is_asked_for(
 ) -> None:
     found = verdict_of_seeds(values, "<=", 3.0, share=share, reason=NEVER)
     assert found == (verdict, said)
+    if share == 1:
+        assert verdict_of_seeds(values, "<=", 3.0, reason=NEVER) == found
 
 
 def test_never_is_a_bound_too() -> None:

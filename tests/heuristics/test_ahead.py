@@ -32,9 +32,8 @@ print(found.compile_seconds > found.seconds, *compiled)
 
 def first_use(cache: Path, **variables: str) -> list[str]:
     """What is said, and which kernels this process compiles."""
-    done = python(
-        "-c", FIRST_USE, variables={"XDG_CACHE_HOME": str(cache), **variables}
-    )
+    variables["XDG_CACHE_HOME"] = str(cache)
+    done = python("-c", FIRST_USE, variables=variables)
     return done.stdout.split("\n")
 
 
