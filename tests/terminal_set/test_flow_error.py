@@ -21,6 +21,7 @@ from swarmstart.terminal_set.cells import Cells
 from swarmstart.terminal_set.flow_error import (
     ErrorSearch,
     Piece,
+    _norms,
     logarithmic_norms,
     prove_flow_error,
 )
@@ -218,6 +219,16 @@ def test_a_logarithmic_norm_bounds_that_of_every_matrix_between() -> None:
     assert logarithmic_norms(middle[:1], np.full((1, 3, 3), np.nan))[0] == np.inf
 
 
+def test_a_norm_bounds_the_stretch_of_every_matrix_between() -> None:
+    """Of one entry it is the larger end: |-2 +- 0.5| is 2.5 at most."""
+    rng = np.random.default_rng(3)
+    middle, radius = rng.normal(size=(5, 3, 3)), rng.uniform(0, 0.3, size=(5, 3, 3))
+    bounds = _norms(middle, radius)
+    A = middle + radius * rng.choice([-1.0, 1.0], size=(300, *radius.shape))
+    assert np.all(np.linalg.norm(A, ord=2, axis=(2, 3)) <= bounds)
+    assert _norms(np.full((1, 1, 1), -2.0), np.full((1, 1, 1), 0.5))[0] == 2.5
+
+
 @pytest.mark.parametrize(
     ("low", "side", "times"),
     [
@@ -310,8 +321,12 @@ def test_rounding_of_values_that_nearly_cancel_is_allowed_for() -> None:
     assert bound_of(near, 0.5, 1) >= (1 + 2 * blur + np.spacing(large)) / 0.75
 
 
+FLATTER = 1 / 8
+"""How steep the cubic is on the left of 0, beside its right."""
+
+
 class Cubic:
-    """r4 = r4(0) + z^3 of one state, its values known badly, its slopes well."""
+    """r4 - r4(0) of one state is z^3, on the left z^3 / 8: its slopes known well."""
 
     nx, substeps, h, off = 1, 1, 0.1, 0.0
 
@@ -320,9 +335,11 @@ class Cubic:
 
     def fourth(self, start: tuple[Array, Array], times: tuple[float, float]) -> object:
         low, high = start
-        least = np.where((low < 0) & (high > 0), 0.0, 3 * np.minimum(low**2, high**2))
-        most = 3 * np.maximum(low**2, high**2)
-        value = ((low + high) / 2) ** 3, np.full_like(low, 1e6)
+        ends = [3 * z**2 * np.where(z > 0, 1, FLATTER) for z in (low, high)]
+        least = np.where((low < 0) & (high > 0), 0.0, np.minimum(*ends))
+        most = np.maximum(*ends)
+        z = (low + high) / 2
+        value = z**3 * np.where(z > 0, 1, FLATTER), np.full_like(low, 1e6)
         return value, tuple(
             part.T[:, :, None] for part in ((least + most) / 2, (most - least) / 2)
         )
@@ -338,7 +355,32 @@ def test_slopes_from_the_centre_on_bound_where_values_do_not(
     cells = Cells(np.array([[low], [side]]), np.array([[high], [side]]))
     with np.errstate(all="ignore"):
         (bound,), _, _ = measure(cells)
-    assert high**2 <= bound <= 3 * high**2 * (1 + 1e-9)
+    worst = high**2 * (1 if side > 0 else FLATTER)
+    assert worst <= bound <= 3 * worst * (1 + 1e-9)
+
+
+class Sheared:
+    """r4 = (3 z_1, 0) of two states: it does not depend on z_0."""
+
+    nx, substeps, h, off = 2, 1, 0.1, 0.0
+
+    def start(self, number: int, middle: Array, reach: Array) -> Array:
+        return middle
+
+    def fourth(self, start: Array, times: tuple[float, float]) -> object:
+        value = np.stack([3 * start[1], 0 * start[1]])
+        slopes = np.tile([[0.0, 3.0], [0.0, 0.0]], (start.shape[1], 1, 1))
+        return (value, 0 * value), (slopes, 0 * slopes)
+
+
+def test_a_cell_is_cut_along_the_state_that_the_residual_depends_on() -> None:
+    """Not along the radius or the state that it moves: no such cut would help."""
+    search = ErrorSearch(Sheared(), 1.0, np.inf)  # type: ignore[arg-type]
+    measure = search.relative_residual(Piece(step=0, times=(0.0, 0.1)))
+    corners = np.array([[0.5], [1.0], [-0.25]]), np.array([[1.0], [1.0], [0.25]])
+    _, _, spread = measure(Cells(*corners))
+    assert spread[:2].tolist() == [[0.0], [0.0]]
+    assert spread[2, 0] == pytest.approx(3 * 0.25, rel=0.1)
 
 
 class Given(ErrorSearch):
