@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from swarmstart.terminal_set import Change, enclosure
 from swarmstart.terminal_set.enclosure import (
     DecreaseBounds,
+    _Rays,
     beside_diagonal,
     defect,
     quadratic_bound,
@@ -152,6 +153,26 @@ def test_bound_about_the_centre_is_reached_by_a_quadratic_motion(
     expected = rho * b + most**2 * d
     np.testing.assert_allclose(remainder, expected, rtol=1e-5, atol=1e-6 * size)
     assert (quadratic_part + remainder >= per_square(most) - 1e-9 * size).all()
+
+
+@pytest.mark.parametrize("P", [0.25, 4.0])
+@pytest.mark.parametrize("TPT", [0.81, 1.21])
+@pytest.mark.parametrize("slope", [0.1, 10.0])
+def test_bounds_hold_in_coordinates_that_are_badly_rounded(
+    slope: float, TPT: float, P: float
+) -> None:
+    """A held motion (k e + e^2) of one state, T'PT far from 1."""
+    e, T = ca.SX.sym("e"), np.array([[np.sqrt(TPT / P)]])
+    change = Change(
+        motion=ca.Function("motion", [e], [slope * e + e**2]), P=np.array([[P]]),
+        Q_m=np.zeros((1, 1)), is_held=True,
+    )  # fmt: skip
+    rays, at = _Rays(change, T), np.array([[0.0], [1.0]])
+    _, (along,) = rays.slopes(at, at)
+    # m'(0) = k T and m''(s) = 2 T^2; e'Pe of T itself is T'PT.
+    assert (slope**2 - 1) * TPT <= along[0] < 1.5 * slope**2 - 0.5
+    _, (_, d) = rays.bends(at, at)
+    assert TPT**2 / P <= d[0] * (1 + 1e-12) < 2 * TPT**2 / P
 
 
 @pytest.mark.parametrize("is_held", [False, True])
