@@ -142,6 +142,21 @@ def test_a_state_that_rests_at_first_is_moved_by_one_that_does_not() -> None:
         assert check_drift(borne).verdict is verdict
 
 
+@pytest.mark.parametrize("dt", [None, 0.5])
+def test_a_state_that_may_move_along_needs_nothing_of_the_core(
+    dt: float | None,
+) -> None:
+    """x0' = -x0 + r moves by less than 2 r, x1' = 3 is felt by nothing else."""
+    x, u, r = ca.SX.sym("x", 2), ca.SX.sym("u"), 1e-9
+    dynamics = ca.Function("along", [x, u], [ca.vertcat(r - x[0] + 0 * u, 3)])
+    certificate = certificate_of(dynamics, [[1.0, 0.5], [0.5, 1.0]], 1.0, dt=dt)
+    stated = dataclasses.replace(certificate, core=1e-12, drift=2e-3)
+    assert check_drift(stated).verdict is Verdict.PROVED
+    bounds = stated.bounds | {"x_upper": (None, 1.0)}
+    held_back = dataclasses.replace(stated, bounds=bounds)
+    assert check_drift(held_back).verdict is Verdict.REFUSED
+
+
 def test_the_drift_is_part_of_what_bounds_of_states_leave_room_for(
     check: Check,
 ) -> None:
