@@ -12,8 +12,10 @@ from swarmstart.terminal_set import (
     Ellipsoid,
     Proof,
     Reference,
+    Refutation,
     continuous_change,
     continuous_terminal_set,
+    level_search,
     prove_level,
     proven_level,
 )
@@ -114,6 +116,29 @@ def test_the_time_is_kept_in_whatever_the_search_is_doing(
     stopped = proven_level(change, top, rng=np.random.default_rng(0), max_seconds=50.0)
     assert tried == 4
     assert stopped.alpha < found.alpha
+
+
+@pytest.mark.parametrize(("part", "last"), [(0.9, 0.9), (1.1, 1.1 / 4)])
+def test_levels_are_quartered_to_a_part_in_1e12_and_then_none_is_proven(
+    part: float, last: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A level that ends a part in 1e12 or more above that is quartered once more."""
+    tried: list[float] = []
+
+    def unproven(change: Change, alpha: float, **limits: object) -> Proof:
+        tried.append(alpha)
+        return Proof(proven=False, alpha=alpha, boxes=1, seconds=0.0)
+
+    refuted = part * 1e-12 / (0.92 * 0.54 * 0.25**19)
+    nearest = Refutation(alpha=refuted, e=np.ones(1), change=0.0)
+    monkeypatch.setattr(level_search, "prove_level", unproven)
+    monkeypatch.setattr(level_search, "refuted_level", lambda *_, **__: nearest)
+    change, _ = change_of("tank")
+    level = proven_level(change, 1.0, rng=np.random.default_rng(0))
+    assert level.alpha == 0.0
+    assert tried[-1] == pytest.approx(last * 1e-12, rel=1e-9, abs=0)
+    first = [1.0, 0.92 * refuted, 0.92 * 0.54 * refuted]
+    assert tried[:3] == pytest.approx(first, rel=1e-9)
 
 
 def test_a_model_that_is_not_defined_everywhere_gets_a_smaller_set() -> None:

@@ -355,8 +355,8 @@ def test_counterexample_is_the_nearest_of_the_boxes_outer_middles() -> None:
     """c = |e|^2 - 1 in coordinates turned by T = 2 I: 0 at the third, at once."""
     e = ca.SX.sym("e", 2)
     c = ca.Function("c", [e], [ca.sumsqr(e) - 1])
-    lower = np.array([[0.0, 0.1, 0.2], [0.0, 0.5, 1.0], [1.0, 1.0, -0.5]])
-    upper = np.array([[0.25, 0.75, 0.5], [0.0, 1.5, 1.0], [1.0, 1.0, 0.5]])
+    lower = np.array([[0.0, 0.1, 0.2], [0.0, -1.5, 1.0], [1.0, 1.0, -0.5]])
+    upper = np.array([[0.25, 0.75, 0.5], [0.0, -0.5, 1.0], [1.0, 1.0, 0.5]])
     boxes = Undecided(lower, upper, upper - lower)
     found = proof._counterexample(c, 2 * np.eye(2), boxes)
     assert found is not None
@@ -364,7 +364,7 @@ def test_counterexample_is_the_nearest_of_the_boxes_outer_middles() -> None:
     farther = Undecided(lower[:, :2], upper[:, :2], upper[:, :2])
     found = proof._counterexample(c, 2 * np.eye(2), farther)
     assert found is not None
-    np.testing.assert_allclose(found, 1.5 * np.array([1, 1]) / np.sqrt(2))
+    np.testing.assert_allclose(found, 1.5 * np.array([-1, 1]) / np.sqrt(2))
     inner = Undecided(lower[:, :1], upper[:, :1], upper[:, :1])
     assert proof._counterexample(c, 2 * np.eye(2), inner) is None
     edge = ca.Function("c", [e], [ca.sumsqr(e) - 0.25])
