@@ -129,6 +129,16 @@ def test_control_that_jumps_over_a_switch_does_not_touch_it(name: str) -> None:
     assert not touched(name, [[at - 0.2, at - 0.2], [at + 0.2, at + 0.2]])
 
 
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("off", "is_near"), [(0.9e-6, True), (1.1e-6, False)])
+def test_a_millionth_of_its_size_from_a_switch_is_at_it(
+    off: float, is_near: bool, side: int
+) -> None:
+    """The side of fabs is 1 at most; beside 1 that of floor is 1, and rests."""
+    assert touched("fabs", [[side * off, side], [side, side]]) is is_near
+    assert touched("floor", [[1 + side * off] * 2] * 2) is is_near
+
+
 def test_path_near_a_switch_touches_it_however_small_its_own_numbers() -> None:
     assert touched("fabs", [[1e-9, 2e-9], [3e-9, 4e-9]])
     assert not touched("fabs", [[1e-5, 2e-5], [3e-5, 4e-5]])

@@ -269,6 +269,7 @@ def test_path_of_three_states_and_its_kinks() -> None:
     assert touches([1, 1, 1, -1], 0.7, 0.5)  # It falls from 1.2 to -0.8 in the last
     assert touches([-1, 1, 1, 1], 0.7, 0.5)  # or first interval,
     assert not touches([1, 1, 1, 0.5], 1.9, 2.0)  # or jumps from -0.1 to 0.9.
+    assert touches([1, -1, 1, 1], 0.7, 1.0)  # From 1.7 to -0.3, beside -0.3 and -2.3.
 
 
 def test_states_that_are_lost_touch_nothing_that_can_be_told() -> None:

@@ -184,8 +184,8 @@ def test_ends_agree_within_a_thousandth_of_the_state_s_size(
     states = Bounds(controls=(-2, 2), states=(-bounds, bounds))
     problem, planner = drift(bounds=states)
     plan = planned(planner, controls, x0)
-    for share, sign in ((0.99e-3, 1), (1.01e-3, 1), (0.99e-3, -1), (1.01e-3, -1)):
-        told = plan.states.copy()
+    for part, sign in ((0.999, 1), (1.001, 1), (0.999, -1), (1.001, -1)):
+        told, share = plan.states.copy(), part * 1e-3
         told[0, -1] += sign * share * scale
         found = verified(problem, replace(plan, states=told), [x0])
         assert (found.status is SolutionStatus.FEASIBLE) is (share < 1e-3)
