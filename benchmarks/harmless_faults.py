@@ -135,6 +135,26 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
         ),
         "terminal_set/drift.py": (("ROUNDING = 1 + 1e-9", "ROUNDING = 1 + 2e-09"),),
     },
+    "still far above the rounding of what it multiplies": {
+        "terminal_set/drift.py": (("ROUNDING = 1 + 1e-9", "ROUNDING = 1 + 5e-10"),),
+    },
+    "a kink or none in the one box that is asked for": {
+        "terminal_set/enclosure.py": (
+            (
+                "self._is_kinked = bool(kinks(zero, zero)[0].any())",
+                "self._is_kinked = bool(kinks(zero, zero)[0].all())",
+            ),
+        ),
+    },
+    "the same two neighbours, the other one first": {
+        "ocp/solution.py": tuple(
+            (line, line.replace("+ part", "- part"))
+            for line in (
+                "moved = controls + part * sizes.controls[:, None] * signs",
+                "yield controls, x0 + part * sizes.states",
+            )
+        ),
+    },
     "refused all the same, in other words": {
         "terminal_set/checker/certificate_file.py": tuple(
             (line, line.replace("10**9", other))
@@ -208,6 +228,19 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
     },
     EQUAL: {
         "cases/verdicts.py": (("if p > LEVEL:", "if p >= LEVEL:"),),
+        "ocp/dual_mode.py": tuple(
+            (
+                "if np.any(at - reach < lower - SLACK) or "
+                "np.any(at + reach > upper + SLACK):",
+                after,
+            )
+            for after in (
+                "if np.any(at - reach <= lower - SLACK) or "
+                "np.any(at + reach > upper + SLACK):",
+                "if np.any(at - reach < lower - SLACK) or "
+                "np.any(at + reach >= upper + SLACK):",
+            )
+        ),
         "ocp/kinks.py": tuple(
             ("crossed = ((low <= near) & (high >= -near)).any(axis=1)", after)
             for after in (
@@ -225,6 +258,12 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
             (
                 "largest = grown if not grown <= largest else largest  # NaN is kept.",
                 "largest = grown if not grown < largest else largest  # NaN is kept.",
+            ),
+        ),
+        "terminal_set/hold_margins.py": (
+            (
+                "if is_affordable or clock.perf_counter() > until:",
+                "if is_affordable or clock.perf_counter() >= until:",
             ),
         ),
         "terminal_set/level_search.py": (
@@ -261,6 +300,15 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
                 "i = int(np.argmax(beyond / np.maximum(scale, 1e-300)))",
                 "i = int(np.argmax(beyond / np.maximum(scale, 5e-301)))",
             ),
+        ),
+        "terminal_set/stability.py": tuple(
+            (
+                "columns = B / np.where(lengths > 0, lengths, 1.0) * "
+                "(np.linalg.norm(A) or 1.0)",
+                f"columns = B / np.where(lengths > 0, lengths, {other}) * "
+                "(np.linalg.norm(A) or 1.0)",
+            )
+            for other in ("2.0", "0.5")
         ),
         "terminal_set/checker/coordinates.py": (
             (
