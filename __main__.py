@@ -2,6 +2,6 @@
 
 import sys
 
-from swarmstart.cases.cli import program
+from swarmstart.cases.commands.cli import program
 
 sys.exit(program())

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 import swarmstart as ss
-from swarmstart.cases.cli import main
+from swarmstart.cases.commands.cli import main
 
 
 def expect(name: str, expected: object, *, found: object, ok: bool) -> None:

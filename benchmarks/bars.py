@@ -12,8 +12,8 @@ from typing import Any
 
 from swarmstart.benchmarks.flights import Job, Measured
 from swarmstart.benchmarks.tables import row
-from swarmstart.cases.claims import holds
-from swarmstart.cases.statistics import spread
+from swarmstart.cases.campaign.claims import holds
+from swarmstart.cases.campaign.statistics import spread
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -29,10 +29,10 @@ from swarmstart.benchmarks.close_formation_bars import (
 )
 from swarmstart.benchmarks.flights import Job, Measured, flown, fly_all
 from swarmstart.benchmarks.tables import row
-from swarmstart.cases.close_formation.measures import deviations
-from swarmstart.cases.close_formation.scenario import CloseFormationScenario
-from swarmstart.cases.run import Run
-from swarmstart.cases.statistics import spread
+from swarmstart.cases.campaign.run import Run
+from swarmstart.cases.campaign.statistics import spread
+from swarmstart.cases.kinds.close_formation.measures import deviations
+from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 
 TURN_S = (25.0, 125.0)
 """When the full turn is on, and the wingman has met it."""

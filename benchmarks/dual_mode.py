@@ -16,7 +16,7 @@ from typing import Any
 from swarmstart.benchmarks.flights import Job, fly_all
 from swarmstart.benchmarks.formation_flight import SCENARIOS, fly
 from swarmstart.benchmarks.tables import row
-from swarmstart.cases.statistics import spread
+from swarmstart.cases.campaign.statistics import spread
 
 SEARCHES = {
     "GA, cold": "search={name: ga, warm_start: none}",

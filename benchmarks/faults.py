@@ -53,8 +53,9 @@ FILES = {
         "dual_mode", "improving", "repair", "path", "kinks",
     )),
     "verdicts": tuple(f"cases/{name}.py" for name in (
-        "claims", "verdicts", "statistics", "replication", "feasibility",
-        "flown_distances", "checking",
+        "campaign/claims", "campaign/verdicts", "campaign/statistics",
+        "campaign/replication", "kinds/feasibility", "kinds/flown_distances",
+        "commands/checking",
     )),
 }  # fmt: skip
 """What is drawn from: patterns of files, by what they make sound."""

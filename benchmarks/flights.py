@@ -7,8 +7,8 @@ import sys
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
-from swarmstart.cases.run import Run, run
-from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.campaign.run import Run, run
+from swarmstart.cases.format.scenario import read_document, resolve
 
 AnyJob = TypeVar("AnyJob", bound=Hashable)
 Result = TypeVar("Result")

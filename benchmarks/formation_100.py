@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.benchmarks.tables import row
-from swarmstart.cases.reconfiguration.build import build
-from swarmstart.cases.reconfiguration.measures import measure
-from swarmstart.cases.reconfiguration.scenario import ReconfigurationScenario
-from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.reconfiguration.build import build
+from swarmstart.cases.kinds.reconfiguration.measures import measure
+from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.ocp import LocalTeam, Trajectory, simulate
 
 SPACING_M = 15

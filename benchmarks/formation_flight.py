@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 from swarmstart.benchmarks.flights import Job, Measured, flown, fly_all
 from swarmstart.benchmarks.tables import row
-from swarmstart.cases.claims import holds
-from swarmstart.cases.statistics import spread
+from swarmstart.cases.campaign.claims import holds
+from swarmstart.cases.campaign.statistics import spread
 from swarmstart.ocp import Source
 from swarmstart.ocp.polish import is_better
 

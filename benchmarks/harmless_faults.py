@@ -227,7 +227,7 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
         ),
     },
     EQUAL: {
-        "cases/verdicts.py": (("if p > LEVEL:", "if p >= LEVEL:"),),
+        "cases/campaign/verdicts.py": (("if p > LEVEL:", "if p >= LEVEL:"),),
         "ocp/dual_mode.py": tuple(
             (
                 "if np.any(at - reach < lower - SLACK) or "

@@ -34,10 +34,10 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.campaign import MARK
-from swarmstart.cases.cli import GATE, INTERRUPTED
-from swarmstart.cases.files import is_temporary
-from swarmstart.cases.partial import load_partial
+from swarmstart.cases.campaign.cells import MARK
+from swarmstart.cases.commands.exit_codes import GATE, INTERRUPTED
+from swarmstart.cases.record.files import is_temporary
+from swarmstart.cases.record.partial import load_partial
 
 PATIENCE_S = 60.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

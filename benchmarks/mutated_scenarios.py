@@ -27,8 +27,15 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from swarmstart.cases.cli import DONE, GATE, INFEASIBLE, INTERNAL, INVALID, main
-from swarmstart.cases.scenario import read_document, resolve, shipped
+from swarmstart.cases.commands.cli import main
+from swarmstart.cases.commands.exit_codes import (
+    DONE,
+    GATE,
+    INFEASIBLE,
+    INTERNAL,
+    INVALID,
+)
+from swarmstart.cases.format.scenario import read_document, resolve, shipped
 from swarmstart.errors import SwarmstartError
 
 LIMIT_S = 180

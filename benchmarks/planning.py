@@ -26,7 +26,7 @@ from swarmstart.benchmarks.problems import (
     passing,
     reactor,
 )
-from swarmstart.cases.registry import SEARCHES, load
+from swarmstart.cases.format.registry import SEARCHES, load
 from swarmstart.heuristics import Algorithm, Budget
 from swarmstart.ocp import IpoptOptions, Planner, SearchSettings
 

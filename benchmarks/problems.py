@@ -17,12 +17,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.close_formation.build import build as close_formation
-from swarmstart.cases.close_formation.scenario import CloseFormationScenario
-from swarmstart.cases.formation.build import build
-from swarmstart.cases.formation.scenario import FormationScenario
-from swarmstart.cases.models.unicycle import unicycle
-from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.close_formation.build import build as close_formation
+from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
+from swarmstart.cases.kinds.formation_flight.build import build
+from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
+from swarmstart.cases.kinds.models.unicycle import unicycle
 from swarmstart.ocp import (
     Bounds,
     DualMode,

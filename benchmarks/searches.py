@@ -23,8 +23,8 @@ from swarmstart.benchmarks.search_rivals import (
     scipy_de,
 )
 from swarmstart.benchmarks.timing import Timing, timings
-from swarmstart.cases.formation.scenario import FormationScenario
-from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.heuristics import (
     Algorithm,
     Box,

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.benchmarks.tables import row
-from swarmstart.cases.planar import POSITION
-from swarmstart.cases.scenario import read_document, resolve
-from swarmstart.cases.transfer.build import TransferFlight, build
-from swarmstart.cases.transfer.scenario import TransferScenario
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.planar import POSITION
+from swarmstart.cases.kinds.transfer.build import TransferFlight, build
+from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 from swarmstart.ocp import Fitness, IpoptOptions, Known, Polisher, zero_controls
 from swarmstart.ocp.family import FamilySpace, TrajectoryFamily
 from swarmstart.ocp.search_space import Start

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import fsolve
 
-from swarmstart.cases.models.close_formation import Wingman, close_formation
+from swarmstart.cases.kinds.models.close_formation import Wingman, close_formation
 from swarmstart.ocp import right_hand_side
 from swarmstart.terminal_set import Reference, TerminalSet, Weights
 

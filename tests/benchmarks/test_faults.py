@@ -52,7 +52,11 @@ def test_same_seed_draws_the_same_faults_of_different_places() -> None:
 
 def test_proofs_statuses_and_verdicts_are_all_drawn_from() -> None:
     files = soundness_files(ROOT)
-    assert {"terminal_set/proof.py", "ocp/solution.py", "cases/verdicts.py"} < {*files}
+    assert {
+        "terminal_set/proof.py",
+        "ocp/solution.py",
+        "cases/campaign/verdicts.py",
+    } < {*files}
     assert any(file.startswith("terminal_set/checker/") for file in files)
     for group in faults.FILES.values():  # A module that has moved leaves no gap.
         assert all(list(ROOT.glob(pattern)) for pattern in group)

@@ -10,7 +10,7 @@ import pytest
 
 from swarmstart.benchmarks import mutated_scenarios
 from swarmstart.benchmarks.mutated_scenarios import assay, judged, mutated
-from swarmstart.cases.scenario import shipped
+from swarmstart.cases.format.scenario import shipped
 
 
 def test_each_runs_or_is_refused_in_sentences(tmp_path: Path) -> None:

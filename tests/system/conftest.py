@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.cases import first_minute
-from swarmstart.cases.cli import main
-from swarmstart.cases.scenario import shipped
+from swarmstart.cases.commands import first_minute
+from swarmstart.cases.commands.cli import main
+from swarmstart.cases.format.scenario import shipped
 
 
 @dataclass(frozen=True)

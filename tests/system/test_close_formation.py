@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from swarmstart.cases.kind import Measure
-from swarmstart.cases.run import Run, run
-from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.campaign.run import Run, run
+from swarmstart.cases.format.kind import Measure
+from swarmstart.cases.format.scenario import read_document, resolve
 
 SEED = 0
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from swarmstart.cases import first_minute
+from swarmstart.cases.commands import first_minute
 from swarmstart.compile_time import announce
 from swarmstart.heuristics.ahead import _IN_HELPER
 from swarmstart.tests.processes import python

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from swarmstart.cases.formation.build import FormationFlight
-from swarmstart.cases.formation.measures import linear_mask, lyapunov
-from swarmstart.cases.kind import Measure
-from swarmstart.cases.run import Run, run
-from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.campaign.run import Run, run
+from swarmstart.cases.format.kind import Measure
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.formation_flight.build import FormationFlight
+from swarmstart.cases.kinds.formation_flight.measures import linear_mask, lyapunov
 from swarmstart.ocp import Source
 
 SEED = 0

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from swarmstart.cases import listing as listing_module
-from swarmstart.cases import run as run_module
-from swarmstart.cases.cli import main
+from swarmstart.cases.campaign import run as run_module
+from swarmstart.cases.commands import listing as listing_module
+from swarmstart.cases.commands.cli import main
 from swarmstart.heuristics.interrupts import SIGNALS
 from swarmstart.ocp import Step, fly
 
@@ -242,7 +242,8 @@ def test_what_an_interrupt_became_ends_as_an_interrupt(
 # The command line, which tells of every step at once.
 TALKATIVE = """
 import sys
-from swarmstart.cases import cli, progress
+from swarmstart.cases.commands import cli
+from swarmstart.cases.commands import progress
 progress.QUIET_S = progress.LINE_EVERY_S = 0.0
 sys.exit(cli.main())
 """
@@ -251,7 +252,8 @@ sys.exit(cli.main())
 # Python would end the process by SIGINT.
 WITHIN_A_TEXT = """
 import sys
-from swarmstart.cases import cli, listing
+from swarmstart.cases.commands import cli
+from swarmstart.cases.commands import listing
 def interrupted(*arguments, **options):
     exec("raise KeyboardInterrupt")
 listing.print_listing = interrupted
@@ -261,7 +263,7 @@ sys.exit(cli.program())
 # The command line, sent SIGINT while IPOPT solves for the twelfth time: in step 3.
 INSIDE_IPOPT = """
 import os, signal, sys, time
-from swarmstart.cases import cli
+from swarmstart.cases.commands import cli
 from swarmstart.ocp.polish import Polisher
 solve, calls = Polisher._solve, []
 def signalled(self, *arguments, **options):

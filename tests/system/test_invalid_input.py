@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from swarmstart.cases.registry import KINDS
-from swarmstart.cases.scenario import shipped
+from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.format.scenario import shipped
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from swarmstart.cases.formation.names import MEASURES
-from swarmstart.cases.registry import KINDS, POLISHES, SEARCHES
-from swarmstart.cases.scenario import shipped
+from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES
+from swarmstart.cases.format.scenario import shipped
+from swarmstart.cases.kinds.formation_flight.names import MEASURES
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
@@ -25,7 +25,7 @@ HEAVY = {
 
 PROBE = """
 import sys
-from swarmstart.cases.cli import main
+from swarmstart.cases.commands.cli import main
 try:
     main(sys.argv[1:])
 except SystemExit:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from swarmstart.cases import run as run_module
-from swarmstart.cases.reconfiguration.names import MEASURES
+from swarmstart.cases.campaign import run as run_module
+from swarmstart.cases.kinds.reconfiguration.names import MEASURES
 from swarmstart.ocp import Step, fly
 
 if TYPE_CHECKING:

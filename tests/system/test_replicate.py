@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from swarmstart.cases.cli import main
-from swarmstart.cases.replicate_command import markdown
+from swarmstart.cases.commands.cli import main
+from swarmstart.cases.commands.replicate import markdown
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.cases.formation.build import build
-from swarmstart.cases.formation.scenario import FormationScenario
-from swarmstart.cases.scenario import read_document, resolve
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.formation_flight.build import build
+from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem, PathConstraint
 from swarmstart.ocp.compiled import simd

@@ -1,0 +1,1 @@
+"""Runs, one or many: cells, solvers, comparison, replication, claims."""

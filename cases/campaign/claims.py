@@ -1,0 +1,148 @@
+"""What a run says of the published claims of its scenario."""
+
+import json
+import math
+import operator
+from collections.abc import Mapping
+from typing import Any
+
+from swarmstart.cases.format.kind import NEVER, Measure
+from swarmstart.cases.format.settings import Claim
+
+RELATIONS = {
+    "<=": operator.le,
+    ">=": operator.ge,
+    "<": operator.lt,
+    ">": operator.gt,
+    "==": operator.eq,
+}
+
+
+def holds(
+    measured: Measure, relation: str, bound: float | None, *, reason: str = ""
+) -> bool | None:
+    """Return whether a measured value is in a relation to a bound.
+
+    Args:
+        measured: The value; null, or not a number, if it is not defined.
+        relation: A key of RELATIONS.
+        bound: The bound; null, with "==", asks whether the value is not defined.
+        reason: Why it may not be defined; NEVER: then it is above every bound.
+
+    Returns:
+        None if there is nothing to judge: the measure is a list, which is in no
+        relation to a number, or is not defined.
+    """
+    if isinstance(measured, list):
+        return None
+    if isinstance(measured, float) and math.isnan(measured):
+        measured = None
+    if bound is None:
+        return measured is None
+    if measured is None:
+        if reason != NEVER:
+            return None
+        measured = math.inf
+    return bool(RELATIONS[relation](measured, bound))
+
+
+def judged(
+    claims: list[Claim],
+    settings: Mapping[str, Any],
+    measures: Mapping[str, Measure],
+    *,
+    variant: str = "",
+    undefined: Mapping[str, str] | None = None,
+) -> list[dict[str, Any]]:
+    """Return every claim with what one run says of it.
+
+    A claim that needs another variant, other settings, or a second run to compare with,
+    is not judged, nor is one whose measure is not defined: `measured` and `holds` are
+    null and `needs` says why.
+
+    Args:
+        claims: The scenario's claims.
+        settings: The resolved scenario.
+        measures: What was measured.
+        variant: The variant that was run; empty if the scenario has none.
+        undefined: As in `Kind`; None: every measure is defined.
+    """
+    reasons = undefined or {}
+    return [_judged(claim, settings, measures, variant, reasons) for claim in claims]
+
+
+def why_not(claim: Claim, settings: Mapping[str, Any], variant: str = "") -> str:
+    """Return why one run with these settings cannot judge a claim; empty if it can."""
+    missing = [
+        f"{key} = {wanted}"
+        for key, wanted in claim.when.items()
+        if value_at(settings, key) != wanted
+    ]
+    if claim.variant not in ("", variant):
+        missing.insert(0, f"variant = {claim.variant}")
+    if missing:
+        return f"a run with {', '.join(missing)}"
+    if claim.against is not None:
+        other = ", ".join(f"{key} = {value}" for key, value in claim.against.items())
+        return f"a second run to compare with: {other}"
+    return ""
+
+
+def value_at(settings: Any, dotted_key: str) -> object:
+    """Return the value at a dotted key; None where there is none."""
+    for part in dotted_key.split("."):
+        settings = settings.get(part) if isinstance(settings, Mapping) else None
+    value: object = settings
+    return value
+
+
+def _judged(
+    claim: Claim,
+    settings: Mapping[str, Any],
+    measures: Mapping[str, Measure],
+    variant: str,
+    undefined: Mapping[str, str],
+) -> dict[str, Any]:
+    reason = why_not(claim, settings, variant)
+    measured, verdict = None, None
+    if not reason:
+        why = undefined.get(claim.measure, "")
+        measured = measures[claim.measure]
+        verdict = holds(measured, claim.relation, claim.bound, reason=why)
+        if verdict is None:
+            reason = f"a run in which {claim.measure} is a number"
+            reason += f"; here {why}" if why else ""
+    return {
+        "id": claim.id,
+        "text": claim.text,
+        "source": claim.source,
+        "measure": claim.measure,
+        "measured": measured,
+        "relation": claim.relation,
+        "bound": claim.bound,
+        "holds": verdict,
+        "gate": claim.gate,
+        "note": claim.note,
+        "needs": reason,
+    }
+
+
+def assignments_of(settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return dotted settings as `--set` takes them; a search by name comes first."""
+    ordered = sorted(settings.items(), key=lambda item: item[0] != "search.name")
+    return tuple(
+        f"search={{name: {value}}}"
+        if key == "search.name"
+        else f"{key}={json.dumps(value)}"
+        for key, value in ordered
+    )
+
+
+def claim_assignments(claim: Claim, settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return what must be set for a run to judge a claim."""
+    wanted = {k: v for k, v in claim.when.items() if value_at(settings, k) != v}
+    if "search.name" in wanted:  # Its own defaults, then whatever else is asked for.
+        wanted = {
+            k: v for k, v in claim.when.items() if k.startswith("search.")
+        } | wanted
+    return assignments_of(wanted)

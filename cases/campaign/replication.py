@@ -1,0 +1,360 @@
+"""The chapter replicated: every claim, the runs it needs, and what they say.
+
+    claims.yaml -> parts -> distinct runs (cells) -> measures -> verdicts
+
+A part is a claim of a shipped scenario or a computation; a claim's verdict is that of
+its parts together (`verdicts.py`).
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from swarmstart.cases.campaign.cells import Cell, Outcome
+from swarmstart.cases.campaign.claims import assignments_of, claim_assignments
+from swarmstart.cases.campaign.run_cell import run_cell
+from swarmstart.cases.campaign.statistics import too_few
+from swarmstart.cases.campaign.verdicts import (
+    Verdict,
+    of_assumption,
+    of_guarantee,
+    paired_verdict,
+    ratio,
+    verdict_of_parts,
+    verdict_of_seeds,
+)
+from swarmstart.cases.format.document import Document
+from swarmstart.cases.format.kind import Measure
+from swarmstart.cases.format.scenario import Resolved, read_document, resolve
+from swarmstart.cases.format.settings import Claim, NonNegative, Number, Part
+from swarmstart.cases.format.yaml_reader import parse_yaml
+
+
+class PartOfClaim(Part):
+    """What one of a claim's verdicts rests on; see the head of claims.yaml."""
+
+    scenario: str = ""
+    claim: str = ""
+    variant: str = ""
+    reading: str = ""
+    basis: Literal["text", "physics", "ours"] = "text"
+    beside: bool = False
+    compute: str = ""
+    text: str = ""
+    measure: str = ""
+    relation: Literal["<=", ">=", "<", ">", "=="] = "=="
+    bound: Number | None = None
+    seeds: int = Field(default=3, ge=1)
+    least: int = Field(default=1, ge=1)
+    guarantee: bool = False
+    tolerance: NonNegative | None = 0.25
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> PartOfClaim:
+        if bool(self.scenario and self.claim) == bool(self.compute and self.measure):
+            raise ValueError("expected scenario and claim, or compute and measure")
+        return self
+
+
+class ChapterClaim(Part):
+    """A claim of the chapter."""
+
+    id: int
+    text: str
+    source: str
+    assumption: bool = False
+    parts: list[PartOfClaim] = Field(min_length=1)
+    expected: Verdict
+    because: str
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named_verdict(cls, data: object) -> object:
+        if isinstance(data, dict) and "expected" in data:
+            return {**data, "expected": Verdict(data["expected"])}
+        return data
+
+
+class ChapterFigure(Part):
+    """A figure of the chapter, redrawn from one run: that of seed 0."""
+
+    number: str
+    title: str
+    scenario: str
+    search: str | None = None
+
+
+class Chapter(Part):
+    """All that is replicated."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    variants: Mapping[str, str]
+    claims: list[ChapterClaim]
+    figures: list[ChapterFigure]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PlannedPart:
+    """A part of a claim with the cells it takes.
+
+    Attributes:
+        part: The part.
+        claim: The scenario's claim; of a computation one that is made of the part.
+        variant: The variant that is run; empty: none.
+        reason: Why the measure may not be defined, as `claims.holds` takes it.
+        cells: A cell for each seed, or a pair of them: the second is compared with.
+        commands: What runs them, without the seed.
+    """
+
+    part: PartOfClaim
+    claim: Claim
+    variant: str
+    reason: str
+    cells: tuple[tuple[Cell, ...], ...]
+    commands: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class JudgedPart:
+    """What was measured for a part, and the verdict.
+
+    Attributes:
+        planned: The part with its cells.
+        values: Measures, or ratios of pairs, one a seed; in the order of the seeds.
+        pairs: The measures of each pair; empty if nothing is compared.
+        verdict: What they say.
+        test: The statistical test in words; empty without one.
+        failures: Why cells failed.
+    """
+
+    planned: PlannedPart
+    values: tuple[Measure, ...]
+    pairs: tuple[tuple[Measure, Measure], ...] = ()
+    verdict: Verdict
+    test: str = ""
+    failures: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class JudgedClaim:
+    """A claim with its verdict.
+
+    Attributes:
+        claim: The claim.
+        parts: Its parts, judged.
+        verdict: What they say together.
+    """
+
+    claim: ChapterClaim
+    parts: tuple[JudgedPart, ...]
+    verdict: Verdict
+
+    @property
+    def is_expected(self) -> bool:
+        """Whether the verdict is the expected one, or too few runs were asked for."""
+        if any(part.failures for part in self.parts):
+            return False
+        return self.verdict in (self.claim.expected, Verdict.NOT_JUDGED)
+
+
+def chapter() -> Chapter:
+    """Return the chapter's claims and figures, from claims.yaml."""
+    file = importlib.resources.files("swarmstart.cases.chapter") / "claims.yaml"
+    document = parse_yaml(file.read_bytes(), name="claims.yaml")
+    return Chapter.model_validate(document.data)
+
+
+def planned(
+    chapter: Chapter, claim: ChapterClaim, *, seeds: int | None
+) -> list[PlannedPart]:
+    """Return a claim's parts with their cells.
+
+    Args:
+        chapter: The chapter.
+        claim: One of its claims.
+        seeds: Runs of each part that has any randomness; None: as claims.yaml says.
+    """
+    return [_planned_part(chapter, part, seeds) for part in claim.parts]
+
+
+def _planned_part(
+    chapter: Chapter, part: PartOfClaim, seeds: int | None
+) -> PlannedPart:
+    if part.compute:
+        cell = Cell(work=part.compute, job={}, label=part.text)
+        return PlannedPart(
+            part=part,
+            claim=_own_claim(part),
+            variant="",
+            reason="",
+            cells=((cell,),),
+            commands=(part.compute,),
+        )
+    variant = part.variant or chapter.variants.get(part.scenario)
+    base = _resolved(part.scenario, variant)
+    claim = next(c for c in base.scenario.claims if c.id == part.claim)
+    sets = [claim_assignments(claim, base.settings)]
+    if claim.against is not None:
+        sets.append(sets[0] + assignments_of(claim.against))
+    runs = [_resolved(part.scenario, variant, assignments) for assignments in sets]
+    count = part.seeds if seeds is None or part.seeds == 1 else seeds
+    drawn = drawn_by_key(chapter)
+    cells = [
+        tuple(_drawn_or_not(run_cell(run, seed), drawn) for run in runs)
+        for seed in range(count)
+    ]
+    return PlannedPart(
+        part=part,
+        claim=claim,
+        variant=base.variant,
+        reason=base.kind.undefined.get(claim.measure, ""),
+        cells=tuple(cells),
+        commands=tuple(_command(part.scenario, variant, given) for given in sets),
+    )
+
+
+def _command(name: str, variant: str | None, assignments: Sequence[str]) -> str:
+    words = ["swarmstart", "run", name]
+    words += ["--variant", variant] if variant else []
+    for text in assignments:
+        words += ["--set", text]
+    return shlex.join(words)
+
+
+def _drawn_or_not(cell: Cell, drawn: Mapping[str, Cell]) -> Cell:
+    return drawn.get(cell.key, cell)
+
+
+def _own_claim(part: PartOfClaim) -> Claim:
+    """Return the claim that a computation judges."""
+    return Claim(
+        id="-",
+        text=part.text,
+        source="",
+        measure=part.measure,
+        relation=part.relation,
+        bound=part.bound,
+    )
+
+
+@cache
+def _resolved(
+    name: str,
+    variant: str | None,
+    assignments: tuple[str, ...] = (),
+    search: str | None = None,
+) -> Resolved:
+    return resolve(
+        _document(name), variant=variant, search=search, assignments=assignments
+    )
+
+
+@cache
+def _document(name: str) -> Document:
+    return read_document(name)
+
+
+def figure_cells(chapter: Chapter) -> list[Cell]:
+    """Return the runs of the figures, in their order."""
+    return [
+        run_cell(_of_figure(chapter, figure), 0, figures=True)
+        for figure in chapter.figures
+    ]
+
+
+def drawn_by_key(chapter: Chapter) -> dict[str, Cell]:
+    """Return the cells of runs with figures by the keys of those without."""
+    bare = [run_cell(_of_figure(chapter, f), 0).key for f in chapter.figures]
+    return dict(zip(bare, figure_cells(chapter), strict=True))
+
+
+def _of_figure(chapter: Chapter, figure: ChapterFigure) -> Resolved:
+    variant = chapter.variants.get(figure.scenario)
+    return _resolved(figure.scenario, variant, search=figure.search)
+
+
+def judged(
+    claim: ChapterClaim,
+    parts: Sequence[PlannedPart],
+    outcomes: Mapping[str, Outcome],
+) -> JudgedClaim:
+    """Return a claim with what its finished cells say.
+
+    Args:
+        claim: The claim.
+        parts: As of `planned`.
+        outcomes: By the cells' keys.
+    """
+    found = tuple(_judged_part(part, outcomes) for part in parts)
+    verdict = verdict_of_parts([part.verdict for part in found])
+    if claim.assumption:
+        verdict = of_assumption(verdict)
+    return JudgedClaim(claim=claim, parts=found, verdict=verdict)
+
+
+def _judged_part(planned: PlannedPart, outcomes: Mapping[str, Outcome]) -> JudgedPart:
+    claim = planned.claim
+    found = [[outcomes[cell.key] for cell in pair] for pair in planned.cells]
+    failures = tuple(o.failure for pair in found for o in pair if o.failure)
+    complete = [
+        tuple(_measured(outcome, claim.measure) for outcome in pair)
+        for pair in found
+        if not any(o.failure for o in pair)
+    ]
+    pairs = tuple((pair[0], pair[1]) for pair in complete if len(pair) > 1)
+    values = tuple(
+        ratio(pair[0], pair[1], reason=planned.reason) if len(pair) > 1 else pair[0]
+        for pair in complete
+    )
+    verdict, test = Verdict.NOT_JUDGED, "a run failed"
+    if not failures:
+        verdict, test = _verdict(planned, values)
+    return JudgedPart(
+        planned=planned,
+        values=values,
+        pairs=pairs,
+        verdict=verdict,
+        test=test,
+        failures=failures,
+    )
+
+
+def _measured(outcome: Outcome, measure: str) -> Measure:
+    value: Measure = (outcome.result or {})["measures"][measure]
+    return value
+
+
+def _verdict(planned: PlannedPart, values: Sequence[Measure]) -> tuple[Verdict, str]:
+    part, claim = planned.part, planned.claim
+    if part.beside:
+        return Verdict.BESIDE, ""
+    if len(values) < part.least or not values:
+        return Verdict.NOT_JUDGED, too_few(len(values), "run", part.least)
+    if claim.against is not None and part.seeds > 1:
+        ratios = [v for v in values if isinstance(v, float)]
+        if len(ratios) < len(values):
+            return Verdict.NOT_JUDGED, f"not defined: {planned.reason}"
+        verdict, test = paired_verdict(ratios, claim.relation, claim.bound)
+    else:
+        verdict, test = verdict_of_seeds(
+            values,
+            claim.relation,
+            claim.bound,
+            share=claim.share,
+            reason=planned.reason,
+        )
+    return of_guarantee(verdict, test) if part.guarantee else (verdict, test)
+
+
+def cells_of(parts: Sequence[PlannedPart]) -> Iterator[Cell]:
+    """Yield all cells that parts take."""
+    for part in parts:
+        for pair in part.cells:
+            yield from pair

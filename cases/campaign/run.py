@@ -1,0 +1,386 @@
+"""Run one scenario: fly it, measure it, judge its claims, draw it, record it.
+
+An interrupted run keeps its finished steps in its folder, and the same run again goes
+on from there, with the same bits as if it had not been interrupted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time as clock
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from swarmstart.cases.campaign.claims import judged
+from swarmstart.cases.format.kind import Flight, Measure
+from swarmstart.cases.format.scenario import Resolved
+from swarmstart.cases.kinds.feasibility import found_plans, planned
+from swarmstart.cases.record.files import locked, write_arrays, write_json, write_text
+from swarmstart.cases.record.partial import load_partial, remove_partial, save_partial
+from swarmstart.cases.record.record import (
+    FIGURES,
+    MARK,
+    SCENARIO,
+    TRAJECTORY,
+    Recording,
+    kept_figures,
+    require_own,
+    run_key,
+    withdraw,
+)
+from swarmstart.cases.record.trajectory_arrays import trajectory_arrays
+from swarmstart.cases.record.versions import versions
+from swarmstart.compile_time import Stopwatch, stopwatch
+from swarmstart.heuristics.interrupts import heeded, put_off
+from swarmstart.ocp import (
+    DualMode,
+    Step,
+    Trajectory,
+    chosen_backend,
+    collected,
+    fly,
+)
+
+logger = logging.getLogger(__name__)
+
+# Work worth keeping even where nobody gets the chance to interrupt, in seconds.
+CHECKPOINT_S = 15.0
+
+Progress = Callable[[int, int, str], None]
+"""(finished steps, all steps, what is being done) -> None."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during a run; what was finished is in its folder.
+
+    Attributes:
+        folder: The run's folder.
+        finished: Number of finished steps.
+    """
+
+    def __init__(self, folder: Path, finished: int) -> None:
+        """Keep where the finished steps are."""
+        super().__init__(
+            f"{finished} finished steps are kept in {folder}; the same command again "
+            "goes on from there"
+        )
+        self.folder = folder
+        self.finished = finished
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Run:
+    """A finished run.
+
+    Attributes:
+        resolved: The scenario as it was run.
+        seed: The seed.
+        flight: What was flown.
+        trajectory: The flight.
+        measures: What was measured.
+        claims: Every claim of the scenario, judged where this run can.
+        status: One sentence on how it ended.
+        feasible: Whether at least one planned step found a feasible plan.
+        wall_s: Wall time of building, flying and measuring, without that of machine
+            code, and without what an interrupted run before had spent [s].
+        compile_s: Wall time of loading and compiling machine code meanwhile [s].
+        folder: Where the record is; None where none was asked for.
+        figures: The figures drawn.
+        resumed: Steps that an interrupted run before had finished.
+    """
+
+    resolved: Resolved
+    seed: int
+    flight: Flight
+    trajectory: Trajectory
+    measures: Mapping[str, Measure]
+    claims: list[dict[str, Any]]
+    status: str
+    feasible: bool
+    wall_s: float = 0.0
+    compile_s: float = 0.0
+    folder: Path | None = None
+    figures: tuple[Path, ...] = ()
+    resumed: int = 0
+
+    def summary(self) -> dict[str, Any]:
+        """Return what `--json` prints and run.json holds."""
+        settings = self.resolved.settings
+        return {
+            "schema": 1,
+            "scenario": settings["name"],
+            "kind": settings["kind"],
+            "variant": self.resolved.variant,
+            "seed": self.seed,
+            "key": key_of(self.resolved, self.seed),
+            "search": settings["search"]["name"],
+            "polish": settings["polish"],
+            "status": self.status,
+            "measures": dict(self.measures),
+            "claims": self.claims,
+            "evaluations": self.measures.get("evaluations"),
+            "wall_s": self.wall_s,
+            "compile_seconds": self.compile_s,
+            "backend": backend_of(self.resolved),
+            "resumed_steps": self.resumed,
+            "versions": versions(),
+            "figures": [file.name for file in self.figures],
+            "documents": list(self.flight.documents),
+            "out": str(self.folder) if self.folder else None,
+        }
+
+
+def default_folder(resolved: Resolved, seed: int, root: Path) -> Path:
+    """Return root/<scenario>/<key>, where a run is recorded by default."""
+    return root / resolved.scenario.name / key_of(resolved, seed)
+
+
+def key_of(resolved: Resolved, seed: int) -> str:
+    """Return the hash of what determines a run's result."""
+    settings = dict(resolved.settings)
+    for told_only in ("claims", "title", "source", "backend"):
+        settings.pop(told_only)
+    return run_key(settings, seed, backend_of(resolved))
+
+
+def backend_of(resolved: Resolved) -> str:
+    """Return what evaluates populations in a run."""
+    return chosen_backend(resolved.scenario.backend)
+
+
+def run(
+    resolved: Resolved,
+    *,
+    seed: int,
+    recording: Recording | None = None,
+    progress: Progress = lambda done, steps, what: None,
+) -> Run:
+    """Fly a scenario, measure it, and record it.
+
+    Args:
+        resolved: The scenario.
+        seed: The seed of all randomness.
+        recording: Where and how to record; None means nowhere, and no figures.
+        progress: Told after each step.
+
+    Raises:
+        Interrupted: On Ctrl-C; the finished steps are in the folder.
+        OccupiedFolderError: If the folder holds anything but a record of this run.
+        FolderInUseError: If another command writes to the folder.
+        RecordError: If a file cannot be written.
+        SwarmstartError: If the animation cannot be made here.
+    """
+    if recording is None:
+        return _run(resolved, seed, None, progress)
+    with locked(recording.folder):  # Tried before the flight, not after it.
+        if not recording.force:
+            key = key_of(resolved, seed)
+            require_own(recording.folder, key, _scenario_text(resolved))
+        return _run(resolved, seed, recording, progress)
+
+
+def _run(
+    resolved: Resolved, seed: int, recording: Recording | None, progress: Progress
+) -> Run:
+    """Run, with the folder locked and known to be the run's own."""
+    with stopwatch() as watch:
+        return _timed(resolved, seed, recording, progress, watch)
+
+
+def _timed(
+    resolved: Resolved,
+    seed: int,
+    recording: Recording | None,
+    progress: Progress,
+    watch: Stopwatch,
+) -> Run:
+    """Run; the stopwatch was started before."""
+    kind, scenario = resolved.kind, resolved.scenario
+    if recording is not None and recording.animation:
+        kind.check_animation(recording.animation)
+    progress(0, scenario.steps, "building")
+    with heeded():
+        flight = kind.build(scenario)
+    logger.debug("built after %.2f s", watch.seconds)
+    folder = recording.folder if recording else None
+    steps, resumed = _flown(resolved, flight, seed, folder, progress)
+    logger.debug("flown after %.2f s", watch.seconds)
+    try:
+        with heeded():
+            finished = _measured(resolved, flight, collected(flight.plant, steps), seed)
+            finished = replace(
+                finished,
+                wall_s=watch.seconds,
+                compile_s=watch.compile_seconds,
+                resumed=resumed,
+            )
+            if recording is None:
+                return finished
+            drawn = _recorded(finished, recording, progress)
+            logger.debug("drawn after %.2f s", watch.seconds)
+    except KeyboardInterrupt:
+        if folder is None:
+            raise
+        raise Interrupted(folder, len(steps)) from None
+    finished = replace(finished, folder=recording.folder, figures=tuple(drawn))
+    with put_off():
+        write_json(
+            recording.folder / MARK, finished.summary()
+        )  # The commit mark: last.
+        remove_partial(recording.folder)
+    return finished
+
+
+def _measured(
+    resolved: Resolved, flight: Flight, trajectory: Trajectory, seed: int
+) -> Run:
+    """Return a flight with what is measured of it and said of its claims."""
+    scenario = resolved.scenario
+    measures = resolved.kind.measure(scenario, flight, trajectory)
+    status, feasible = _status(flight, trajectory)
+    return Run(
+        resolved=resolved,
+        seed=seed,
+        flight=flight,
+        trajectory=trajectory,
+        measures=measures,
+        claims=judged(
+            scenario.claims,
+            resolved.settings,
+            measures,
+            variant=resolved.variant,
+            undefined=resolved.kind.undefined,
+        ),
+        status=status,
+        feasible=feasible,
+    )
+
+
+def _flown(
+    resolved: Resolved,
+    flight: Flight,
+    seed: int,
+    folder: Path | None,
+    progress: Progress,
+) -> tuple[list[Step], int]:
+    """Return all steps, and how many an interrupted run before had finished."""
+    key = key_of(resolved, seed)
+    kept, rng = _kept(flight, seed, folder, key)
+    # A step and the generator's state after it, in one list: an interrupt may come
+    # between any two statements.
+    flown = [(step, rng.bit_generator.state) for step in kept]
+    last = kept[-1] if kept else None
+    saved = clock.perf_counter()
+
+    def save() -> None:
+        if folder is not None and flown:
+            steps, (*_, state) = zip(*flown, strict=True)
+            with put_off():
+                save_partial(folder, key, collected(flight.plant, steps), state)
+
+    try:
+        with heeded() as asked_to_stop:
+            for step in fly(
+                flight.plant,
+                flight.controller,
+                flight.x0 if last is None else last.dense_states[:, -1],
+                steps=resolved.scenario.steps,
+                rng=rng,
+                done=len(kept),
+                previous=None if last is None else last.decision,
+            ):
+                if asked_to_stop():
+                    raise KeyboardInterrupt
+                flown.append((step, rng.bit_generator.state))
+                progress(len(flown), resolved.scenario.steps, "flying")
+                if clock.perf_counter() - saved > CHECKPOINT_S:
+                    save()
+                    saved = clock.perf_counter()
+        save()  # What follows may fail, or be interrupted.
+    except KeyboardInterrupt:
+        if folder is None or not flown:
+            raise
+        with contextlib.suppress(KeyboardInterrupt):  # It is said below.
+            save()
+        raise Interrupted(folder, len(flown)) from None
+    return [step for step, _ in flown], len(kept)
+
+
+def _kept(
+    flight: Flight, seed: int, folder: Path | None, key: str
+) -> tuple[list[Step], np.random.Generator]:
+    """Return the steps of an interrupted run, and the generator as it left it."""
+    rng = np.random.default_rng(seed)
+    kept = load_partial(folder, key, flight.plant.substeps) if folder else None
+    if kept is None:
+        return [], rng
+    steps, rng.bit_generator.state = kept
+    return steps, rng
+
+
+def _status(flight: Flight, trajectory: Trajectory) -> tuple[str, bool]:
+    """Return one sentence on a flight, and whether any of its plans can be used."""
+    said, is_usable = _status_of_plans(flight, trajectory)
+    controller = flight.controller
+    if isinstance(controller, DualMode) and controller.uncertified:
+        said += "; the linear law's terminal sets are not certified"
+    return said, is_usable
+
+
+def _status_of_plans(flight: Flight, trajectory: Trajectory) -> tuple[str, bool]:
+    """Return one sentence on the plans of a flight, and whether any can be used.
+
+    One plan that is flown to its end must be confirmed along its path.
+    """
+    answer = flight.answer(trajectory)
+    if answer is not None:
+        said = f"flown to the end; the plan is {answer.status.value}"
+        if answer.status.is_confirmed:
+            return said, True
+        return f"{said}: {answer.reason}; {answer.advice}", False
+    found = [found_plans(d) for d in trajectory.decisions if planned(d)]
+    infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
+    if not infeasible:
+        law = f", {linear} steps under the linear law" if linear else ""
+        return f"flown to the end; every planned step found a feasible plan{law}", True
+    if infeasible == len(found):
+        return "flown to the end; no step found a feasible plan", False
+    return (
+        f"flown to the end; {infeasible} of {len(found)} planned steps found no "
+        "feasible plan",
+        True,
+    )
+
+
+def _recorded(finished: Run, recording: Recording, progress: Progress) -> list[Path]:
+    """Write all but the mark, which follows when the rest is there; return figures."""
+    resolved, flight, folder = finished.resolved, finished.flight, recording.folder
+    kind, scenario, steps = resolved.kind, resolved.scenario, resolved.scenario.steps
+    figures = kept_figures(folder, key_of(resolved, finished.seed))
+    if figures is None:
+        withdraw(folder)
+    write_text(folder / SCENARIO, _scenario_text(resolved))
+    write_arrays(folder / TRAJECTORY, trajectory_arrays(finished.trajectory))
+    for name, content in flight.documents.items():
+        write_text(folder / name, content)
+    drawn: list[Path] = []
+    if recording.figures:
+        progress(steps, steps, "drawing")
+        drawn = kind.figures(scenario, flight, finished.trajectory, folder / FIGURES)
+    if recording.animation:
+        progress(steps, steps, "animating")
+        file = folder / FIGURES / f"flight.{recording.animation}"
+        kind.animate(scenario, flight, finished.trajectory, file)
+        drawn.append(file)
+    return [*drawn, *(file for file in figures or () if file not in drawn)]
+
+
+def _scenario_text(resolved: Resolved) -> str:
+    """Return the resolved scenario as it is recorded."""
+    return yaml.safe_dump(dict(resolved.settings), sort_keys=False, allow_unicode=True)

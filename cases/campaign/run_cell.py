@@ -1,0 +1,46 @@
+"""A run as a cell of a campaign."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from swarmstart.cases.campaign.cells import Cell
+from swarmstart.cases.campaign.run import run
+from swarmstart.cases.format.scenario import Resolved, resolved_again
+from swarmstart.cases.record.record import Recording
+
+
+def run_cell(resolved: Resolved, seed: int, *, figures: bool = False) -> Cell:
+    """Return the cell of one run.
+
+    Args:
+        resolved: The scenario.
+        seed: The seed.
+        figures: Whether its figures are wanted: drawn into `figures` of its folder.
+    """
+    settings = dict(resolved.settings) if figures else resolved.anonymous_settings()
+    variant = f" {resolved.variant}" if resolved.variant else ""
+    return Cell(
+        work="swarmstart.cases.campaign.run_cell:fly",
+        job={
+            "settings": settings,
+            "variant": resolved.variant,
+            "seed": seed,
+            "figures": figures,
+        },
+        label=f"{resolved.scenario.name}{variant}, seed {seed}",
+    )
+
+
+def fly(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Fly a run; called in a worker. With figures, its record is kept too."""
+    resolved = resolved_again(job["settings"], job["variant"])
+    finished = run(
+        resolved,
+        seed=job["seed"],
+        # The folder is the cell's own, whatever an attempt before has left there.
+        recording=Recording(folder=folder, force=True) if job["figures"] else None,
+    )
+    summary = finished.summary()
+    kept = ("status", "measures", "wall_s", "backend", "figures")
+    return {name: summary[name] for name in kept}

@@ -1,0 +1,267 @@
+"""Solvers of one planning problem, by name: what `compare` sets side by side.
+
+    lshade             a population search (any of `swarmstart list`)
+    lshade+ipopt       the same with nine tenths of the budget, then IPOPT from there
+    multistart-ipopt   IPOPT from random starts until the budget is spent; the best
+    ipopt              IPOPT once, from zero controls: deterministic
+
+All have one budget for the planning problem. Evaluations are those of the objective,
+IPOPT's included; a limit of seconds holds for search and polish, not for compiling.
+"""
+
+from __future__ import annotations
+
+import re
+import time as clock
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from swarmstart.cases.format.kind import Posed
+from swarmstart.cases.format.registry import SEARCHES
+from swarmstart.cases.format.scenario import resolved_again
+from swarmstart.cases.format.settings import Scenario
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics import Budget
+from swarmstart.ocp import (
+    IpoptOptions,
+    Plan,
+    Planner,
+    Polisher,
+    SearchSettings,
+    Source,
+    verified,
+)
+from swarmstart.ocp.family import FamilySpace
+from swarmstart.ocp.improving import repaired
+from swarmstart.ocp.polish import is_better
+from swarmstart.ocp.search_space import ControlSpace, SearchSpace
+
+IPOPT, MULTISTART = "ipopt", "multistart-ipopt"
+SEARCHED = tuple(name for name in SEARCHES if name != "none")
+SEARCH_SHARE = 0.9
+"""Of the budget, where a polish follows."""
+MOST_ITERATIONS = 300
+LARGEST = 1e12
+"""Budgets are below it."""
+_BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m)")
+
+
+class UnknownSolverError(SwarmstartError, LookupError):
+    """A name that is no solver."""
+
+
+class InvalidBudgetTextError(SwarmstartError, ValueError):
+    """What follows --budget is no budget."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Solver:
+    """A solver of one planning problem.
+
+    Attributes:
+        name: As given.
+        search: A key of SEARCHES; "none" for IPOPT without one.
+        polished: Whether IPOPT goes on from the search's answer.
+        starts: "one" or "many", of IPOPT without a search.
+    """
+
+    name: str
+    search: str
+    polished: bool
+    starts: str = "one"
+
+    @property
+    def is_deterministic(self) -> bool:
+        """Whether every seed gives the same."""
+        return self.search == "none" and self.starts == "one"
+
+
+def solver_of(name: str) -> Solver:
+    """Return the solver of a name; see the head of this module.
+
+    Raises:
+        UnknownSolverError: If there is none.
+    """
+    if name == IPOPT:
+        return Solver(name=name, search="none", polished=True)
+    if name == MULTISTART:
+        return Solver(name=name, search="none", polished=True, starts="many")
+    search, plus, polish = name.partition("+")
+    if search not in SEARCHED or (plus and polish != IPOPT):
+        known = ", ".join((*SEARCHED, IPOPT, MULTISTART))
+        raise UnknownSolverError(
+            f"expected a solver: one of {known}, or a search with +ipopt; "
+            f"found {name!r}"
+        )
+    return Solver(name=name, search=search, polished=bool(plus))
+
+
+def budget_of(text: str) -> dict[str, float | int]:
+    """Return a budget as `heuristics.Budget` takes it.
+
+    Args:
+        text: "4000evals", "5s", "2m", or two of them with "|" between.
+
+    Raises:
+        InvalidBudgetTextError: If it is none of these.
+    """
+    budget: dict[str, float | int] = {}
+    for part in text.split("|"):
+        match = _BUDGET.fullmatch(part.strip())
+        key = "evaluations" if match and match["unit"] == "evals" else "seconds"
+        number = _number(match["number"]) if match else 0.0
+        whole = key == "seconds" or number.is_integer()
+        if match is None or not 0 < number < LARGEST or not whole or key in budget:
+            raise InvalidBudgetTextError(
+                "expected a budget such as 4000evals, 5s or 4000evals|5s, "
+                f"found {text!r}"
+            )
+        scale = 60 if match["unit"] == "m" else 1
+        budget[key] = int(number) if key == "evaluations" else number * scale
+    return budget
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
+Answered = tuple[Planner, Plan, float]
+"""A plan, the planner that made it, and when that began [s]."""
+
+
+def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Solve a planning problem; called in a worker.
+
+    The answer is simulated again ten times finer: "claimed" is what the solver says of
+    it, "verified" what the one reference says. With "repair", an answer that breaks a
+    constraint between the checks is solved again with a margin, whatever the solver.
+    """
+    del folder
+    resolved = resolved_again(job["settings"], job["variant"])
+    posed: Posed = resolved.kind.pose(resolved.scenario)
+    solver = solver_of(job["solver"])
+    rng = np.random.default_rng(job["seed"])
+    solve = _many_starts if solver.starts == "many" else _planned
+    planner, plan, began = solve(resolved.scenario, posed, solver, job["budget"], rng)
+    found = verified(posed.problem, plan, posed.x0, posed.known)
+    if job["repair"]:
+        answer = repaired(planner, found, posed.x0, posed.known, rng=rng)
+        found = answer.solution
+    seconds, plan = clock.perf_counter() - began, found.plan
+    return {
+        "claimed_cost": plan.cost,
+        "claimed_violation": plan.violation,
+        "verified_cost": found.verified_cost,
+        "verified_violation": found.verified_violation,
+        "feasible": found.status.is_confirmed,
+        "status": found.status.value,
+        "evaluations": plan.evaluations,
+        "seconds": seconds,
+        "controls": plan.controls.tolist(),
+    }
+
+
+def _planned(
+    scenario: Scenario,
+    posed: Posed,
+    solver: Solver,
+    budget: Mapping[str, Any],
+    rng: np.random.Generator,
+) -> Answered:
+    """Return the plan of a search, a polish or both, its planner and when it began."""
+    alone = solver.search == "none"
+    polish = _ipopt(budget, 1.0 if alone else 1 - SEARCH_SHARE)
+    planner = Planner(
+        posed.problem,
+        search=_search(scenario, search_share(solver, budget)),
+        polish=polish if solver.polished else None,
+        family=posed.family,
+        backend=scenario.backend,
+    )
+    began = clock.perf_counter()
+    return planner, planner.plan(posed.x0, known=posed.known, rng=rng), began
+
+
+def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what of a budget the search has: all, or less where a polish follows."""
+    share = SEARCH_SHARE if solver.polished else 1.0
+    parts = {name: share * value for name, value in budget.items()}
+    if "evaluations" in parts:
+        parts["evaluations"] = max(1, int(parts["evaluations"]))
+    return parts
+
+
+def _search(scenario: Scenario, budget: Mapping[str, Any]) -> SearchSettings | None:
+    """Return the scenario's search with another budget."""
+    settings = scenario.search_settings()
+    if settings is None:
+        return None
+    return SearchSettings(
+        algorithm=settings.algorithm,
+        budget=Budget(**budget),
+        order=settings.order,
+        sampling=settings.sampling,
+    )
+
+
+def _ipopt(budget: Mapping[str, Any], share: float) -> IpoptOptions:
+    """Return IPOPT with a share of the budget; an iteration counts as an evaluation."""
+    evaluations, seconds = budget.get("evaluations"), budget.get("seconds")
+    most = MOST_ITERATIONS
+    if evaluations is not None:
+        most = max(1, min(most, int(share * evaluations)))
+    return IpoptOptions(
+        max_iterations=most, max_seconds=None if seconds is None else share * seconds
+    )
+
+
+def _many_starts(
+    scenario: Scenario,
+    posed: Posed,
+    solver: Solver,
+    budget: Mapping[str, Any],
+    rng: np.random.Generator,
+) -> Answered:
+    """Return the best of IPOPT from random points until the budget is spent."""
+    del solver
+    problem = posed.problem
+    planner = Planner(
+        problem, search=None, polish=_ipopt(budget, 1.0), backend=scenario.backend
+    )
+    polish = cast(Polisher, planner.polisher)
+    space: SearchSpace = (
+        ControlSpace(planner.fitness)
+        if posed.family is None
+        else FamilySpace(problem, posed.family)
+    )
+    most = budget.get("evaluations", np.inf)
+    best, evaluations, began = None, 0, clock.perf_counter()
+    limit = budget.get("seconds", np.inf)
+    while best is None or (evaluations < most and clock.perf_counter() - began < limit):
+        x = space.box.lower + space.box.width * rng.random(space.box.dim)
+        start = space.decoded(x, posed.x0, posed.known)
+        one = polish(start.controls, posed.x0, posed.known, states=start.states)
+        evaluations += max(one.evaluations, 1)
+        if best is None or is_better(
+            (one.cost, one.violation),
+            (best.cost, best.violation),
+            tolerance=problem.tolerance,
+        ):
+            best = one
+    plan = planner.evaluated(
+        best.controls, posed.x0, known=posed.known, source=Source.POLISH
+    )
+    found = replace(
+        plan,
+        evaluations=evaluations,
+        polish_status=best.status,
+        point=best.point,
+    )
+    return planner, found, began

@@ -1,0 +1,150 @@
+"""What several runs say of a claim."""
+
+import math
+import statistics
+from collections.abc import Sequence
+from enum import StrEnum
+
+import numpy as np
+
+from swarmstart.cases.campaign.claims import holds
+from swarmstart.cases.campaign.statistics import (
+    LEVEL,
+    fewest_pairs,
+    signed_rank_p,
+    too_few,
+)
+from swarmstart.cases.format.kind import NEVER, Measure
+
+MOST_RATIO = 1e6
+"""The ratio of a pair if one of its runs never settles, say."""
+
+
+class Verdict(StrEnum):
+    """What is said of a claim, or of a part of it."""
+
+    HOLDS = "holds"
+    IN_PART = "in part"
+    FAILS = "does not hold"
+    NO_DIFFERENCE = "no difference shown"
+    NOT_SHOWN = "not shown"
+    NOT_JUDGED = "not judged"
+    BESIDE = "shown beside"
+    MET = "an assumption, met here"
+    UNMET = "an assumption, not met here"
+
+
+def verdict_of_seeds(
+    values: Sequence[Measure],
+    relation: str,
+    bound: float | None,
+    *,
+    share: float = 1.0,
+    reason: str = "",
+) -> tuple[Verdict, str]:
+    """Return what the runs say, whether enough of them are in the relation, and how.
+
+    Args:
+        values: The measure of each seed.
+        relation: A key of `claims.RELATIONS`.
+        bound: The bound; None: not defined.
+        share: Part of the seeds that must be.
+        reason: Why a measure may not be defined, as `claims.holds` takes it.
+
+    Returns:
+        The verdict, and in words how many of the runs; empty if all or none.
+    """
+    found = [holds(value, relation, bound, reason=reason) for value in values]
+    if None in found:
+        return Verdict.NOT_JUDGED, f"not defined: {reason}"
+    kept = found.count(True)
+    of = f"{kept} of {len(found)} runs" if 0 < kept < len(found) else ""
+    if kept >= share * len(values):
+        return Verdict.HOLDS, of
+    return (Verdict.IN_PART if kept else Verdict.FAILS), of
+
+
+def paired_verdict(
+    ratios: Sequence[float], relation: str, bound: float | None
+) -> tuple[Verdict, str]:
+    """Return what pairs of runs say, and the test.
+
+    A difference must show in a signed-rank test before the median ratio is compared: of
+    the ratios' logarithms, so that half and double weigh the same, or where a measure
+    changes its sign of the ratios less 1.
+
+    Args:
+        ratios: Of the pairs.
+        relation: A key of `claims.RELATIONS`.
+        bound: The bound of the ratio.
+    """
+    fewest = fewest_pairs()
+    if len(ratios) < fewest:
+        return Verdict.NOT_JUDGED, too_few(len(ratios), "pair", fewest)
+    values = np.clip(ratios, -MOST_RATIO, MOST_RATIO)
+    if (values >= 0).all():
+        differences = np.log(np.maximum(values, 1 / MOST_RATIO))
+    else:
+        differences = values - 1.0
+    p = signed_rank_p(differences.tolist())
+    test = f"{len(ratios)} pairs, Wilcoxon p = {p:.2g}"
+    if p > LEVEL:
+        return Verdict.NO_DIFFERENCE, test
+    kept = holds(statistics.median(ratios), relation, bound)
+    return Verdict.HOLDS if kept else Verdict.FAILS, test
+
+
+def ratio(first: Measure, second: Measure, *, reason: str) -> float | None:
+    """Return a run's measure divided by that of the run it is compared with.
+
+    Args:
+        first: The measure of the run.
+        second: That of the other; of a list there is no ratio.
+        reason: Why a measure may not be defined; NEVER: then it counts as infinite.
+
+    Returns:
+        1 if both are equal, 0 and infinity included; None if one is not defined.
+    """
+    both = []
+    for value in (first, second):
+        if isinstance(value, list) or (value is None and reason != NEVER):
+            return None
+        both.append(math.inf if value is None else float(value))
+    above, below = both
+    if above == below:
+        return 1.0
+    return above / below if below else math.copysign(math.inf, above)
+
+
+def of_guarantee(verdict: Verdict, test: str) -> tuple[Verdict, str]:
+    """Return what flights say of a guarantee: they can refute it, not show it."""
+    if verdict is Verdict.HOLDS:
+        return Verdict.NOT_SHOWN, "flights are examples, not a proof"
+    if verdict is Verdict.IN_PART:
+        return Verdict.FAILS, f"one exception refutes a guarantee; {test}"
+    return verdict, test
+
+
+def of_assumption(verdict: Verdict) -> Verdict:
+    """Return what is said of an assumption in place of a verdict on a claim."""
+    if verdict is Verdict.NOT_JUDGED:
+        return verdict
+    return Verdict.MET if verdict is Verdict.HOLDS else Verdict.UNMET
+
+
+def verdict_of_parts(parts: Sequence[Verdict]) -> Verdict:
+    """Return what the parts of a claim say together.
+
+    Parts shown beside say nothing. Nothing is said as long as a part could not be
+    judged; of different answers, "in part" if any part holds, at least in part; else
+    "does not hold" if any does not.
+    """
+    judged = set(parts) - {Verdict.BESIDE}
+    if Verdict.NOT_JUDGED in judged or not judged:
+        return Verdict.NOT_JUDGED
+    if len(judged) == 1:
+        return judged.pop()
+    some = {Verdict.HOLDS, Verdict.IN_PART} & judged
+    if some:
+        return Verdict.IN_PART
+    return Verdict.FAILS if Verdict.FAILS in judged else Verdict.NO_DIFFERENCE

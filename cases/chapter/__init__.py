@@ -1,0 +1,1 @@
+"""What only the claims of the chapter need, and no simulation measures."""

@@ -1,0 +1,112 @@
+"""What a long command tells its user while it works, on standard error.
+
+A bar where there is a terminal; elsewhere (a file, a pipe, CI) a plain line now and
+then. Nothing within the first two seconds.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time as clock
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from swarmstart.cases.commands.output import tell
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as RichProgress
+
+QUIET_S = 2.0
+LINE_EVERY_S = 5.0
+
+
+def fancy() -> bool:
+    """Return whether standard error is a terminal that may be drawn on."""
+    return sys.stderr is not None and sys.stderr.isatty() and "CI" not in os.environ
+
+
+class Progress:
+    """A context in which `update` may be called after every step."""
+
+    def __init__(self, title: str, *, quiet: bool = False) -> None:
+        """Prepare; nothing is shown yet.
+
+        Args:
+            title: What the whole of the work is.
+            quiet: Whether to stay silent.
+        """
+        self._title, self._quiet = title, quiet
+        self._began = self._said = clock.monotonic()
+        # The first step compiles, so the pace is taken from its end: (time, steps).
+        self._pace_from: tuple[float, int] | None = None
+        self._bar: RichProgress | None = None
+
+    def __enter__(self) -> Self:
+        """Begin to count the time."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.stop()
+
+    def update(self, done: int, total: int, what: str) -> None:
+        """Tell how far the work is.
+
+        Args:
+            done: Steps finished.
+            total: Steps in all.
+            what: What is being done.
+        """
+        now = clock.monotonic()
+        if self._pace_from is None and done:
+            self._pace_from = now, done
+        if self._quiet or now - self._began < QUIET_S:
+            return
+        if fancy():
+            self._draw(done, total, what)
+        elif now - self._said >= LINE_EVERY_S or self._said == self._began:
+            self._said = now
+            left = self._left(now, done, total)
+            text = f"{self._title}: {what}, step {done} of {total}{left}"
+            tell(text)
+
+    def _draw(self, done: int, total: int, what: str) -> None:
+        if self._bar is None:
+            from rich.console import Console
+            from rich.progress import (
+                BarColumn,
+                Progress,
+                TextColumn,
+                TimeRemainingColumn,
+            )
+
+            self._bar = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(),
+                TextColumn("{task.completed}/{task.total}"),
+                TimeRemainingColumn(),
+                console=Console(stderr=True),
+                transient=True,
+            )
+            self._bar.add_task(self._title, total=total)
+            self._bar.start()
+        self._bar.update(
+            self._bar.task_ids[0],
+            completed=done,
+            total=total,
+            description=f"{self._title}: {what}",
+        )
+
+    def _left(self, now: float, done: int, total: int) -> str:
+        """Return the time left in words; empty where it cannot be told."""
+        since, first = self._pace_from or (now, done)
+        if done <= first or done >= total:
+            return ""
+        return f", about {(now - since) / (done - first) * (total - done):.0f} s left"

@@ -1,0 +1,217 @@
+"""`swarmstart run`: one scenario flown, told, and judged."""
+
+import argparse
+import contextlib
+import difflib
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from swarmstart.cases.campaign.claims import holds
+from swarmstart.cases.campaign.run import Run, default_folder, run
+from swarmstart.cases.commands.exit_codes import DONE, GATE, INFEASIBLE
+from swarmstart.cases.commands.output import answer, say
+from swarmstart.cases.commands.progress import Progress
+from swarmstart.cases.format.document import printable
+from swarmstart.cases.format.kind import NEVER, Measure
+from swarmstart.cases.format.scenario import Resolved, read_document, resolve
+from swarmstart.cases.format.settings import Scenario
+from swarmstart.cases.record.files import to_json
+from swarmstart.cases.record.record import Recording
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics.search import kernels_ahead
+
+RESULTS = Path("results")
+Condition = tuple[str, str, float | None]
+_CONDITION = re.compile(r"\s*([a-z_0-9]+)\s*(<=|>=|==|<|>)\s*(\S+)\s*")
+
+
+class InvalidConditionError(SwarmstartError, ValueError):
+    """What follows --fail-on is no condition on a measure."""
+
+
+def run_command(options: argparse.Namespace) -> int:
+    """Run the scenario that the options name; return the exit code."""
+    with contextlib.ExitStack() as ahead:
+
+        def begin(scenario: Scenario) -> None:
+            algorithm = scenario.search.algorithm()
+            if algorithm is not None and not options.print_config:
+                ahead.enter_context(kernels_ahead(algorithm))
+
+        return _command(options, begin)
+
+
+def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> int:
+    """Run; `begin` is told of the scenario as soon as its form is known."""
+    resolved = resolve(
+        read_document(options.scenario),
+        variant=options.variant,
+        search=options.search,
+        polish=options.polish,
+        assignments=options.assignments,
+        valid=begin,
+    )
+    conditions = [_condition(text, resolved) for text in options.fail_on]
+    if options.print_config:
+        text = yaml.safe_dump(
+            dict(resolved.settings), sort_keys=False, allow_unicode=True
+        )
+        answer(text.rstrip())
+        return DONE
+    default = default_folder(resolved, options.seed, RESULTS)
+    folder = Path(options.out) if options.out else default
+    with Progress(resolved.scenario.name, quiet=options.quiet) as progress:
+        finished = run(
+            resolved,
+            seed=options.seed,
+            recording=Recording(
+                folder=folder,
+                figures=not options.no_figures,
+                animation=options.animation,
+                force=options.force,
+            ),
+            progress=progress.update,
+        )
+    answer(to_json(finished.summary()) if options.json else _report(finished))
+    return _exit_code(finished, conditions)
+
+
+def _condition(text: str, resolved: Resolved) -> Condition:
+    """Return (measure, relation, bound) of a --fail-on; null is a bound too."""
+    known = resolved.kind.measures
+    match = _CONDITION.fullmatch(text)
+    expected = "expected --fail-on 'MEASURE RELATION NUMBER'"
+    if match is None:
+        raise InvalidConditionError(f"{expected}, found {text!r}")
+    measure, relation, bound = match.groups()
+    if measure not in known:
+        near = difflib.get_close_matches(measure, known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else "see swarmstart list"
+        raise InvalidConditionError(
+            f"expected a measure in --fail-on, found {measure!r}; {hint}"
+        )
+    if bound == "null":
+        if relation != "==":
+            raise InvalidConditionError(
+                f"expected == with null in --fail-on, found {relation}"
+            )
+        return measure, relation, None
+    try:
+        number = float(bound)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise InvalidConditionError(f"{expected}, found {bound!r} as the number")
+    return measure, relation, number
+
+
+def _met(condition: Condition, measured: Measure, why: str) -> bool | None:
+    """Return whether a condition holds; of a list, whether it does for any entry.
+
+    Args:
+        condition: The condition.
+        measured: Its measure.
+        why: Why that may not be defined, as in `Kind`.
+
+    Returns:
+        None if it is not defined: the condition is not judged.
+    """
+    _, relation, bound = condition
+    if isinstance(measured, list):
+        return any(holds(value, relation, bound, reason=why) for value in measured)
+    return holds(measured, relation, bound, reason=why)
+
+
+def _exit_code(finished: Run, conditions: list[Condition]) -> int:
+    if not finished.feasible:
+        return INFEASIBLE
+    failed = [
+        f"{claim['id']}: {claim['text']}"
+        for claim in finished.claims
+        if claim["gate"] and claim["holds"] is False
+    ]
+    for condition in conditions:
+        measure, relation, bound = condition
+        why = finished.resolved.kind.undefined.get(measure, "")
+        met = _met(condition, finished.measures[measure], why)
+        if met is None:
+            reason = why or "it is not a number"
+            say(f"--fail-on not judged: {measure} is not defined: {reason}")
+        elif met:
+            value = finished.measures[measure]
+            found = why if value is None else to_json(value)
+            failed.append(f"{measure} = {found} {relation} {to_json(bound)}")
+    for failure in failed:
+        say(f"gate failed: {printable(failure)}")
+    return GATE if failed else DONE
+
+
+def _report(finished: Run) -> str:
+    """Return what a person reads of a run."""
+    summary = finished.summary()
+    title = finished.resolved.scenario.title
+    variant = f", {finished.resolved.variant}" if finished.resolved.variant else ""
+    method = f"{summary['search']}, polish {summary['polish']}, seed {finished.seed}"
+    lines = [
+        f"{printable(title)} ({summary['scenario']}{variant}; {method})",
+        finished.status,
+    ]
+    if finished.resumed:
+        lines.append(f"went on after step {finished.resumed}, where it had stopped")
+    lines.append("")
+    lines += _table(
+        [(name, _shown(value)) for name, value in finished.measures.items()]
+    )
+    judged = [claim for claim in finished.claims if claim["holds"] is not None]
+    if judged:
+        lines += ["", "claims", *_table([_claim_row(claim) for claim in judged])]
+    others = [claim for claim in finished.claims if claim["holds"] is None]
+    if others:
+        lines += ["", "claims not judged, which need"]
+        lines += _table([(c["id"], c["text"], c["needs"]) for c in others])
+    if finished.folder is not None:
+        lines += ["", f"record   {finished.folder}"]
+    if finished.folder is not None and finished.figures:
+        lines += [f"figures  {finished.folder / 'figures'}"]
+    return "\n".join(lines)
+
+
+VERDICTS = {True: "holds", False: "does not hold", None: "not judged"}
+
+
+def _claim_row(claim: dict[str, Any]) -> tuple[str, ...]:
+    bound = NEVER if claim["bound"] is None else f"{claim['bound']:.4g}"
+    undefined = claim["measured"] is None
+    measured = f"{claim['measure']} = "
+    measured += NEVER if undefined else _shown(claim["measured"])
+    question = f"{measured} {claim['relation']} {bound}"
+    return claim["id"], VERDICTS[claim["holds"]], question, claim["text"]
+
+
+def _table(rows: list[tuple[str, ...]]) -> list[str]:
+    """Return rows as aligned lines; the last column is not padded."""
+    if not rows:
+        return []
+    rows = [tuple(map(printable, row)) for row in rows]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
+    return [
+        "  "
+        + "  ".join(
+            [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
+            + [row[-1]]
+        )
+        for row in rows
+    ]
+
+
+def _shown(value: Measure) -> str:
+    if isinstance(value, list):
+        return "[" + ", ".join(_shown(item) for item in value) + "]"
+    if value is None:
+        return "-"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,107 @@
+"""What a scenario can name, as "module:attribute" strings: imported when used.
+
+Nothing heavy is imported here, so that `swarmstart list` and `--help` stay quick.
+"""
+
+import importlib
+from typing import Any, NamedTuple
+
+
+class SearchEntry(NamedTuple):
+    """A search as scenarios and the command line know it.
+
+    Attributes:
+        title: What it is, in a few words.
+        settings: Where its settings class is; empty for none.
+        warm_start: How much of its first population is the last plan by default.
+        sampling: How the rest is drawn by default; None as the library does.
+    """
+
+    title: str
+    settings: str
+    warm_start: str
+    sampling: str | None = None
+
+
+SEARCHES = {
+    "cpso": SearchEntry(
+        "chaotic particle swarm (5.17)-(5.19)",
+        "swarmstart.heuristics:ChaoticPSO",
+        "all",
+        "uniform",
+    ),
+    "pso": SearchEntry(
+        "standard particle swarm", "swarmstart.heuristics:ParticleSwarm", "all"
+    ),
+    "de": SearchEntry(
+        "differential evolution",
+        "swarmstart.heuristics:DifferentialEvolution",
+        "one",
+    ),
+    "jde": SearchEntry(
+        "differential evolution that adapts its own parameters",
+        "swarmstart.heuristics:SelfAdaptiveDE",
+        "one",
+    ),
+    "lshade": SearchEntry(
+        "L-SHADE: adaptive differential evolution of a shrinking population",
+        "swarmstart.heuristics:LSHADE",
+        "one",
+    ),
+    "ga": SearchEntry(
+        "real-coded genetic algorithm, started at random as the chapter's",
+        "swarmstart.heuristics:GeneticAlgorithm",
+        "none",
+        "uniform",
+    ),
+    "cma": SearchEntry(
+        "covariance matrix adaptation, restarted with twice the population (IPOP)",
+        "swarmstart.heuristics:CMAES",
+        "one",
+    ),
+    "random": SearchEntry("random search", "swarmstart.heuristics:RandomSearch", "one"),
+    "none": SearchEntry("no search: the polish alone", "", "one"),
+}
+
+POLISHES = {
+    "ipopt": "IPOPT on multiple shooting, from the search's answer",
+    "none": "no polish",
+}
+
+
+class KindEntry(NamedTuple):
+    """A kind of scenario as the registry knows it.
+
+    Attributes:
+        kind: Where its Kind is.
+        measures: Where the names of its measures are, with what they mean.
+    """
+
+    kind: str
+    measures: str
+
+
+KINDS = {
+    "formation_flight": KindEntry(
+        "swarmstart.cases.kinds.formation_flight.kind:KIND",
+        "swarmstart.cases.kinds.formation_flight.names:MEASURES",
+    ),
+    "close_formation": KindEntry(
+        "swarmstart.cases.kinds.close_formation.kind:KIND",
+        "swarmstart.cases.kinds.close_formation.names:MEASURES",
+    ),
+    "reconfiguration": KindEntry(
+        "swarmstart.cases.kinds.reconfiguration.kind:KIND",
+        "swarmstart.cases.kinds.reconfiguration.names:MEASURES",
+    ),
+    "transfer": KindEntry(
+        "swarmstart.cases.kinds.transfer.kind:KIND",
+        "swarmstart.cases.kinds.transfer.names:MEASURES",
+    ),
+}
+
+
+def load(where: str) -> Any:
+    """Return the attribute that a "module:attribute" string names."""
+    module, _, attribute = where.partition(":")
+    return getattr(importlib.import_module(module), attribute)

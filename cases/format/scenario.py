@@ -1,0 +1,499 @@
+"""A scenario: from a name or a path to a checked, frozen object.
+
+    file -> document -> variant laid over it -> --set -> validated Scenario
+
+Everything wrong is reported at once, each with file:line:column.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib.resources
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swarmstart.cases.format.document import Document, Place, YamlError, frame, shown
+from swarmstart.cases.format.expressions import ExpressionError
+from swarmstart.cases.format.overrides import assign, overlay, split_assignment
+from swarmstart.cases.format.registry import KINDS, SEARCHES, load
+from swarmstart.cases.format.yaml_reader import parse_yaml, read_yaml
+from swarmstart.errors import SwarmstartError
+
+if TYPE_CHECKING:
+    import pydantic
+    import pydantic_core
+
+    from swarmstart.cases.format.kind import Kind
+    from swarmstart.cases.format.settings import Scenario
+
+DEFAULT_VARIANT = "corrected"
+_SHOWN = 40  # characters of a value in a message
+
+_EXPECTED = {  # pydantic's type of an error -> what was expected, with its context
+    "int_type": "an integer",
+    "int_from_float": "an integer",
+    "float_type": "a number, or an expression such as pi/18",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "string_type": "text: put it in quotes",
+    "string_pattern_mismatch": "text that matches {pattern}",
+    "list_type": "a list",
+    "mapping_type": "a mapping",
+    "dict_type": "a mapping",
+    "model_type": "a mapping",
+    "model_attributes_type": "a mapping",
+    "literal_error": "{expected}",
+    "greater_than": "greater than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "at most {le:g}",
+    "too_short": "a list of at least {min_length} entries",
+    "too_long": "a list of at most {max_length} entries",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Flaw:
+    """One thing wrong with a scenario.
+
+    Attributes:
+        place: Where.
+        what: What was expected and what was found.
+        frame: The line with a caret; empty where there is none.
+    """
+
+    place: Place
+    what: str
+    frame: str = ""
+
+    def __str__(self) -> str:
+        """Put the place before the message."""
+        return f"{self.place}: {self.what}"
+
+
+class InvalidScenarioError(SwarmstartError, ValueError):
+    """A scenario that can be read but not run.
+
+    Attributes:
+        flaws: Everything that is wrong with it, in the order of the file.
+    """
+
+    def __init__(self, flaws: Sequence[Flaw]) -> None:
+        """Keep the flaws, sorted by their places."""
+        self.flaws = tuple(sorted(flaws, key=lambda flaw: flaw.place))
+        super().__init__(self.flaws)
+
+    def __str__(self) -> str:
+        """Say everything, a line each."""
+        return "\n".join(map(str, self.flaws))
+
+
+class UnknownScenarioError(SwarmstartError, LookupError):
+    """A name that is neither a shipped scenario nor a file."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Resolved:
+    """A scenario as it is run.
+
+    Attributes:
+        scenario: The checked scenario.
+        kind: How its kind is built, measured and drawn.
+        variant: The variant's name; empty where the scenario has none.
+        settings: The resolved scenario as plain data, complete with defaults.
+    """
+
+    scenario: Scenario
+    kind: Kind
+    variant: str
+    settings: Mapping[str, Any]
+
+    def anonymous_settings(self) -> dict[str, Any]:
+        """Return the settings without what is only told: one cell under any name."""
+        told = {"claims": [], "title": "", "source": "", "name": "cell"}
+        return {**self.settings, **told}
+
+
+def shipped() -> dict[str, Path]:
+    """Return the scenarios that come with the package, name -> file."""
+    folder = importlib.resources.files("swarmstart.cases") / "scenarios"
+    return {Path(f.name).stem: Path(str(f)) for f in sorted_files(folder)}
+
+
+def sorted_files(folder: Any) -> list[Any]:
+    """Return the YAML files of a folder by name."""
+    return sorted(
+        (f for f in folder.iterdir() if f.name.endswith(".yaml")), key=lambda f: f.name
+    )
+
+
+def read_document(name_or_path: str) -> Document:
+    """Read a scenario file.
+
+    Args:
+        name_or_path: The name of a shipped scenario, or a path: anything with a dot, a
+            slash, or an existing file.
+
+    Raises:
+        UnknownScenarioError: If it looks like a name and is none.
+        UnreadableFileError: If the file cannot be read.
+        YamlError: If its content is not the format.
+    """
+    known = shipped()
+    if name_or_path in known:
+        text = known[name_or_path].read_bytes()
+        return parse_yaml(text, name=f"{name_or_path}.yaml")
+    looks_like_path = any(mark in name_or_path for mark in "./\\")
+    if looks_like_path or _exists(name_or_path):
+        return read_yaml(name_or_path)
+    near = difflib.get_close_matches(name_or_path, known, n=1)
+    hint = f"; did you mean {near[0]}?" if near else ""
+    raise UnknownScenarioError(
+        f"expected a path or one of {', '.join(known)}, found "
+        f"{shown(name_or_path)}{hint}"
+    )
+
+
+def _exists(path: str) -> bool:
+    """Return whether there is a file of that name; no name is too long to ask."""
+    try:
+        return Path(path).exists()
+    except (OSError, ValueError):
+        return False
+
+
+def resolve(
+    document: Document,
+    *,
+    variant: str | None = None,
+    search: str | None = None,
+    polish: str | None = None,
+    assignments: Sequence[str] = (),
+    valid: Callable[[Scenario], None] = lambda scenario: None,
+) -> Resolved:
+    """Lay the variant and the assignments over a scenario and check the result.
+
+    Args:
+        document: The scenario as read.
+        variant: The variant's name; None means corrected, where there are variants.
+        search: The search's name, with its defaults; the scenario's own settings where
+            it is the scenario's own search. None means the scenario's.
+        polish: The polish's name; None means the scenario's.
+        assignments: "key.path=value", applied in order.
+        valid: Told of a scenario of the right form, before what takes time is checked:
+            that its terminal set can be certified.
+
+    Raises:
+        YamlError: If an assignment does not fit.
+        InvalidScenarioError: With everything that is wrong.
+    """
+    document, name = _with_variant(document, variant)
+    document = _without(document, "variants")
+    steps = _value(document, ("steps",))
+    if search is not None and _value(document, ("search", "name")) != search:
+        document = assign(document, "search", f"{{name: {search}}}", name="--search")
+    if polish is not None:
+        document = assign(document, "polish", polish, name="--polish")
+    for text in assignments:
+        document = assign(document, *split_assignment(text))
+    kind = _kind(document)
+    scenario = _claiming(_validated(document, kind), steps)
+    valid(scenario)
+    problems = [*_claim_problems(scenario, kind), *kind.problems(scenario)]
+    flaws = [_flaw(document, path, what) for path, what in problems]
+    if flaws:
+        raise InvalidScenarioError(flaws)
+    return Resolved(
+        scenario=scenario,
+        kind=kind,
+        variant=name,
+        settings=scenario.model_dump(mode="json", by_alias=True),
+    )
+
+
+def resolved_again(settings: Mapping[str, Any], variant: str) -> Resolved:
+    """Return what `resolve` had returned, from its settings.
+
+    Args:
+        settings: As in Resolved: plain data, complete and checked.
+        variant: As in Resolved.
+
+    Raises:
+        InvalidScenarioError: If they are not what `resolve` returns.
+    """
+    text = json.dumps(settings)
+    return replace(resolve(parse_yaml(text.encode(), name="settings")), variant=variant)
+
+
+def _claiming(scenario: Scenario, steps: object) -> Scenario:
+    """Return the scenario with claims of flights as long as its file says.
+
+    Args:
+        scenario: The scenario, with the steps that it is run with.
+        steps: The file's own; a claim whose `when` has others keeps them.
+    """
+    if not isinstance(steps, int):
+        return scenario
+    claims = [
+        claim.model_copy(update={"when": {"steps": steps, **claim.when}})
+        for claim in scenario.claims
+    ]
+    return scenario.model_copy(update={"claims": claims})
+
+
+def _with_variant(document: Document, variant: str | None) -> tuple[Document, str]:
+    """Return the document with its variant laid over it, and the variant's name."""
+    variants = document.data.get("variants")
+    if variants is None:
+        if variant is None:
+            return document, ""
+        place = document.places[()]
+        what = f"expected a scenario with variants, to choose {variant!r} from"
+        raise YamlError(what, place)
+    if not isinstance(variants, dict) or not variants:
+        what = f"expected a mapping of names to overrides, found {_shown(variants)}"
+        raise InvalidScenarioError([_flaw(document, ("variants",), what)])
+    name = variant or (DEFAULT_VARIANT if DEFAULT_VARIANT in variants else "")
+    if name not in variants:
+        listed = ", ".join(variants)
+        found = "none" if variant is None else repr(variant)
+        what = f"expected --variant to be one of {listed}; found {found}"
+        raise YamlError(what, document.places[("variants",)])
+    return overlay(document, ("variants", name)), name
+
+
+def _value(document: Document, path: Sequence[str]) -> object:
+    """Return the value at a path; None where there is none."""
+    value: Any = document.data
+    for part in path:
+        value = value.get(part) if isinstance(value, dict) else None
+    return value
+
+
+def _without(document: Document, key: str) -> Document:
+    """Return the document without a top-level key."""
+    content = document.root.content
+    if not isinstance(content, dict) or key not in content:
+        return document
+    kept = {name: node for name, node in content.items() if name != key}
+    return replace(document, root=replace(document.root, content=kept))
+
+
+def _kind(document: Document) -> Kind:
+    """Return the kind the document says it is of."""
+    kind = document.data.get("kind")
+    near = difflib.get_close_matches("kind", document.data, n=1)
+    if kind is None and near:
+        what = f"expected a known key, found {_shown(near[0])}; did you mean 'kind'?"
+        raise InvalidScenarioError([_flaw(document, near, what, of_key=True)])
+    if not isinstance(kind, str) or kind not in KINDS:
+        found = "nothing" if kind is None else _shown(kind)
+        what = f"expected kind to be one of {', '.join(KINDS)}; found {found}"
+        raise InvalidScenarioError([_flaw(document, ("kind",), what)])
+    found_kind: Kind = load(KINDS[kind].kind)
+    return found_kind
+
+
+def _claim_problems(
+    scenario: Scenario, kind: Kind
+) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Yield the claims about measures that there are not."""
+    for number, claim in enumerate(scenario.claims):
+        if claim.measure not in kind.measures:
+            what = f"expected a measure, found {_shown(claim.measure)}"
+            near = difflib.get_close_matches(claim.measure, kind.measures, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else "see swarmstart list"
+            yield ("claims", number, "measure"), f"{what}; {hint}"
+        for key in claim.when:
+            if _is_missing(scenario, key):
+                path = ("claims", number, "when", key)
+                yield path, f"expected a key of the scenario, found {_shown(key)}"
+
+
+def _is_missing(scenario: Scenario, dotted_key: str) -> bool:
+    """Return whether no such scenario has a key; other searches have other keys."""
+    settings = scenario.model_dump(mode="json", by_alias=True)
+    if dotted_key.startswith("search."):
+        return False
+    for part in dotted_key.split("."):
+        if not isinstance(settings, dict) or part not in settings:
+            return True
+        settings = settings[part]
+    return False
+
+
+def _validated(document: Document, kind: Kind) -> Scenario:
+    """Return the scenario that pydantic makes of the document."""
+    import pydantic
+
+    try:
+        return kind.scenario.model_validate(document.data)
+    except pydantic.ValidationError as error:
+        flaws = [
+            _described(document, path, together, kind.scenario)
+            for path, together in _by_path(document, error).items()
+        ]
+        raise InvalidScenarioError(flaws) from error
+
+
+def _by_path(
+    document: Document, error: pydantic.ValidationError
+) -> dict[tuple[str | int, ...], list[pydantic_core.ErrorDetails]]:
+    """Return pydantic's errors by their place in the data.
+
+    Where a value may be one of several things, pydantic says for each why it is not.
+    Those belong together; and where one of them got further in, it is the one meant.
+    """
+    grouped: dict[tuple[str | int, ...], list[pydantic_core.ErrorDetails]] = {}
+    for details in error.errors(include_url=False):
+        grouped.setdefault(_path_in(document.data, details), []).append(details)
+    inner = {path[:depth] for path in grouped for depth in range(len(path))}
+    return {path: group for path, group in grouped.items() if path not in inner}
+
+
+def _described(
+    document: Document,
+    path: tuple[str | int, ...],
+    group: Sequence[pydantic_core.ErrorDetails],
+    model: type[Any],
+) -> Flaw:
+    """Return what pydantic says of one place in this project's words."""
+    details = next((d for d in group if d["type"] == "value_error"), group[0])
+    kind, context = details["type"], details.get("ctx", {})
+    if kind == "extra_forbidden":
+        known = _known_keys(model, document.data, path[:-1])
+        near = difflib.get_close_matches(str(path[-1]), known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
+        what = f"expected a known key, found {_shown(path[-1])}; {hint}"
+        return _flaw(document, path, what, of_key=True)
+    if kind == "missing":
+        return _flaw(document, path[:-1], f"expected the key {path[-1]!r}")
+    if kind == "value_error":
+        return _refused(document, path, context["error"])
+    if kind.startswith("union_tag"):
+        expected = ", ".join(SEARCHES)  # The only choice by name that there is.
+        found = _shown(context["tag"]) if "tag" in context else "none"
+        what = f"expected name to be one of {expected}; found {found}"
+        return _flaw(document, (*path, "name"), what)
+    dotted = ".".join(map(str, path)) or "the scenario"
+    expected = " or ".join(dict.fromkeys(map(_expected, group)))
+    found = _shown(details["input"])
+    return _flaw(document, path, f"expected {dotted} to be {expected}; found {found}")
+
+
+def _expected(details: pydantic_core.ErrorDetails) -> str:
+    """Return what one of pydantic's errors expected."""
+    words = _EXPECTED.get(details["type"])
+    if words is None:  # Nothing that the models here ask for.
+        return details["msg"].removeprefix("Input should be ")
+    return words.format(**details.get("ctx", {}))
+
+
+def _refused(document: Document, path: tuple[str | int, ...], error: Exception) -> Flaw:
+    """Return what a check of this project says of a value, at its place."""
+    from swarmstart.heuristics import InvalidSettingsError
+
+    cause = error.__cause__
+    if isinstance(cause, InvalidSettingsError):
+        path = (*path, cause.name)
+        dotted = ".".join(map(str, path))
+        found = _shown(cause.value)
+        what = f"expected {dotted} to be {cause.allowed}; found {found}"
+        return _flaw(document, path, what)
+    flaw = _flaw(document, path, str(error))
+    if not isinstance(error, ExpressionError):
+        return flaw
+    source = document.sources.get(flaw.place.name, "")
+    place = _within(flaw.place, source, error)
+    return replace(flaw, place=place, frame=frame(source, place))
+
+
+def _within(place: Place, source: str, error: ExpressionError) -> Place:
+    """Return where in a text the wrong part of an expression stands.
+
+    The value's own place where the expression is written with escapes or over lines.
+    """
+    lines = source.splitlines()
+    written = lines[place.line - 1][place.column - 1 :] if lines else ""
+    quotes = len(written) - len(written.lstrip("\"'"))
+    if not written[quotes:].startswith(error.expression):
+        return place
+    return replace(place, column=place.column + quotes + error.column - 1)
+
+
+def _path_in(data: Any, details: pydantic_core.ErrorDetails) -> tuple[str | int, ...]:
+    """Return pydantic's location without what is not in the data: tags of unions.
+
+    The last part of a missing key is not in the data either, and is kept; the ends of
+    a range are entries of a list.
+    """
+    path: list[str | int] = []
+    for name in details["loc"]:
+        end = isinstance(data, list) and name in ("lower", "upper")
+        part = ("lower", "upper").index(str(name)) if end else name
+        if isinstance(data, dict) and part in data:
+            data = data[part]
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            data = data[part]
+        else:
+            continue
+        path.append(part)
+    if details["type"] == "missing":
+        path.append(details["loc"][-1])
+    return tuple(path)
+
+
+def _known_keys(
+    model: type[Any],
+    data: Any,
+    path: Sequence[str | int],
+) -> list[str]:
+    """Return the keys a mapping at a path may have, as far as the schema tells."""
+    schema = model.model_json_schema(by_alias=True)
+    node = _resolved(schema, schema, data)
+    for part in path:
+        data = data[part]
+        below = node.get("items") if isinstance(part, int) else None
+        below = below or node.get("properties", {}).get(part, {})
+        node = _resolved(schema, below, data)
+    return list(node.get("properties", {}))
+
+
+def _resolved(schema: Any, node: Any, data: Any) -> Any:
+    """Return the schema of a node behind references and choices by name."""
+    if "discriminator" in node and isinstance(data, dict):
+        node = {"$ref": node["discriminator"]["mapping"].get(data.get("name"), "")}
+    for choice in node.get("anyOf", ()):
+        if "$ref" in choice:
+            node = choice
+    if node.get("$ref"):
+        node = schema["$defs"].get(node["$ref"].rpartition("/")[2], {})
+    return node
+
+
+def _flaw(
+    document: Document,
+    path: Sequence[str | int],
+    what: str,
+    *,
+    of_key: bool = False,
+) -> Flaw:
+    """Return a flaw at the place of a path, or of the nearest part of it there is."""
+    places = document.key_places if of_key else document.places
+    at = tuple(path)
+    while at not in places and at:
+        at, places = at[:-1], document.places
+    place = places[at]
+    return Flaw(place, what, frame(document.sources.get(place.name, ""), place))
+
+
+def _shown(value: object) -> str:
+    """Return a value as YAML has it, shortened."""
+    if isinstance(value, str):
+        text = repr(value)
+    else:
+        text = json.dumps(value, ensure_ascii=False, default=repr)
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."

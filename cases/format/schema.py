@@ -1,0 +1,51 @@
+"""The JSON Schema of the scenario format, for editors.
+
+Editors read draft 7 at the most, pydantic writes 2020-12: definitions are renamed, and
+`variants` (any part of the format, laid over it) is added.
+"""
+
+from typing import Any
+
+from swarmstart.cases.format.registry import KINDS, load
+
+DIALECT = "http://json-schema.org/draft-07/schema#"
+
+
+def scenario_schema(kind: str) -> dict[str, Any]:
+    """Return the JSON Schema (draft 7) of one kind of scenario.
+
+    Args:
+        kind: A key of KINDS.
+    """
+    model = load(KINDS[kind].kind).scenario
+    schema: dict[str, Any] = _draft7(model.model_json_schema(by_alias=True))
+    variants = {
+        "type": "object",
+        "description": "Names to overrides: mappings merge, all else replaces.",
+        "additionalProperties": {"type": "object"},
+    }
+    # A key may be given by the variant instead of the top level, so none is required.
+    del schema["required"]
+    return {
+        "$schema": DIALECT,
+        **schema,
+        "title": f"swarmstart scenario, kind {kind}",
+        "properties": {**schema["properties"], "variants": variants},
+    }
+
+
+def _draft7(node: Any) -> Any:
+    """Return a schema with the names that draft 7 has for things."""
+    if isinstance(node, list):
+        return [_draft7(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    renamed = {}
+    for key, value in node.items():
+        if key == "$ref":
+            renamed[key] = value.replace("#/$defs/", "#/definitions/")
+        elif key == "$defs":
+            renamed["definitions"] = _draft7(value)
+        elif key != "discriminator":
+            renamed[key] = _draft7(value)
+    return renamed

@@ -1,0 +1,1 @@
+"""Kinds of scenario: what each poses, measures and draws."""

@@ -1,0 +1,213 @@
+"""A close formation scenario -> planning problem, controller and plant.
+
+    J = sum over the horizon of e'Q e at the ends of its steps                (5.21)
+
+e = (x - x_C, y - y_C, z - z_C, V - V_L, psi - psi_L). The leader's speed, heading and
+height are parameters of the model, known as they are when a plan is made.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.kind import Flight, Posed
+from swarmstart.cases.format.settings import Problem, bounds_of
+from swarmstart.cases.kinds.close_formation.gusts import dryden
+from swarmstart.cases.kinds.close_formation.leader import leader_of
+from swarmstart.cases.kinds.close_formation.scenario import (
+    CloseFormationScenario,
+    PlantPart,
+    Prediction,
+)
+from swarmstart.cases.kinds.models.close_formation import (
+    Wingman,
+    close_formation,
+)
+from swarmstart.cases.kinds.models.horseshoe_vortex import Aircraft
+from swarmstart.ocp import (
+    Bounds,
+    Known,
+    Model,
+    OptimalControlProblem,
+    Planner,
+    Plant,
+    RecedingHorizon,
+)
+
+Array = NDArray[np.float64]
+MOST_SUBSTEPS = 10_000
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CloseFormationFlight(Flight):
+    """A close formation flight ready to be flown.
+
+    Attributes:
+        aircraft: Both aircraft.
+        leader: Times (n,) -> speed, heading and height of the leader, shape (3, n).
+        loop: The controller, for what is measured afterwards.
+    """
+
+    aircraft: Aircraft
+    leader: Callable[[Array], Array]
+    loop: RecedingHorizon
+
+
+def build(scenario: CloseFormationScenario) -> CloseFormationFlight:
+    """Compile everything a flight needs.
+
+    Args:
+        scenario: The scenario, checked.
+    """
+    wingman, leader = _wingman(scenario), leader_of(scenario.leader)
+    loop = _controller(scenario, wingman, leader)
+    return CloseFormationFlight(
+        plant=_plant(scenario, wingman, leader),
+        controller=loop,
+        x0=np.array(scenario.start.vector()),
+        agents=1,
+        aircraft=wingman.aircraft,
+        leader=leader,
+        loop=loop,
+    )
+
+
+def pose(scenario: CloseFormationScenario) -> Posed:
+    """Return the planning problem of the first step.
+
+    Args:
+        scenario: The scenario, checked.
+    """
+    leader = leader_of(scenario.leader)
+    model = _model(scenario, _wingman(scenario), scenario.prediction)
+    return Posed(
+        problem=planning_problem(scenario, model),
+        x0=np.array(scenario.start.vector()),
+        known=Known(parameters=leader(np.zeros(1))[:, 0]),
+    )
+
+
+def problems(scenario: CloseFormationScenario) -> Iterator[Problem]:
+    """Yield what is wrong across the scenario's parts, with the place."""
+    yield from scenario.problems()
+    substeps = scenario.prediction.dt_s / scenario.plant.substep_s
+    if substeps > MOST_SUBSTEPS:
+        yield (
+            ("plant", "substep_s"),
+            f"expected at least prediction.dt_s / {MOST_SUBSTEPS} = "
+            f"{scenario.prediction.dt_s / MOST_SUBSTEPS:g}, "
+            f"found {scenario.plant.substep_s:g}",
+        )
+
+
+def planning_problem(
+    scenario: CloseFormationScenario, model: Model
+) -> OptimalControlProblem:
+    """Return the planning problem (5.21), (5.22) on a model."""
+    slot, prediction, commands = scenario.slot, scenario.prediction, scenario.commands
+    x, y, psi, V, z, _ = ca.vertsplit(model.states)
+    V_L, psi_L, _ = ca.vertsplit(model.parameters)
+    errors = ca.vertcat(
+        x - slot.x_ft, y - slot.y_ft, z - slot.z_ft, V - V_L, psi - psi_L
+    )
+    ranges = (commands.speed_ft_s, commands.heading_rad, commands.height_ft)
+    dt = prediction.dt_s
+    return OptimalControlProblem(
+        model,
+        horizon=dt * prediction.intervals,
+        intervals=prediction.intervals,
+        stage_cost=ca.bilin(ca.diag(scenario.weights), errors, errors) / dt,
+        bounds=Bounds(controls=bounds_of(ranges)),
+        quadrature="right",
+        integrator=scenario.integrator,
+        substeps=prediction.substeps,
+    )
+
+
+def commanded(scenario: CloseFormationScenario, leader: Array) -> Array:
+    """Return the commands that a leader (V_L, psi_L, h_L) would give itself, (3,)."""
+    relative = scenario.commands.heading_from == "leader"
+    return np.array([leader[0], 0.0 if relative else leader[1], leader[2]])
+
+
+def _wingman(scenario: CloseFormationScenario) -> Wingman:
+    return Wingman(
+        aircraft=Aircraft(**scenario.aircraft.model_dump()),
+        **scenario.autopilot.model_dump(),
+    )
+
+
+def _model(
+    scenario: CloseFormationScenario,
+    wingman: Wingman,
+    equations: Prediction | PlantPart,
+    *,
+    gusts: bool = False,
+) -> Model:
+    """Return the model that the prediction or the plant asks for."""
+    return close_formation(
+        wingman,
+        variant=equations.model,
+        kinematics=equations.kinematics,
+        aerodynamics=equations.aerodynamics,
+        heading_from=scenario.commands.heading_from,
+        gusts=gusts,
+    )
+
+
+def _controller(
+    scenario: CloseFormationScenario,
+    wingman: Wingman,
+    leader: Callable[[Array], Array],
+) -> RecedingHorizon:
+    believed = scenario.prediction
+    model = _model(scenario, wingman, believed)
+    planner = Planner(
+        planning_problem(scenario, model),
+        search=scenario.search_settings(),
+        polish=scenario.polish_options(),
+        backend=scenario.backend,
+    )
+
+    def now(time: float) -> Array:
+        return leader(np.array([time]))[:, 0]
+
+    def candidates(time: float) -> Array:
+        """The leader's own state as a command, held over the horizon (Step 1)."""
+        own = commanded(scenario, now(time))
+        return np.repeat(own[:, None], believed.intervals, axis=1)[:, :, None]
+
+    return RecedingHorizon(
+        planner=planner,
+        parameters=now,
+        candidates=candidates if scenario.leader_as_candidate else None,
+        append="last",
+    )
+
+
+def _plant(
+    scenario: CloseFormationScenario,
+    wingman: Wingman,
+    leader: Callable[[Array], Array],
+) -> Plant:
+    simulated, dt = scenario.plant, scenario.prediction.dt_s
+    model = _model(scenario, wingman, simulated, gusts=True)
+    substeps = max(1, round(dt / simulated.substep_s))
+    gusts, step = simulated.gusts, dt / substeps
+    blown = dryden(
+        scenario.steps * substeps,
+        sigma=gusts.sigma_ft_s,
+        length=gusts.length_ft,
+        speed=scenario.leader.manoeuvre[0].speed_ft_s,
+        dt=step,
+        rng=np.random.default_rng(gusts.seed),
+    )
+
+    def parameters(times: Array) -> Array:
+        index = np.minimum(np.rint(times / step).astype(int), blown.shape[1] - 1)
+        return np.vstack([leader(times), blown[:, index]])
+
+    return Plant(model, dt=dt, substeps=substeps, parameters=parameters)

@@ -1,0 +1,193 @@
+"""The scenario of a close formation: a wingman keeps a slot behind its leader.
+
+Source: the chapter, section 5.3. Lengths are in ft, as there.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from swarmstart.cases.format.settings import (
+    NonNegative,
+    Number,
+    Part,
+    Positive,
+    Problem,
+    Range,
+    Scenario,
+)
+
+
+class AircraftPart(Part):
+    """Both aircraft: F-16 class, rederived; see `models.horseshoe_vortex.Aircraft`."""
+
+    span_ft: Positive = 30.0
+    wing_area_ft2: Positive = 300.0
+    weight_lb: Positive = 25_000.0
+    air_density_slug_ft3: Positive = 4.62e-4
+    speed_ft_s: Positive = 825.0
+    lift_slope_per_rad: Positive = 5.3
+    core_fraction: Positive = 0.01
+    fin_efficiency: Positive = 0.95
+    fin_area_ft2: Positive = 54.75
+    fin_height_ft: Positive = 8.0
+    parasitic_drag: NonNegative = 0.02
+
+
+class Autopilot(Part):
+    """Lags of the wingman's autopilot, and how fast it may turn."""
+
+    speed_lag_s: Positive = 5.0
+    heading_lag_s: Positive = 0.75
+    height_lag_a_s: Positive = 0.3075
+    height_lag_b_s: Positive = 3.85
+    turn_rate_rad_s: Positive | None = None
+
+
+class Slot(Part):
+    """Where the leader is to be, seen from the wingman."""
+
+    x_ft: Positive
+    y_ft: Number
+    z_ft: Number = 0.0
+
+
+class Start(Part):
+    """The wingman's state at the beginning."""
+
+    x_ft: Number
+    y_ft: Number
+    heading_rad: Number = 0.0
+    speed_ft_s: Positive
+    z_ft: Number = 0.0
+    climb_ft_s: Number = 0.0
+
+    def vector(self) -> list[float]:
+        """Return (x, y, psi, V, z, zeta), the order of (5.20)."""
+        flown = [self.x_ft, self.y_ft, self.heading_rad, self.speed_ft_s]
+        return [*flown, self.z_ft, self.climb_ft_s]
+
+
+class LeaderRow(Part):
+    """The leader from an instant on."""
+
+    time_s: NonNegative
+    speed_ft_s: Positive
+    heading_rad: Number
+    height_ft: Number = 0.0
+
+
+class Leader(Part):
+    """The leader's manoeuvre, row after row; known when it happens, not before."""
+
+    between: Literal["hold", "linear"] = "hold"
+    manoeuvre: list[LeaderRow] = Field(min_length=1)
+
+
+class Commands(Part):
+    """Bounds of the commands to the autopilot."""
+
+    speed_ft_s: Range
+    heading_rad: Range
+    heading_from: Literal["north", "leader"] = "north"
+    height_ft: Range
+
+
+class Prediction(Part):
+    """What the controller believes, and how far it looks."""
+
+    dt_s: Positive
+    intervals: int = Field(default=1, ge=1, le=1000)
+    substeps: int = Field(default=1, ge=1, le=100)
+    model: Literal["corrected", "literal"] = "corrected"
+    kinematics: Literal["fixed", "exact"] = "fixed"
+    aerodynamics: Literal["linear", "none"] = "linear"
+
+
+class Gusts(Part):
+    """Dryden turbulence on the relative position, unknown to the controller."""
+
+    sigma_ft_s: NonNegative = 0.0
+    length_ft: Positive = 1750.0
+    seed: int = Field(default=0, ge=0)
+
+
+class PlantPart(Part):
+    """The simulated aircraft."""
+
+    substep_s: Positive = 0.01
+    model: Literal["corrected", "literal"] = "corrected"
+    kinematics: Literal["fixed", "exact"] = "fixed"
+    aerodynamics: Literal["linear", "vortex", "none"] = "linear"
+    gusts: Gusts = Gusts()
+
+
+class CloseFormationScenario(Scenario):
+    """Everything a close formation flight needs."""
+
+    kind: Literal["close_formation"]
+    aircraft: AircraftPart = AircraftPart()
+    autopilot: Autopilot = Autopilot()
+    slot: Slot
+    start: Start
+    leader: Leader
+    commands: Commands
+    prediction: Prediction
+    integrator: Literal["rk4", "euler"] = "rk4"
+    weights: Annotated[list[NonNegative], Field(min_length=5, max_length=5)]
+    leader_as_candidate: bool = True
+    reference: Literal["none", "ipopt"] = "none"
+    plant: PlantPart = PlantPart()
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what one part of the scenario makes wrong in another."""
+        yield from super().problems()
+        yield from self._manoeuvre_problems()
+        if not self.prediction.dt_s >= self.plant.substep_s:
+            yield (
+                ("plant", "substep_s"),
+                f"expected at most prediction.dt_s = {self.prediction.dt_s:g}, "
+                f"found {self.plant.substep_s:g}",
+            )
+        for key in ("prediction", "plant"):
+            part = getattr(self, key)
+            if part.model == "literal" and part.aerodynamics == "vortex":
+                yield (
+                    (key, "aerodynamics"),
+                    "expected linear or none with model literal, found vortex",
+                )
+        yield from self._bounds_problems()
+
+    def _bounds_problems(self) -> Iterator[Problem]:
+        limits = self.commands.speed_ft_s
+        speeds = [row.speed_ft_s for row in self.leader.manoeuvre]
+        if min(speeds) < limits.lower or max(speeds) > limits.upper:
+            yield (
+                ("commands", "speed_ft_s"),
+                f"expected bounds that include the leader's speeds, {min(speeds):g} to "
+                f"{max(speeds):g}; found [{limits.lower:g}, {limits.upper:g}]",
+            )
+
+    def _manoeuvre_problems(self) -> Iterator[Problem]:
+        rows = self.leader.manoeuvre
+        end, dt = rows[-1].time_s, self.prediction.dt_s
+        if 0 < end < dt:
+            yield (
+                ("prediction", "dt_s"),
+                f"expected at most {end:g} s, when the leader's manoeuvre is over; "
+                f"found {dt:g}",
+            )
+        if rows[0].time_s > 0:
+            yield (
+                ("leader", "manoeuvre", 0, "time_s"),
+                f"expected a manoeuvre that begins at 0 s, found {rows[0].time_s:g}",
+            )
+        for number in range(1, len(rows)):
+            before, time = rows[number - 1].time_s, rows[number].time_s
+            if not time > before:
+                yield (
+                    ("leader", "manoeuvre", number, "time_s"),
+                    f"expected a time after {before:g} s, that of the row before; "
+                    f"found {time:g}",
+                )

@@ -1,0 +1,305 @@
+"""The scenario of a formation flight: UAVs that follow slots of a virtual leader.
+
+Source: the chapter, section 5.2.
+"""
+
+import itertools
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from swarmstart.cases.format.settings import (
+    NonNegative,
+    Number,
+    Part,
+    Positive,
+    Problem,
+    Range,
+    Scenario,
+)
+from swarmstart.cases.kinds.planar import (
+    PlanarState,
+    Point,
+    distance,
+    start_speed_problems,
+)
+
+
+class Disc(Point):
+    """A circular obstacle."""
+
+    radius_m: Positive
+
+
+class Vehicle(Part):
+    """The model of the UAVs and its bounds."""
+
+    name: Literal["unicycle"]
+    acceleration_m_s2: Range
+    turn_rate_rad_s: Range
+    speed_m_s: Range | None = None
+
+
+Controls = Annotated[list[Number], Field(min_length=2, max_length=2)]
+"""An acceleration [m/s^2] and a turn rate [rad/s]."""
+
+
+class Uav(Part):
+    """One UAV: its start, and its slot relative to the leader, in axes not turned.
+
+    With a plan, controls for each interval of the horizon, it flies that and does not
+    plan. Without a number it has that of its place in the list, from 1.
+    """
+
+    number: int | None = Field(default=None, ge=1, le=9999)
+    start: PlanarState
+    slot: Point
+    plan: list[Controls] | None = None
+
+
+class Prediction(Part):
+    """The horizon and its grid."""
+
+    dt_s: Positive
+    intervals: int = Field(ge=1, le=1000)
+    checks: int = Field(default=1, ge=1, le=100)
+    substeps: int = Field(default=1, ge=1, le=100)
+    integrator: Literal["rk4", "euler"] = "rk4"
+
+
+class Weights(Part):
+    """Diagonals of the weights of (5.6)."""
+
+    Q: list[NonNegative] = Field(min_length=4, max_length=4)
+    R: list[Positive] = Field(min_length=2, max_length=2)
+
+
+Matrix = list[list[Number]]
+
+
+class TerminalCost(Part):
+    """P of (5.7): of the sampled-data Riccati equation with Q and R, or given."""
+
+    design: Literal["riccati", "given"]
+    P: Matrix | None = None
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with it."""
+        yield from _matrix_problems(self.design == "given", self.P)
+
+
+class Avoidance(Part):
+    """How distances to other UAVs and to obstacles are kept (5.15), (5.16)."""
+
+    safe_distance_m: Positive
+    along: Literal["points", "segments"]
+    measure: Literal["excess", "indicator"]
+    distance_margin_m: NonNegative = 0.0
+    obstacle_margin_m: NonNegative = 0.0
+    polish_distance_margin_m: NonNegative = 0.0
+    polish_obstacle_margin_m: NonNegative = 0.0
+
+
+class DualModePart(Part):
+    """The linear law that takes over when every UAV is inside its terminal set."""
+
+    enabled: bool
+    design: Literal["sampled", "literal"]
+    Q: list[NonNegative] = Field(min_length=4, max_length=4)
+    R: list[Positive] = Field(min_length=2, max_length=2)
+    P: Matrix | None = None
+    certify: bool = True
+
+    @property
+    def is_certified(self) -> bool:
+        """Whether the set is certified: the literal one never is."""
+        return self.enabled and self.certify and self.design == "sampled"
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with it."""
+        yield from _matrix_problems(self.design == "literal", self.P)
+
+
+class PlantPart(Part):
+    """The simulated aircraft: integrated finer than the prediction."""
+
+    substeps: int = Field(default=20, ge=1, le=1000)
+
+
+class FormationScenario(Scenario):
+    """Everything a formation flight needs."""
+
+    kind: Literal["formation_flight"]
+    vehicle: Vehicle
+    leader: PlanarState
+    uavs: list[Uav] = Field(min_length=1, max_length=100)
+    obstacles: list[Disc] = Field(default_factory=list)
+    planning_order: Literal["highest_first", "lowest_first"] | list[int] = (
+        "highest_first"
+    )
+    last_plan: Literal["shifted", "unshifted"] = "shifted"
+    prediction: Prediction
+    weights: Weights
+    terminal_cost: TerminalCost
+    avoidance: Avoidance
+    dual_mode: DualModePart
+    plant: PlantPart = PlantPart()
+
+    @property
+    def numbers(self) -> list[int]:
+        """What each UAV is called."""
+        return [
+            place if uav.number is None else uav.number
+            for place, uav in enumerate(self.uavs, start=1)
+        ]
+
+    @property
+    def planning(self) -> list[int]:
+        """Indices from 0 of the UAVs that plan: those without a given plan."""
+        return [place for place, uav in enumerate(self.uavs) if uav.plan is None]
+
+    def order_of_planning(self) -> list[int]:
+        """Return the UAVs' indices from 0 in the order in which they plan."""
+        numbers = self.numbers
+        if isinstance(self.planning_order, list):
+            return [numbers.index(number) for number in self.planning_order]
+        places = sorted(range(len(numbers)), key=numbers.__getitem__)
+        return places if self.planning_order == "lowest_first" else places[::-1]
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what one part of the scenario makes wrong in another."""
+        yield from super().problems()
+        for key in ("terminal_cost", "dual_mode"):
+            for path, message in getattr(self, key).problems():
+                yield (key, *path), message
+        yield from self._order_problems()
+        yield from self._place_problems()
+        yield from self._control_problems()
+        yield from self._plan_problems()
+        if self.vehicle.speed_m_s is not None:
+            yield from self._speed_problems(self.vehicle.speed_m_s)
+
+    def _order_problems(self) -> Iterator[Problem]:
+        numbers = self.numbers
+        for place, number in enumerate(numbers):
+            if number in numbers[:place]:
+                yield (
+                    ("uavs", place),
+                    f"expected a number of its own, found {number} again",
+                )
+        order = self.planning_order
+        if isinstance(order, list) and sorted(order) != sorted(numbers):
+            yield (
+                ("planning_order",),
+                f"expected the number of each of the {len(numbers)} UAVs once, "
+                f"found {order}",
+            )
+
+    def _place_problems(self) -> Iterator[Problem]:
+        safe = self.avoidance.safe_distance_m
+        for (i, one), (j, other) in itertools.combinations(enumerate(self.uavs), 2):
+            for key in ("start", "slot"):
+                apart = distance(getattr(one, key), getattr(other, key))
+                if apart < safe:
+                    yield (
+                        ("uavs", j, key),
+                        f"expected a {key} at least {safe:g} m (safe_distance_m) from "
+                        f"that of UAV {self.numbers[i]}, found {apart:g} m",
+                    )
+        for (i, uav), disc in itertools.product(enumerate(self.uavs), self.obstacles):
+            apart = distance(uav.start, disc)
+            if apart < disc.radius_m:
+                yield (
+                    ("uavs", i, "start"),
+                    f"expected a start outside the obstacle of radius "
+                    f"{disc.radius_m:g} m, found {apart:g} m from its centre",
+                )
+
+    def _control_problems(self) -> Iterator[Problem]:
+        for key in ("acceleration_m_s2", "turn_rate_rad_s"):
+            limits: Range = getattr(self.vehicle, key)
+            if not limits.lower < 0 < limits.upper:
+                yield (
+                    ("vehicle", key),
+                    "expected 0, the leader's own, strictly within the range; found "
+                    f"[{limits.lower:g}, {limits.upper:g}]",
+                )
+        each = getattr(self.search, "velocity_max", None)
+        variables = 2 * self.prediction.intervals
+        if isinstance(each, list) and len(each) != variables:
+            yield (
+                ("search", "velocity_max"),
+                f"expected a number, or one for each of the {variables} controls of "
+                f"a horizon; found {len(each)}",
+            )
+
+    def _plan_problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with plans that are given."""
+        given = {i: uav.plan for i, uav in enumerate(self.uavs) if uav.plan is not None}
+        if given and self.steps != 1:
+            first = self.numbers[min(given)]
+            yield (
+                ("steps",),
+                f"expected 1, since the plan of UAV {first} is given, for the first "
+                f"step only; found {self.steps}",
+            )
+        if len(given) == len(self.uavs):
+            yield (
+                ("uavs",),
+                f"expected a UAV without the key 'plan', which plans; found a plan for "
+                f"each of {len(given)}",
+            )
+        for i, plan in given.items():
+            if len(plan) != self.prediction.intervals:
+                yield (
+                    ("uavs", i, "plan"),
+                    f"expected controls for each of the {self.prediction.intervals} "
+                    f"intervals of the horizon, found {len(plan)}",
+                )
+            for k, controls in enumerate(plan):
+                yield from self._bound_problems(("uavs", i, "plan", k), controls)
+
+    def _bound_problems(
+        self, place: tuple[str | int, ...], controls: list[float]
+    ) -> Iterator[Problem]:
+        """Yield the controls of one interval that are out of the vehicle's bounds."""
+        keys = ("acceleration_m_s2", "turn_rate_rad_s")
+        for row, (key, value) in enumerate(zip(keys, controls, strict=True)):
+            limits: Range = getattr(self.vehicle, key)
+            if not limits.lower <= value <= limits.upper:
+                yield (
+                    (*place, row),
+                    f"expected a value within vehicle.{key} [{limits.lower:g}, "
+                    f"{limits.upper:g}], found {value:g}",
+                )
+
+    def _speed_problems(self, limits: Range) -> Iterator[Problem]:
+        if not limits.lower < self.leader.speed_m_s < limits.upper:
+            yield (
+                ("leader", "speed_m_s"),
+                "expected a speed strictly within vehicle.speed_m_s "
+                f"[{limits.lower:g}, {limits.upper:g}], "
+                f"found {self.leader.speed_m_s:g}",
+            )
+        for i, uav in enumerate(self.uavs):
+            place = ("uavs", i, "start", "speed_m_s")
+            yield from start_speed_problems(place, uav.start.speed_m_s, limits)
+
+
+def _matrix_problems(needed: bool, P: Matrix | None) -> Iterator[Problem]:
+    """Yield what is wrong with a 4 x 4 matrix that a design needs, or does not."""
+    if not needed:
+        return
+    if P is None:
+        yield (), "expected the key P, a 4 x 4 matrix, with this design"
+    elif [len(row) for row in P] != [4, 4, 4, 4]:
+        yield ("P",), f"expected a 4 x 4 matrix, found rows of {[len(r) for r in P]}"
+    elif not np.allclose(P, np.transpose(P)):
+        yield ("P",), "expected a symmetric matrix"
+    elif (smallest := np.linalg.eigvalsh(P).min()) <= 0:
+        yield (
+            ("P",),
+            f"expected a positive definite matrix, found the eigenvalue {smallest:.4g}",
+        )

@@ -1,0 +1,125 @@
+"""What scenarios of UAVs in the plane share: states, points, distances, limits.
+
+A UAV's state is (v, psi, x, y), speed [m/s], heading [rad] and position [m]; those of
+several are stacked, UAV after UAV.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.settings import Number, Part, Problem, Range
+
+Array = NDArray[np.float64]
+
+STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
+POSITION = (2, 3)
+"""Rows of the states that are the position."""
+METRE = 1.0
+"""Scale of distances and speeds in the chapter's penalties: in m and m/s."""
+SAME_PLACE_M = 1e-9
+"""Points nearer than this are one."""
+
+
+class PlanarState(Part):
+    """Speed, heading and position in the plane."""
+
+    speed_m_s: Number
+    heading_rad: Number
+    x_m: Number
+    y_m: Number
+
+    def vector(self) -> list[float]:
+        """Return (v, psi, x, y), the order of (5.3) and (5.30)."""
+        return [self.speed_m_s, self.heading_rad, self.x_m, self.y_m]
+
+
+class Point(Part):
+    """A position in the plane."""
+
+    x_m: Number
+    y_m: Number
+
+
+def distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
+    """Return the distance of two places [m]."""
+    return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
+
+
+def bank_problems(turn: str, bank: Range) -> Iterator[Problem]:
+    """Yield what is wrong with a range of the bank: beyond pi/2 turns are gentler."""
+    most = max(-bank.lower, bank.upper)
+    if most > math.pi / 2 or (turn == "tan" and most == math.pi / 2):
+        yield (
+            ("bank_rad",),
+            f"expected limits between -pi/2 and pi/2, found [{bank.lower:g}, "
+            f"{bank.upper:g}]",
+        )
+
+
+def speed_limit_problems(limits: Range) -> Iterator[Problem]:
+    """Yield what is wrong with a range of the speed of a UAV that banks to turn."""
+    if limits.lower <= 0:
+        yield (
+            ("speed_m_s",),
+            "expected a lower limit above 0, since the heading rate divides by the "
+            f"speed; found {limits.lower:g}",
+        )
+
+
+def start_speed_problems(
+    place: tuple[str | int, ...], speed: float, limits: Range
+) -> Iterator[Problem]:
+    """Yield what is wrong with a speed at the start.
+
+    Args:
+        place: Where in the scenario the speed stands.
+        speed: The speed [m/s].
+        limits: vehicle.speed_m_s.
+    """
+    if not limits.lower <= speed <= limits.upper:
+        yield (
+            place,
+            f"expected a speed within vehicle.speed_m_s [{limits.lower:g}, "
+            f"{limits.upper:g}], found {speed:g}",
+        )
+
+
+def speed_bounds(limits: Range | None, *, uavs: int = 1) -> tuple[Array, Array] | None:
+    """Return bounds of the stacked states, each (uavs * 4,), the speeds' alone.
+
+    Args:
+        limits: Of every speed; None: none is bounded, and so is returned.
+        uavs: Number of UAVs.
+    """
+    if limits is None:
+        return None
+    free = [np.inf] * (len(STATES) - 1)
+    return (
+        np.tile([limits.lower, *np.negative(free)], uavs),
+        np.tile([limits.upper, *free], uavs),
+    )
+
+
+def by_uav(stacked: Array, uavs: int) -> Array:
+    """Return stacked rows (uavs * n, T) as (uavs, n, T)."""
+    return stacked.reshape(uavs, -1, stacked.shape[1])
+
+
+def pair_distances(stacked: Array, uavs: int) -> Array:
+    """Return the distance of each pair of UAVs, shape (pairs, T) [m].
+
+    Args:
+        stacked: States, shape (uavs * 4, T).
+        uavs: Number of UAVs.
+    """
+    positions = by_uav(stacked, uavs)[:, list(POSITION)]
+    first, second = np.triu_indices(uavs, k=1)
+    return np.asarray(np.linalg.norm(positions[first] - positions[second], axis=1))
+
+
+def smallest(distances: Array) -> float | None:
+    """Return the smallest distance; None where there is none."""
+    return float(distances.min()) if distances.size else None

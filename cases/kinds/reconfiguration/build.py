@@ -1,0 +1,187 @@
+"""A reconfiguration scenario -> controller and plant.
+
+All controls are decided at once, the leader's too, unless it flies straight; or UAV
+after UAV plans (`planning: priority`).
+"""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.kind import Flight, Posed, SeveralPlansError
+from swarmstart.cases.format.settings import Problem
+from swarmstart.cases.kinds.reconfiguration.priority import (
+    links_of,
+    planning_order,
+    priority_team,
+)
+from swarmstart.cases.kinds.reconfiguration.problem import (
+    NU,
+    joint_problem,
+    team_model,
+    trim,
+)
+from swarmstart.cases.kinds.reconfiguration.scenario import (
+    ReconfigurationScenario,
+    start_problems,
+)
+from swarmstart.cases.kinds.reconfiguration.target import assigned_slots
+from swarmstart.ocp import (
+    Controller,
+    Known,
+    OptimalControlProblem,
+    Planner,
+    Plant,
+    RecedingHorizon,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ReconfigurationFlight(Flight):
+    """A reconfiguration ready to be flown.
+
+    Attributes:
+        slots: Of each UAV relative to the leader, shape (uavs, 2) [m].
+        steered: Numbers from 0 of the UAVs whose controls are decided.
+        trim: Controls of straight flight, shape (2,).
+        links: Pairs of UAVs that keep the communication distance.
+        joint: The controller where all plan at once; None where each plans alone.
+    """
+
+    slots: Array
+    steered: tuple[int, ...]
+    trim: Array
+    links: tuple[tuple[int, int], ...]
+    joint: RecedingHorizon | None
+
+    def controls_by_uav(self, controls: Array) -> Array:
+        """Return flown controls of all UAVs, shape (uavs, 2, T).
+
+        Args:
+            controls: Of the steered UAVs, shape (steered * 2, T).
+        """
+        steps = controls.shape[1]
+        full = np.repeat(self.trim[:, None], steps, axis=1)
+        stacked = np.repeat(full[None], len(self.slots), axis=0)
+        stacked[list(self.steered)] = controls.reshape(-1, NU, steps)
+        return stacked
+
+
+def build(scenario: ReconfigurationScenario) -> ReconfigurationFlight:
+    """Compile everything a flight needs.
+
+    Args:
+        scenario: The scenario, checked.
+    """
+    slots, steered = assigned_slots(scenario), _steered(scenario)
+    joint = None
+    controller: Controller
+    if scenario.planning.name == "joint":
+        controller = joint = _joint_controller(scenario, slots)
+    else:
+        controller = priority_team(scenario, slots)
+    return ReconfigurationFlight(
+        plant=Plant(
+            team_model(scenario, steered),
+            dt=scenario.prediction.dt_s,
+            substeps=scenario.plant.substeps,
+        ),
+        controller=controller,
+        x0=_start(scenario),
+        agents=1 if joint else len(slots),
+        slots=slots,
+        steered=steered,
+        trim=trim(scenario.vehicle),
+        links=_links(scenario, slots),
+        joint=joint,
+    )
+
+
+def pose(scenario: ReconfigurationScenario) -> Posed:
+    """Return the planning problem of the first step, of all UAVs at once.
+
+    Args:
+        scenario: The scenario, checked.
+
+    Raises:
+        SeveralPlansError: If each UAV plans alone.
+    """
+    if scenario.planning.name != "joint":
+        raise SeveralPlansError(
+            "expected planning.name to be joint, one planning problem a step; found "
+            f"{scenario.planning.name}, one for each of {len(scenario.uavs)} UAVs"
+        )
+    return Posed(
+        problem=_joint_problem(scenario, assigned_slots(scenario)),
+        x0=_start(scenario),
+        known=Known(),
+    )
+
+
+def problems(scenario: ReconfigurationScenario) -> Iterator[Problem]:
+    """Yield what is wrong across the scenario's parts, starts included."""
+    found = list(scenario.problems())
+    yield from found
+    if found:
+        return
+    slots, (_, far) = assigned_slots(scenario), scenario.distances.kept_m
+    linked = {(min(pair), max(pair)) for pair in _links(scenario, slots)}
+    for pair in itertools.combinations(range(len(slots)), 2):
+        yield from start_problems(scenario, pair, linked=pair in linked)
+    for i, j in sorted(linked):
+        apart = float(np.hypot(*(slots[i] - slots[j])))
+        if apart > far:
+            yield (
+                ("slots",),
+                f"expected slots of the linked UAVs {i + 1} and {j + 1} at most "
+                f"{far:g} m (distances.communication_m) apart, found {apart:g} m",
+            )
+
+
+def _links(
+    scenario: ReconfigurationScenario, slots: Array
+) -> tuple[tuple[int, int], ...]:
+    """Return the pairs that keep the communication distance: all, or the tree's."""
+    if scenario.planning.name == "joint":
+        return tuple(itertools.combinations(range(len(slots)), 2))
+    links = links_of(scenario, slots, planning_order(scenario, slots))
+    return tuple((number, j) for number, others in links.items() for j in others)
+
+
+def _steered(scenario: ReconfigurationScenario) -> tuple[int, ...]:
+    """Return the UAVs whose controls are decided."""
+    return tuple(
+        i
+        for i in range(len(scenario.uavs))
+        if scenario.planning.name == "priority"
+        or scenario.leader == "free"
+        or i != scenario.leader_index
+    )
+
+
+def _start(scenario: ReconfigurationScenario) -> Array:
+    """Return the states of all UAVs at the start, shape (uavs * 4,)."""
+    return np.concatenate([uav.vector() for uav in scenario.uavs])
+
+
+def _joint_problem(
+    scenario: ReconfigurationScenario, slots: Array
+) -> OptimalControlProblem:
+    return joint_problem(scenario, team_model(scenario, _steered(scenario)), slots)
+
+
+def _joint_controller(
+    scenario: ReconfigurationScenario, slots: Array
+) -> RecedingHorizon:
+    planner = Planner(
+        _joint_problem(scenario, slots),
+        search=scenario.search_settings(),
+        polish=scenario.polish_options(),
+        backend=scenario.backend,
+    )
+    return RecedingHorizon(planner=planner, append="last")

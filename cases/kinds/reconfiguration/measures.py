@@ -1,0 +1,132 @@
+"""What is measured of a reconfiguration; definitions in names.py."""
+
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.kind import Measure
+from swarmstart.cases.kinds.feasibility import found_plans
+from swarmstart.cases.kinds.flown_distances import (
+    flown_positions,
+    largest_pair_distance,
+    smallest_pair_distance,
+)
+from swarmstart.cases.kinds.planar import by_uav
+from swarmstart.cases.kinds.reconfiguration.build import ReconfigurationFlight
+from swarmstart.cases.kinds.reconfiguration.names import MEASURES
+from swarmstart.cases.kinds.reconfiguration.reference import gaps
+from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
+from swarmstart.cases.kinds.reconfiguration.target import position_errors
+from swarmstart.cases.record.plans import effort, plan_costs
+from swarmstart.ocp import Trajectory, interpolate, shifted_controls
+
+Array = NDArray[np.float64]
+
+LOSS = 1e-9
+"""Relative difference of costs below which a plan is no worse."""
+
+
+def measure(
+    scenario: ReconfigurationScenario,
+    flight: ReconfigurationFlight,
+    trajectory: Trajectory,
+) -> Mapping[str, Measure]:
+    """Return all measures of MEASURES by name, null where one is not defined."""
+    plans = [plan for decision in trajectory.decisions for plan in decision.plans]
+    measures: dict[str, Measure] = {
+        **_shape(scenario, flight, trajectory),
+        **_costs(scenario, flight, trajectory),
+        **_motion(flight, trajectory),
+        "penalty_max": max(plan.violation for plan in plans),
+        "infeasible_steps": sum(not found_plans(d) for d in trajectory.decisions),
+        **effort(trajectory),
+    }
+    return {name: measures[name] for name in MEASURES}
+
+
+def errors_of(
+    scenario: ReconfigurationScenario, flight: ReconfigurationFlight, states: Array
+) -> Array:
+    """Return the distance of each UAV from its slot, shape (uavs, T) [m]."""
+    return position_errors(
+        states,
+        flight.slots,
+        leader=scenario.leader_index,
+        turned=scenario.frame == "leader",
+    )
+
+
+def link_distances(flight: ReconfigurationFlight, distances: Array) -> Array:
+    """Return the rows of all pairs' distances that are links, shape (links, T)."""
+    pairs = itertools.combinations(range(len(flight.slots)), 2)
+    linked = {(min(pair), max(pair)) for pair in flight.links}
+    return np.asarray(distances[[pair in linked for pair in pairs]])
+
+
+def _shape(
+    scenario: ReconfigurationScenario,
+    flight: ReconfigurationFlight,
+    trajectory: Trajectory,
+) -> dict[str, Measure]:
+    off = errors_of(scenario, flight, trajectory.states).max(axis=0)
+    headings = by_uav(trajectory.states, len(flight.slots))[:, 1, -1]
+    path = interpolate(flight.plant, trajectory)
+    flown = flown_positions(path, len(flight.slots))
+    return {
+        "position_error_m": float(off[-1]),
+        "position_error_per_horizon_m": off[1:].tolist(),
+        "heading_error_rad": float(
+            np.abs(headings - headings[scenario.leader_index]).max()
+        ),
+        "min_distance_m": smallest_pair_distance(flown),
+        "max_distance_m": largest_pair_distance(flown),
+        "max_link_distance_m": largest_pair_distance(flown, pairs=flight.links),
+    }
+
+
+def _costs(
+    scenario: ReconfigurationScenario,
+    flight: ReconfigurationFlight,
+    trajectory: Trajectory,
+) -> dict[str, Measure]:
+    costs = plan_costs(trajectory)
+    gap: Array | None = None
+    if scenario.reference != "none" and flight.joint is not None:
+        gap = gaps(flight.joint, trajectory)
+    return {
+        "cost_per_horizon": costs.tolist(),
+        "cost_rises": int(np.sum(np.diff(costs) > 0)),
+        "candidate_losses": _losses(flight, trajectory, costs),
+        "gap_per_horizon": None if gap is None else gap.tolist(),
+        "gap_max": None if gap is None else float(gap.max()),
+    }
+
+
+def _losses(
+    flight: ReconfigurationFlight, trajectory: Trajectory, costs: Array
+) -> int | None:
+    """Return how many plans are worse than the last one, shifted (5.29)."""
+    if flight.joint is None:
+        return None
+    planner, losses = flight.joint.planner, 0
+    for k in range(1, costs.size):
+        last = trajectory.decisions[k - 1].plans[0].controls
+        again = shifted_controls(planner.problem, last, flight.joint.append)
+        value, broken = planner.fitness.value(again, trajectory.states[:, k])
+        allowed = broken <= planner.problem.tolerance
+        losses += bool(allowed and costs[k] > value * (1 + LOSS))
+    return losses
+
+
+def _motion(
+    flight: ReconfigurationFlight, trajectory: Trajectory
+) -> dict[str, Measure]:
+    speeds = by_uav(trajectory.dense_states, len(flight.slots))[:, 0]
+    banks = flight.controls_by_uav(trajectory.controls)[:, 1]
+    return {
+        "speed_min_m_s": float(speeds.min()),
+        "speed_max_m_s": float(speeds.max()),
+        "bank_max_rad": float(np.abs(banks).max()),
+    }

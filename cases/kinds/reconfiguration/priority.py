@@ -1,0 +1,172 @@
+"""A reconfiguration in which UAV after UAV plans, the leader first.
+
+UAV i takes its part e_i'Q e_i of (5.38) alone. It sees the leader's plan and keeps the
+safe distance (5.33) to all within range: to the fresh plans of those that have planned
+before it, to the last plans of the others. It keeps the communication distance (5.34)
+to its links only: the nearest in the new formation among those that have planned before
+it. With one link each, the links are a tree that hangs at the leader, so that everybody
+stays in touch with everybody. The leader holds its course.
+
+They plan in the order of their slots' distances from the leader.
+"""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds
+from swarmstart.cases.kinds.reconfiguration.problem import (
+    NX,
+    connection,
+    control_limits,
+    error,
+    separation,
+    trim,
+    uav_model,
+)
+from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
+from swarmstart.ocp import (
+    Bounds,
+    LocalAgent,
+    LocalTeam,
+    OptimalControlProblem,
+    Planner,
+)
+
+Array = NDArray[np.float64]
+
+FEWEST_OTHERS = 4
+"""The smallest number of others that a problem is compiled for; each next is twice."""
+
+
+def planning_order(scenario: ReconfigurationScenario, slots: Array) -> list[int]:
+    """Return the UAVs' numbers from 0, the leader first, the outermost slot last."""
+    distance = np.hypot(*slots.T)
+    distance[scenario.leader_index] = -1.0
+    return [int(i) for i in np.argsort(distance, kind="stable")]
+
+
+def links_of(
+    scenario: ReconfigurationScenario, slots: Array, order: list[int]
+) -> dict[int, tuple[int, ...]]:
+    """Return the UAVs that each keeps the communication distance to.
+
+    Args:
+        scenario: The scenario.
+        slots: Of each UAV relative to the leader, shape (uavs, 2) [m].
+        order: As of `planning_order`.
+    """
+    links: dict[int, tuple[int, ...]] = {}
+    for place, number in enumerate(order):
+        before = np.array(order[:place], dtype=np.int64)
+        apart = np.hypot(*(slots[before] - slots[number]).T)
+        nearest = before[np.argsort(apart, kind="stable")]
+        links[number] = tuple(int(j) for j in nearest[: scenario.planning.links])
+    return links
+
+
+def priority_team(scenario: ReconfigurationScenario, slots: Array) -> LocalTeam:
+    """Return the team, with every planner compiled that it may need.
+
+    Args:
+        scenario: The scenario, with `planning: priority`.
+        slots: Of each UAV relative to the leader, shape (uavs, 2) [m].
+    """
+    order, kept = planning_order(scenario, slots), scenario.planning.links
+    links = links_of(scenario, slots, order)
+    intervals = scenario.prediction.intervals
+    straight = np.repeat(trim(scenario.vehicle)[:, None], intervals, axis=1)
+    agents = [
+        LocalAgent(
+            parameters=[*slot, *(float(k < len(links[number])) for k in range(kept))],
+            links=links[number],
+            reference=_straight_flight(scenario)
+            if number == scenario.leader_index
+            else None,
+            candidates=straight[:, :, None],
+            held=straight if number == scenario.leader_index else None,
+        )
+        for number, slot in enumerate(slots)
+    ]
+    planners = {
+        others: Planner(
+            uav_problem(scenario, others=others),
+            search=scenario.search_settings(),
+            polish=scenario.polish_options(),
+            backend=scenario.backend,
+        )
+        for others in rooms(len(slots))
+    }
+    return LocalTeam(
+        agents,
+        planners=planners,
+        order=order,
+        range=scenario.planning.range_m or np.inf,
+        position=POSITION,
+        links=kept,
+    )
+
+
+def rooms(uavs: int) -> list[int]:
+    """Return the numbers of others that problems are compiled for: 4, 8, 16, ..."""
+    doubled = (FEWEST_OTHERS * 2**k for k in itertools.count())
+    return [*itertools.takewhile(lambda others: others < uavs - 1, doubled), uavs - 1]
+
+
+def uav_problem(
+    scenario: ReconfigurationScenario, *, others: int
+) -> OptimalControlProblem:
+    """Return one UAV's planning problem, the same for every UAV.
+
+    Its signals are the leader's state, the positions of its links and of the others;
+    its parameters its slot, and for each link 1 where it is one, else 0.
+
+    Args:
+        scenario: The scenario.
+        others: How many others it has signals for.
+    """
+    prediction, kept = scenario.prediction, scenario.planning.links
+    model = replace(
+        uav_model(scenario.vehicle), parameters=ca.SX.sym("parameters", 2 + kept)
+    )
+    leader = ca.SX.sym("leader", NX)
+    linked = [ca.SX.sym(f"link{k}", len(POSITION)) for k in range(kept)]
+    near = [ca.SX.sym(f"other{k}", len(POSITION)) for k in range(others)]
+    slot, is_link = model.parameters[:2], model.parameters[2:]
+    position, distances = model.states[list(POSITION)], scenario.distances
+    e = error(model.states, leader, slot, turned=scenario.frame == "leader")
+    dt = prediction.dt_s
+    return OptimalControlProblem(
+        model,
+        horizon=dt * prediction.intervals,
+        intervals=prediction.intervals,
+        stage_cost=ca.bilin(ca.diag(ca.DM(scenario.weights)), e, e) / dt,
+        bounds=Bounds(
+            controls=control_limits(scenario.vehicle),
+            states=speed_bounds(scenario.vehicle.speed_m_s),
+            state_scale=METRE,
+        ),
+        constraints=[
+            *[
+                connection(distances, is_link[k] * (position - place))
+                for k, place in enumerate(linked)
+            ],
+            *[separation(distances, position - place) for place in near],
+        ],
+        signals=ca.vertcat(leader, *linked, *near),
+        quadrature="right",
+        checks=prediction.checks,
+        substeps=prediction.substeps,
+    )
+
+
+def _straight_flight(scenario: ReconfigurationScenario) -> Callable[[Array], Array]:
+    """Return times (n,) [s] -> the leader's states where it flies straight, (4, n)."""
+    start = scenario.uavs[scenario.leader_index]
+    psi = start.heading_rad
+    rate = start.speed_m_s * np.array([0.0, 0.0, np.cos(psi), np.sin(psi)])
+    return lambda times: np.array(start.vector())[:, None] + rate[:, None] * times

@@ -1,0 +1,161 @@
+"""The planning problem of a reconfiguration.
+
+    J = sum over the horizon's intervals and the UAVs of e_i'Q e_i            (5.38)
+    e_i = x_ref,i - (x_i - x_L)     at the ends of the intervals
+
+with x = (v, psi, x, y) and x_ref = (0, 0, slot); headings are not wrapped. Subject to
+(5.33) and (5.34): the distances of every two UAVs, at every check.
+"""
+
+import itertools
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.settings import bounds_of
+from swarmstart.cases.kinds.models.bank_to_turn import Thrust, bank_to_turn
+from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds
+from swarmstart.cases.kinds.reconfiguration.scenario import (
+    Distances,
+    ReconfigurationScenario,
+    Vehicle,
+)
+from swarmstart.ocp import (
+    Bounds,
+    Connection,
+    Constraint,
+    Model,
+    OptimalControlProblem,
+    Separation,
+    right_hand_side,
+    stack_models,
+)
+
+Array = NDArray[np.float64]
+NX, NU = 4, 2  # Of one UAV.
+
+
+def trim(vehicle: Vehicle) -> Array:
+    """Return the controls of straight flight at constant speed, shape (2,)."""
+    return np.array([vehicle.drag_n, 0.0])
+
+
+def uav_model(vehicle: Vehicle) -> Model:
+    """Return the model (5.30) of one UAV."""
+    thrust = Thrust(
+        drag=vehicle.drag_n, weight=vehicle.weight_n, equation=vehicle.thrust_equation
+    )
+    return bank_to_turn(turn=vehicle.turn, thrust=thrust)
+
+
+def team_model(scenario: ReconfigurationScenario, steered: Sequence[int]) -> Model:
+    """Return all UAVs as one model; its controls are those of the steered ones."""
+    uavs = len(scenario.uavs)
+    stacked = stack_models([uav_model(scenario.vehicle)] * uavs)
+    if len(steered) == uavs:
+        return stacked
+    u = ca.SX.sym("u", NU * len(steered))
+    own = dict(zip(steered, ca.vertsplit(u, NU), strict=True))
+    straight = ca.SX(trim(scenario.vehicle))
+    every = ca.vertcat(*[own.get(i, straight) for i in range(uavs)])
+    names = [stacked.control_names[NU * i + row] for i in steered for row in range(NU)]
+    return Model(
+        states=stacked.states,
+        controls=u,
+        ode=right_hand_side(stacked)(stacked.states, every, ca.SX(0, 1)),
+        state_names=stacked.state_names,
+        control_names=tuple(names),
+    )
+
+
+def joint_problem(
+    scenario: ReconfigurationScenario, model: Model, slots: Array
+) -> OptimalControlProblem:
+    """Return the planning problem (5.38) of all UAVs at once.
+
+    Args:
+        scenario: The scenario.
+        model: All UAVs, as of `team_model`.
+        slots: Of each UAV relative to the leader, shape (uavs, 2) [m].
+    """
+    prediction, uavs = scenario.prediction, ca.vertsplit(model.states, NX)
+    leader = uavs[scenario.leader_index]
+    turned = scenario.frame == "leader"
+    Q, dt = ca.diag(ca.DM(scenario.weights)), prediction.dt_s
+    errors = [
+        error(uav, leader, ca.DM(slot), turned=turned)
+        for uav, slot in zip(uavs, slots, strict=True)
+    ]
+    lower, upper = control_limits(scenario.vehicle)
+    steered = model.nu // NU
+    return OptimalControlProblem(
+        model,
+        horizon=dt * prediction.intervals,
+        intervals=prediction.intervals,
+        stage_cost=sum((ca.bilin(Q, e, e) for e in errors), ca.SX(0)) / dt,
+        bounds=Bounds(
+            controls=(np.tile(lower, steered), np.tile(upper, steered)),
+            states=speed_bounds(scenario.vehicle.speed_m_s, uavs=len(uavs)),
+            state_scale=METRE,
+        ),
+        constraints=_pair_constraints(scenario.distances, uavs),
+        quadrature="right",
+        checks=prediction.checks,
+        substeps=prediction.substeps,
+    )
+
+
+def error(state: ca.SX, leader: ca.SX, slot: ca.SX | ca.DM, *, turned: bool) -> ca.SX:
+    """Return e_i = x_ref,i - (x_i - x_L), shape (4, 1).
+
+    Args:
+        state: Of the UAV.
+        leader: State of the leader.
+        slot: Relative to the leader, shape (2, 1) [m].
+        turned: Whether the slot turns with the leader.
+    """
+    ahead, left = slot[0], slot[1]
+    if turned:
+        cos, sin = ca.cos(leader[1]), ca.sin(leader[1])
+        ahead, left = ahead * cos - left * sin, ahead * sin + left * cos
+    return ca.vertcat(0, 0, ahead, left) - (state - leader)
+
+
+def control_limits(vehicle: Vehicle) -> tuple[Array, Array]:
+    """Return lower and upper bounds of (thrust, bank), each (2,)."""
+    return bounds_of((vehicle.thrust_n, vehicle.bank_rad))
+
+
+def _pair_constraints(distances: Distances, uavs: Sequence[ca.SX]) -> list[Constraint]:
+    """Return (5.33) and (5.34) for every pair."""
+    positions = [uav[list(POSITION)] for uav in uavs]
+    pairs = [a - b for a, b in itertools.combinations(positions, 2)]
+    return [
+        constraint
+        for pair in pairs
+        for constraint in (separation(distances, pair), connection(distances, pair))
+    ]
+
+
+def separation(distances: Distances, relative: ca.SX) -> Separation:
+    """Return (5.33): the safe distance of a relative position."""
+    return Separation(
+        relative=relative,
+        distance=distances.safe_m,
+        margin=distances.margin_m,
+        smooth_margin=distances.margin_m,
+        along=distances.along,
+        scale=METRE,
+    )
+
+
+def connection(distances: Distances, relative: ca.SX) -> Connection:
+    """Return (5.34): the communication distance of a relative position."""
+    return Connection(
+        relative=relative,
+        distance=distances.communication_m,
+        margin=distances.margin_m,
+        scale=METRE,
+    )

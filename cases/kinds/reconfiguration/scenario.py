@@ -1,0 +1,269 @@
+"""The scenario of a reconfiguration: UAVs leave one formation for another.
+
+Source: the chapter, section 5.4.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from swarmstart.cases.format.settings import (
+    NonNegative,
+    Part,
+    Positive,
+    Problem,
+    Range,
+    Scenario,
+)
+from swarmstart.cases.kinds.planar import (
+    SAME_PLACE_M,
+    PlanarState,
+    Point,
+    bank_problems,
+    distance,
+    speed_limit_problems,
+    start_speed_problems,
+)
+
+MOST_JOINT = 40
+"""UAVs: with more, one problem of all pairs takes minutes to build."""
+
+
+class Vehicle(Part):
+    """The model (5.30) of the UAVs and its bounds."""
+
+    thrust_n: Range
+    bank_rad: Range
+    drag_n: NonNegative
+    weight_n: Positive
+    thrust_equation: Literal["printed", "newton"]
+    turn: Literal["sin", "tan"] = "sin"
+    speed_m_s: Range | None = None
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with it."""
+        yield from bank_problems(self.turn, self.bank_rad)
+        if self.speed_m_s is not None:
+            yield from speed_limit_problems(self.speed_m_s)
+
+
+class Distances(Part):
+    """What every two UAVs keep, (5.33) and (5.34)."""
+
+    safe_m: Positive
+    communication_m: Positive
+    along: Literal["points", "segments"] = "points"
+    margin_m: NonNegative = 0.0
+
+    @property
+    def kept_m(self) -> tuple[float, float]:
+        """What plans keep: the limits, with the margin taken off on both sides."""
+        return self.safe_m + self.margin_m, self.communication_m - self.margin_m
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with them."""
+        near, far = self.kept_m
+        if near >= far:
+            yield (
+                ("communication_m",),
+                f"expected more than safe_m = {self.safe_m:g}, and the margin twice; "
+                f"found {self.communication_m:g}",
+            )
+
+
+class Prediction(Part):
+    """The horizon of a plan and its grid."""
+
+    dt_s: Positive
+    intervals: int = Field(default=1, ge=1, le=1000)
+    checks: int = Field(default=10, ge=1, le=100)
+    substeps: int = Field(default=1, ge=1, le=100)
+
+
+class Planning(Part):
+    """Who plans: all controls at once, or UAV after UAV, the leader first."""
+
+    name: Literal["joint", "priority"]
+    range_m: Positive | None = None
+    links: int = Field(default=1, ge=1, le=8)
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with it."""
+        if self.name == "priority" and self.range_m is None:
+            yield (), "expected the key range_m with priority"
+
+
+class PlantPart(Part):
+    """The simulated aircraft: integrated finer than the prediction."""
+
+    substeps: int = Field(default=10, ge=1, le=1000)
+
+
+class ReconfigurationScenario(Scenario):
+    """Everything a reconfiguration needs."""
+
+    kind: Literal["reconfiguration"]
+    vehicle: Vehicle
+    uavs: list[PlanarState] = Field(min_length=2, max_length=200)
+    leader_uav: int = Field(ge=1)
+    leader: Literal["free", "straight"] = "free"
+    slots: list[Point] = Field(min_length=2)
+    frame: Literal["global", "leader"] = "global"
+    assignment: Literal["given", "shortest"] = "given"
+    distances: Distances
+    prediction: Prediction
+    weights: Annotated[list[NonNegative], Field(min_length=4, max_length=4)]
+    planning: Planning = Planning(name="joint")
+    reference: Literal["none", "ipopt"] = "none"
+    plant: PlantPart = PlantPart()
+
+    @property
+    def leader_index(self) -> int:
+        """The leader's number from 0."""
+        return self.leader_uav - 1
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what one part of the scenario makes wrong in another."""
+        yield from super().problems()
+        for key in ("vehicle", "distances", "planning"):
+            for path, message in getattr(self, key).problems():
+                yield (key, *path), message
+        if not any(self.weights):
+            yield ("weights",), "expected a weight above 0, found zeros only"
+        many = len(self.uavs) > MOST_JOINT
+        if self.planning.name == "joint" and many:
+            yield (
+                ("planning", "name"),
+                f"expected priority with more than {MOST_JOINT} UAVs, found joint with "
+                f"{len(self.uavs)}",
+            )
+        elif not any(self.distances.problems()):  # Else slots could not keep them.
+            yield from self._slot_problems()
+        yield from self._speed_problems()
+        yield from self._leader_problems()
+        yield from self._range_problems()
+
+    def _slot_problems(self) -> Iterator[Problem]:
+        slots, uavs = len(self.slots), len(self.uavs)
+        if slots != uavs:
+            word = "more" if slots > uavs else "fewer"
+            yield (
+                ("slots",),
+                f"expected a slot for each of the {uavs} UAVs, found {slots}: {word} "
+                "slots than UAVs",
+            )
+        near, far = self.distances.kept_m
+        if self.planning.name == "priority":
+            far = math.inf  # Only linked UAVs stay within it; see build.problems.
+        for i, j in itertools.combinations(range(slots), 2):
+            apart = distance(self.slots[i], self.slots[j])
+            if apart < SAME_PLACE_M:
+                what = "expected a place of its own"
+                yield (("slots", j), f"{what}, found that of slot {i + 1}")
+            else:
+                for what in _out_of_range(apart, near=near, far=far):
+                    yield ("slots", j), f"expected {what.format(f'slot {i + 1}')}"
+
+    def _speed_problems(self) -> Iterator[Problem]:
+        limits = self.vehicle.speed_m_s
+        for i, uav in enumerate(self.uavs):
+            place, speed = ("uavs", i, "speed_m_s"), uav.speed_m_s
+            if speed <= 0:
+                yield (
+                    place,
+                    "expected a speed above 0, since the heading rate divides by it; "
+                    f"found {speed:g}",
+                )
+            elif limits is not None:
+                yield from start_speed_problems(place, speed, limits)
+
+    def _leader_problems(self) -> Iterator[Problem]:
+        if self.leader_uav > len(self.uavs):
+            yield (
+                ("leader_uav",),
+                f"expected a UAV from 1 to {len(self.uavs)}, found {self.leader_uav}",
+            )
+            return
+        yield from self._own_slot_problems()
+        for key, trim in (("thrust_n", self.vehicle.drag_n), ("bank_rad", 0.0)):
+            limits: Range = getattr(self.vehicle, key)
+            if self.leader == "straight" and not limits.lower <= trim <= limits.upper:
+                yield (
+                    ("vehicle", key),
+                    f"expected a range that includes {trim:g}, with which the leader "
+                    f"flies straight; found [{limits.lower:g}, {limits.upper:g}]",
+                )
+
+    def _own_slot_problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with the leader's slot: slots are relative to it."""
+        expected = "expected the leader's own slot at (0, 0)"
+        if self.assignment == "shortest":
+            if all(math.hypot(s.x_m, s.y_m) > SAME_PLACE_M for s in self.slots):
+                yield ("slots",), f"{expected}, found none there"
+        elif self.leader_uav <= len(self.slots):
+            slot = self.slots[self.leader_index]
+            if math.hypot(slot.x_m, slot.y_m) > SAME_PLACE_M:
+                yield (
+                    ("slots", self.leader_index),
+                    f"{expected}, found ({slot.x_m:g}, {slot.y_m:g})",
+                )
+
+    def _range_problems(self) -> Iterator[Problem]:
+        if self.planning.name != "priority":
+            return
+        if self.leader != "straight":
+            yield (
+                ("leader",),
+                "expected straight with planning priority: a leader that plans alone "
+                "has no cost of its own; found free",
+            )
+        if self.reference != "none":
+            yield (
+                ("reference",),
+                f"expected none with planning priority, found {self.reference}",
+            )
+        limits, seen = self.vehicle.speed_m_s, self.planning.range_m
+        if limits is None:
+            yield (
+                ("vehicle",),
+                "expected the key speed_m_s with planning priority, since the range "
+                "that must be seen follows from it",
+            )
+        elif seen is not None:
+            closing = 2 * limits.upper * self.prediction.dt_s
+            needed = self.distances.safe_m + closing
+            if seen < needed:
+                yield (
+                    ("planning", "range_m"),
+                    f"expected at least {needed:g} m: distances.safe_m, and what two "
+                    f"UAVs can close in a control step; found {seen:g}",
+                )
+
+
+def start_problems(
+    scenario: ReconfigurationScenario, pair: tuple[int, int], *, linked: bool
+) -> Iterator[Problem]:
+    """Yield what is wrong with the distance of two starts.
+
+    Args:
+        scenario: The scenario.
+        pair: Numbers of the two UAVs from 0.
+        linked: Whether they keep the communication distance.
+    """
+    i, j = pair
+    near, far = scenario.distances.kept_m
+    apart = distance(scenario.uavs[i], scenario.uavs[j])
+    for what in _out_of_range(apart, near=near, far=far if linked else math.inf):
+        yield ("uavs", j), f"expected a start {what.format(f'that of UAV {i + 1}')}"
+
+
+def _out_of_range(apart: float, *, near: float, far: float) -> Iterator[str]:
+    """Yield what was expected of a distance that is out of its limits."""
+    if apart < near:
+        yield f"at least {near:g} m (distances.safe_m) from {{}}, found {apart:g} m"
+    elif apart > far:
+        limit = f"{far:g} m (distances.communication_m)"
+        yield f"at most {limit} from {{}}, found {apart:g} m"

@@ -1,0 +1,202 @@
+"""A transfer scenario -> one optimal-control problem, its search, and a plant.
+
+minimise    the integral of R_1 a_i^2 + R_2 phi_i^2, summed over the UAVs
+subject to  (5.30) with the acceleration as a control, bounds on a, phi and v,
+the safe distance of every two UAVs at every check,
+each UAV in its goal at the end, with any speed and heading
+"""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.kind import Flight, Posed
+from swarmstart.cases.format.settings import Problem, bounds_of
+from swarmstart.cases.kinds.assignment import shortest_assignment
+from swarmstart.cases.kinds.models.bank_to_turn import bank_to_turn
+from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds
+from swarmstart.cases.kinds.transfer.paths import flat_paths
+from swarmstart.cases.kinds.transfer.scenario import TransferScenario, goal_problems
+from swarmstart.ocp import (
+    Bounds,
+    Known,
+    Model,
+    OpenLoop,
+    OptimalControlProblem,
+    Planner,
+    Plant,
+    Separation,
+    Solution,
+    TerminalConstraint,
+    Trajectory,
+    TrajectoryFamily,
+    stack_models,
+    verified,
+)
+
+Array = NDArray[np.float64]
+NX, NU = 4, 2  # Of one UAV.
+TOLERANCE_M = 1e-4
+"""Summed violation that counts as none: what IPOPT leaves, rolled out."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TransferFlight(Flight):
+    """A transfer ready to be flown.
+
+    Attributes:
+        planner: Search and polish of the problem.
+        family: The paths that the search chooses from.
+        goals: Of each UAV, shape (uavs, 2) [m].
+    """
+
+    planner: Planner
+    family: TrajectoryFamily
+    goals: Array
+
+    def answer(self, trajectory: Trajectory) -> Solution:
+        """Return the plan that was flown, verified along its path; see Flight."""
+        plan = trajectory.decisions[0].plans[0]
+        if not plan.states.size:  # A record keeps none.
+            states = self.planner.fitness.states(plan.controls, self.x0)
+            plan = replace(plan, states=states)
+        return verified(self.planner.problem, plan, self.x0)
+
+
+def build(scenario: TransferScenario) -> TransferFlight:
+    """Compile everything a flight needs.
+
+    Args:
+        scenario: The scenario, checked.
+    """
+    goals = assigned_goals(scenario)
+    model = _model(scenario)
+    problem = transfer_problem(scenario, model, goals)
+    family = _family(scenario, problem, goals)
+    planner = Planner(
+        problem,
+        search=scenario.search_settings(),
+        polish=scenario.polish_options(),
+        family=family,
+        backend=scenario.backend,
+    )
+    return TransferFlight(
+        plant=Plant(model, dt=problem.dt, substeps=scenario.plant.substeps),
+        controller=OpenLoop(planner=planner, repair=scenario.repair),
+        x0=_start(scenario),
+        agents=1,
+        planner=planner,
+        family=family,
+        goals=goals,
+    )
+
+
+def pose(scenario: TransferScenario) -> Posed:
+    """Return the one planning problem of the transfer, with the paths searched.
+
+    Args:
+        scenario: The scenario, checked.
+    """
+    goals = assigned_goals(scenario)
+    problem = transfer_problem(scenario, _model(scenario), goals)
+    return Posed(
+        problem=problem,
+        x0=_start(scenario),
+        known=Known(),
+        family=_family(scenario, problem, goals),
+    )
+
+
+def problems(scenario: TransferScenario) -> Iterator[Problem]:
+    """Yield what is wrong across the scenario's parts, with the place."""
+    yield from scenario.problems()
+    for number, (x, y) in enumerate(assigned_goals(scenario)):
+        yield from goal_problems(scenario, number, (float(x), float(y)))
+
+
+def assigned_goals(scenario: TransferScenario) -> Array:
+    """Return the goal of each UAV, shape (uavs, 2) [m]."""
+    goals = np.array([[uav.goal.x_m, uav.goal.y_m] for uav in scenario.uavs])
+    if scenario.assignment == "given":
+        return goals
+    starts = np.array([[uav.start.x_m, uav.start.y_m] for uav in scenario.uavs])
+    return goals[shortest_assignment(starts, goals)]
+
+
+def transfer_problem(
+    scenario: TransferScenario, model: Model, goals: Array
+) -> OptimalControlProblem:
+    """Return the problem of all UAVs at once.
+
+    Args:
+        scenario: The scenario.
+        model: All UAVs, states and controls UAV after UAV.
+        goals: Of each UAV, shape (uavs, 2) [m].
+    """
+    vehicle, prediction, uavs = scenario.vehicle, scenario.prediction, len(goals)
+    positions = [state[list(POSITION)] for state in ca.vertsplit(model.states, NX)]
+    R = ca.diag(ca.DM(np.tile(scenario.weights, uavs)))
+    lower, upper = bounds_of((vehicle.acceleration_m_s2, vehicle.bank_rad))
+    return OptimalControlProblem(
+        model,
+        horizon=prediction.horizon_s,
+        intervals=prediction.intervals,
+        stage_cost=ca.bilin(R, model.controls, model.controls),
+        bounds=Bounds(
+            controls=(np.tile(lower, uavs), np.tile(upper, uavs)),
+            states=speed_bounds(vehicle.speed_m_s, uavs=uavs),
+            state_scale=METRE,
+        ),
+        constraints=[
+            Separation(
+                relative=a - b,
+                distance=scenario.safe_distance_m,
+                margin=scenario.margin_m,
+                smooth_margin=scenario.margin_m,
+                along=scenario.along,
+                scale=METRE,
+                name=f"distance of UAV {i} and UAV {j}",
+            )
+            for (i, a), (j, b) in itertools.combinations(enumerate(positions, 1), 2)
+        ],
+        terminal=[
+            TerminalConstraint(
+                expression=position - ca.DM(goal),
+                scale=METRE,
+                name=f"goal of UAV {number}",
+            )
+            for number, (position, goal) in enumerate(
+                zip(positions, goals, strict=True), start=1
+            )
+        ],
+        checks=prediction.checks,
+        substeps=prediction.substeps,
+        tolerance=TOLERANCE_M,
+        path_tolerance=scenario.path_tolerance_m,
+    )
+
+
+def _model(scenario: TransferScenario) -> Model:
+    """Return all UAVs as one model."""
+    return stack_models([bank_to_turn(turn=scenario.vehicle.turn)] * len(scenario.uavs))
+
+
+def _start(scenario: TransferScenario) -> Array:
+    """Return the states of all UAVs at the start, shape (uavs * 4,)."""
+    return np.concatenate([uav.start.vector() for uav in scenario.uavs])
+
+
+def _family(
+    scenario: TransferScenario, problem: OptimalControlProblem, goals: Array
+) -> TrajectoryFamily:
+    return flat_paths(
+        problem,
+        goals,
+        turn=scenario.vehicle.turn,
+        lateral=scenario.paths.lateral,
+        along=scenario.paths.along,
+    )

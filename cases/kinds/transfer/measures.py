@@ -1,0 +1,53 @@
+"""What is measured of a transfer; definitions in names.py."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.kind import Measure
+from swarmstart.cases.kinds.flown_distances import (
+    flown_positions,
+    smallest_pair_distance,
+)
+from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances, smallest
+from swarmstart.cases.kinds.transfer.build import TransferFlight
+from swarmstart.cases.kinds.transfer.names import MEASURES
+from swarmstart.cases.kinds.transfer.scenario import TransferScenario
+from swarmstart.ocp import PolishStatus, Trajectory, interpolate
+
+Array = NDArray[np.float64]
+
+
+def measure(
+    scenario: TransferScenario, flight: TransferFlight, trajectory: Trajectory
+) -> Mapping[str, Measure]:
+    """Return all measures of MEASURES by name, null where one is not defined."""
+    plan = trajectory.decisions[0].plans[0]
+    solution = flight.answer(trajectory)
+    uavs = len(flight.goals)
+    flown = by_uav(trajectory.dense_states, uavs)
+    path = interpolate(flight.plant, trajectory)
+    off = flown[:, list(POSITION), -1] - flight.goals
+    ended = len(trajectory.decisions) == scenario.prediction.intervals
+    measures: dict[str, Measure] = {
+        "cost": plan.cost,
+        "violation": plan.violation,
+        "verified_cost": solution.verified_cost,
+        "confirmed": int(solution.status.is_confirmed),
+        "converged": int(plan.polish_status is PolishStatus.CONVERGED),
+        "search_cost": _known(plan.search_cost),
+        "search_violation": _known(plan.search_violation),
+        "goal_error_m": float(np.hypot(*off.T).max()) if ended else None,
+        "min_distance_m": smallest_pair_distance(flown_positions(path, uavs)),
+        "min_distance_checked_m": smallest(pair_distances(solution.states, uavs)),
+        "speed_min_m_s": float(flown[:, 0].min()),
+        "speed_max_m_s": float(flown[:, 0].max()),
+        "evaluations": plan.evaluations,
+        "plan_seconds": float(trajectory.step_seconds[0]),
+    }
+    return {name: measures[name] for name in MEASURES}
+
+
+def _known(value: float) -> float | None:
+    return None if np.isnan(value) else value

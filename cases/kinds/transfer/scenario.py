@@ -1,0 +1,143 @@
+"""The scenario of a transfer: UAVs that fly from their starts to goals in a time.
+
+Beyond the chapter; its antipodal swap is a common test of avoidance.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from swarmstart.cases.format.settings import (
+    NonNegative,
+    Part,
+    Positive,
+    Problem,
+    Range,
+    Scenario,
+)
+from swarmstart.cases.kinds.planar import (
+    SAME_PLACE_M,
+    PlanarState,
+    Point,
+    bank_problems,
+    distance,
+    speed_limit_problems,
+    start_speed_problems,
+)
+
+
+class Vehicle(Part):
+    """A UAV that accelerates and turns by banking, and its bounds."""
+
+    acceleration_m_s2: Range
+    bank_rad: Range
+    speed_m_s: Range
+    turn: Literal["sin", "tan"] = "tan"
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with it."""
+        yield from bank_problems(self.turn, self.bank_rad)
+        yield from speed_limit_problems(self.speed_m_s)
+
+
+class Uav(Part):
+    """One UAV: where it starts, and where it is to be at the end."""
+
+    start: PlanarState
+    goal: Point
+
+
+class Prediction(Part):
+    """The time of the transfer and its grid."""
+
+    horizon_s: Positive
+    intervals: int = Field(ge=2, le=1000)
+    checks: int = Field(default=2, ge=1, le=100)
+    substeps: int = Field(default=1, ge=1, le=100)
+
+
+class Paths(Part):
+    """The paths that the search chooses from; parts of the way to the goal."""
+
+    lateral: Positive = 0.24
+    along: Positive = 0.1
+
+
+class PlantPart(Part):
+    """The simulated aircraft: integrated finer than the prediction."""
+
+    substeps: int = Field(default=20, ge=1, le=1000)
+
+
+class TransferScenario(Scenario):
+    """Everything a transfer needs."""
+
+    kind: Literal["transfer"]
+    vehicle: Vehicle
+    uavs: list[Uav] = Field(min_length=1, max_length=50)
+    assignment: Literal["given", "shortest"] = "given"
+    safe_distance_m: Positive
+    along: Literal["points", "segments"] = "points"
+    margin_m: NonNegative = 0.0
+    prediction: Prediction
+    weights: Annotated[list[NonNegative], Field(min_length=2, max_length=2)]
+    paths: Paths = Paths()
+    path_tolerance_m: Positive = 5e-4
+    repair: bool = True
+    plant: PlantPart = PlantPart()
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what one part of the scenario makes wrong in another."""
+        yield from super().problems()
+        if self.steps > self.prediction.intervals:
+            yield (
+                ("steps",),
+                f"expected at most prediction.intervals = {self.prediction.intervals}, "
+                f"found {self.steps}",
+            )
+        for path, message in self.vehicle.problems():
+            yield ("vehicle", *path), message
+        for i, uav in enumerate(self.uavs):
+            place = ("uavs", i, "start", "speed_m_s")
+            speed, limits = uav.start.speed_m_s, self.vehicle.speed_m_s
+            yield from start_speed_problems(place, speed, limits)
+        yield from self._place_problems()
+
+    def _place_problems(self) -> Iterator[Problem]:
+        safe = self.safe_distance_m + self.margin_m
+        for (i, one), (j, other) in itertools.combinations(enumerate(self.uavs), 2):
+            for key in ("start", "goal"):
+                apart = distance(getattr(one, key), getattr(other, key))
+                if apart < safe:
+                    yield (
+                        ("uavs", j, key),
+                        f"expected a {key} at least {safe:g} m "
+                        f"(safe_distance_m) from that of UAV {i + 1}, "
+                        f"found {apart:g} m",
+                    )
+
+
+def goal_problems(
+    scenario: TransferScenario, number: int, goal: tuple[float, float]
+) -> Iterator[Problem]:
+    """Yield what is wrong with the goal that a UAV has, its own or an assigned one.
+
+    Args:
+        scenario: The scenario.
+        number: The UAV's, from 0.
+        goal: Where it is to be at the end [m].
+    """
+    start, place = scenario.uavs[number].start, ("uavs", number, "goal")
+    reach = scenario.vehicle.speed_m_s.upper * scenario.prediction.horizon_s
+    way = math.hypot(goal[0] - start.x_m, goal[1] - start.y_m)
+    if way < SAME_PLACE_M:
+        yield place, "expected a goal away from the start"
+    elif way > reach:
+        yield (
+            place,
+            f"expected a goal within {reach:g} m of the start, as far as the highest "
+            f"speed comes in prediction.horizon_s; found {way:g} m",
+        )

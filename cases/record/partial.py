@@ -1,0 +1,150 @@
+"""What an interrupted run had finished, kept in its folder to go on from.
+
+    partial.npz    the finished steps, as in trajectory.npz
+    partial.json   their number and the random generator's state; the mark, written last
+
+Each file carries a checksum of its content: what a disk or an editor has changed is
+refused, and not flown on from.
+"""
+
+import hashlib
+import json
+import struct
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.record.files import RecordError, to_json, write_arrays, write_text
+from swarmstart.cases.record.trajectory_arrays import steps_of, trajectory_arrays
+from swarmstart.ocp import Step, Trajectory
+
+MARK, ARRAYS = "partial.json", "partial.npz"
+_UNREADABLE = (
+    *(OSError, LookupError, TypeError, ValueError, AttributeError, EOFError),
+    *(BadZipFile, NotImplementedError, zlib.error, struct.error, SyntaxError),
+)
+
+
+def save_partial(
+    folder: Path, key: str, trajectory: Trajectory, rng_state: Mapping[str, Any]
+) -> None:
+    """Keep what an interrupted run had finished, to go on from.
+
+    Args:
+        folder: The run's folder.
+        key: The run's key.
+        trajectory: The finished steps.
+        rng_state: State of the generator after them, `rng.bit_generator.state`.
+    """
+    arrays: dict[str, NDArray[Any]] = trajectory_arrays(trajectory)
+    arrays["key"] = np.array(key)
+    checksum = np.array(_checksum_of_arrays(arrays))
+    write_arrays(folder / ARRAYS, {**arrays, "checksum": checksum})
+    mark = {
+        "schema": 1,
+        "key": key,
+        "steps": len(trajectory.decisions),
+        "rng": rng_state,
+    }
+    write_text(folder / MARK, _with_checksum(mark))
+
+
+def remove_partial(folder: Path) -> None:
+    """Remove what `save_partial` kept; the mark first."""
+    for name in (MARK, ARRAYS):
+        (folder / name).unlink(missing_ok=True)
+
+
+def partial_key(folder: Path) -> str | None:
+    """Return the key of the run that left finished steps in a folder; None: none did.
+
+    Raises:
+        RecordError: If one did, and they cannot be read.
+    """
+    try:
+        if (folder / MARK).exists():
+            return str(_mark(folder)["key"])
+        if (folder / ARRAYS).exists():  # Killed before the first mark.
+            return str(_arrays(folder)["key"])
+    except _UNREADABLE as error:
+        raise _broken(folder, error) from error
+    return None
+
+
+def load_partial(
+    folder: Path, key: str, substeps: int
+) -> tuple[list[Step], Any] | None:
+    """Return the finished steps of an interrupted run and the generator's state.
+
+    Args:
+        folder: The run's folder.
+        key: The run's key; what another run left there is not used.
+        substeps: Steps of the plant in a control interval.
+
+    Returns:
+        None if there is nothing to go on from.
+
+    Raises:
+        RecordError: If there is something, and it cannot be read.
+    """
+    if not (folder / MARK).exists():
+        return None
+    try:
+        mark = _mark(folder)
+        if mark["key"] != key:
+            return None
+        arrays = _arrays(folder)
+        if str(arrays["key"]) != key:
+            return None
+        # The arrays may be ahead of the mark, which is written after them.
+        steps = steps_of(arrays, substeps)[: mark["steps"]]
+        if len(steps) != mark["steps"]:
+            raise ValueError(f"{len(steps)} of {mark['steps']} steps")
+    except _UNREADABLE as error:
+        raise _broken(folder, error) from error
+    return steps, mark["rng"]
+
+
+def _mark(folder: Path) -> Mapping[str, Any]:
+    text = (folder / MARK).read_text(encoding="utf-8")
+    kept = json.loads(text)
+    kept.pop("checksum")
+    if text != _with_checksum(kept):
+        raise ValueError("a wrong checksum")
+    return dict(kept)
+
+
+def _with_checksum(mark: Mapping[str, Any]) -> str:
+    checksum = hashlib.sha256(to_json(mark).encode()).hexdigest()
+    return to_json({**mark, "checksum": checksum}, indent=2) + "\n"
+
+
+def _arrays(folder: Path) -> dict[str, NDArray[Any]]:
+    with (
+        (folder / ARRAYS).open("rb") as file,
+        np.load(file, allow_pickle=False) as opened,
+    ):
+        arrays = dict(opened)
+    if str(arrays.pop("checksum")) != _checksum_of_arrays(arrays):
+        raise ValueError("a wrong checksum")
+    return arrays
+
+
+def _checksum_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> str:
+    digest = hashlib.sha256()
+    for name, values in sorted(arrays.items()):
+        digest.update(f"{name} {values.dtype.str} {values.shape} ".encode())
+        digest.update(values.tobytes())
+    return digest.hexdigest()
+
+
+def _broken(folder: Path, error: Exception) -> RecordError:
+    return RecordError(
+        f"{folder / MARK}: expected what an interrupted run had finished, found: "
+        f"{error}; remove {MARK} and {ARRAYS} there to start again"
+    )

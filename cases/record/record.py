@@ -1,0 +1,153 @@
+"""A run's folder on disk, and whether a folder is that of a run.
+
+    scenario.yaml    the scenario as resolved
+    trajectory.npz   the flight, see docs/record.md
+    run.json         settings, measures, claims; written last: the commit mark
+    partial.npz, partial.json   what an interrupted run had finished
+    figures/
+
+Every file is written under a temporary name, synced and renamed. The folder's name is
+a hash of what determines the result, so that the same command finds the same folder.
+"""
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from swarmstart.cases.format.document import shown
+from swarmstart.cases.record.files import is_temporary
+from swarmstart.cases.record.partial import partial_key
+from swarmstart.cases.record.versions import environment
+from swarmstart.errors import SwarmstartError
+
+SCENARIO, TRAJECTORY, MARK, FIGURES = (
+    *("scenario.yaml", "trajectory.npz", "run.json", "figures"),
+)
+_LISTED = 3
+"""Files of a folder that a message names."""
+
+
+class OccupiedFolderError(SwarmstartError):
+    """A folder holds something else than the record of the run to be written there.
+
+    Attributes:
+        folder: The folder.
+    """
+
+    def __init__(self, folder: Path, found: str) -> None:
+        """Say what was found instead."""
+        super().__init__(
+            f"{folder}: expected an empty folder or the record of this run, found "
+            f"{found}; choose another --out, or write over it with --force"
+        )
+        self.folder = folder
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Recording:
+    """Where and how a run is recorded.
+
+    Attributes:
+        folder: The run's folder; made if it is missing.
+        figures: Whether to draw.
+        animation: "gif" or "mp4" for an animation beside the figures; None: none.
+        force: Whether files of the record's names that are not of this run are
+            replaced. Others are never touched.
+    """
+
+    folder: Path
+    figures: bool = True
+    animation: str | None = None
+    force: bool = False
+
+
+def run_key(settings: Mapping[str, Any], seed: int, backend: str) -> str:
+    """Return the 16 characters that name a run: what determines its result.
+
+    Args:
+        settings: The resolved scenario.
+        seed: The seed.
+        backend: What evaluates populations.
+    """
+    determines = {
+        "settings": settings,
+        "seed": seed,
+        "backend": backend,
+        **environment(),
+    }
+    text = json.dumps(
+        determines, sort_keys=True, separators=(",", ":"), allow_nan=False
+    )
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def require_own(folder: Path, key: str, scenario: str) -> None:
+    """Refuse a folder that holds anything but a record of a run.
+
+    Args:
+        folder: The folder; other files beside such a record may stay.
+        key: The run's key.
+        scenario: The run's resolved scenario, as it is written.
+
+    Raises:
+        OccupiedFolderError: If it holds something else, or a scenario that has been
+            changed.
+        RecordError: If it holds finished steps that cannot be read.
+    """
+    names = [file.name for file in folder.iterdir() if not is_temporary(file.name)]
+    if not names:
+        return
+    keys = {kept for kept in (_finished_key(folder), partial_key(folder)) if kept}
+    if keys != {key}:
+        listed = ", ".join(map(shown, sorted(names)[:_LISTED]))
+        more = ", ..." if len(names) > _LISTED else ""
+        whose = "the record of another run" if keys else "other files"
+        raise OccupiedFolderError(folder, f"{whose} ({listed}{more})")
+    kept_scenario = folder / SCENARIO
+    if kept_scenario.exists() and kept_scenario.read_bytes() != scenario.encode():
+        raise OccupiedFolderError(folder, f"a changed {SCENARIO}")
+
+
+def withdraw(folder: Path) -> None:
+    """Remove the record of another run: its mark, and what it says it wrote.
+
+    Files of other names stay: the folder may be anybody's.
+    """
+    files = [*_listed(folder, "figures"), *_listed(folder, "documents")]
+    (folder / MARK).unlink(missing_ok=True)
+    for file in files:
+        with contextlib.suppress(OSError):
+            file.unlink()
+
+
+def kept_figures(folder: Path, key: str) -> list[Path] | None:
+    """Return the figures of a finished record; None if there is none of the run."""
+    if _finished_key(folder) != key:
+        return None
+    return [file for file in _listed(folder, "figures") if file.exists()]
+
+
+def _listed(folder: Path, what: str) -> list[Path]:
+    """Return the files that a record says it has drawn or written."""
+    place = folder / FIGURES if what == "figures" else folder
+    try:
+        names = json.loads((folder / MARK).read_text(encoding="utf-8"))[what]
+        return [place / Path(str(name)).name for name in names]
+    except (OSError, ValueError, LookupError, TypeError):
+        return []
+
+
+def _finished_key(folder: Path) -> str | None:
+    """Return the key of the run whose record a folder holds; "" None: there is none."""
+    try:
+        text = (folder / MARK).read_text(encoding="utf-8")
+    except OSError:
+        return None
+    try:
+        return str(json.loads(text)["key"])
+    except (ValueError, LookupError, TypeError):
+        return "unknown"

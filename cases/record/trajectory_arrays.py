@@ -1,0 +1,126 @@
+"""A flight as arrays without pickle, and its steps from these arrays again."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.record.plans import new_plans
+from swarmstart.ocp import (
+    Decision,
+    Mode,
+    Plan,
+    PolishStatus,
+    Source,
+    Step,
+    Trajectory,
+)
+
+Array = NDArray[np.float64]
+
+
+def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
+    """Return the arrays of trajectory.npz by name; docs/record.md describes them."""
+    plans = [list(decision.plans) for decision in trajectory.decisions]
+    linear = [d.mode is Mode.LINEAR for d in trajectory.decisions]
+    return {
+        "times": trajectory.times,
+        "states": trajectory.states,
+        "controls": trajectory.controls,
+        "dense_times": trajectory.dense_times,
+        "dense_states": trajectory.dense_states,
+        "step_seconds": trajectory.step_seconds,
+        "linear": np.array(linear),
+        "plan_controls": np.array([[p.controls for p in row] for row in plans]),
+        "plan_cost": _of_plans(plans, lambda p: p.cost),
+        "plan_violation": _of_plans(plans, lambda p: p.violation),
+        "plan_feasible": _of_plans(plans, lambda p: p.feasible).astype(bool),
+        "plan_source": np.array([[p.source.name for p in row] for row in plans]),
+        "search_cost": _of_plans(plans, lambda p: p.search_cost),
+        "search_violation": _of_plans(plans, lambda p: p.search_violation),
+        "plan_polish": np.array([[_polish_name(p) for p in row] for row in plans]),
+        "plan_start_excess": _of_plans(plans, lambda p: p.start_excess),
+        "plan_evaluations": _of_plans(plans, lambda p: p.evaluations).astype(np.int64),
+        "plan_is_new": new_plans(trajectory.decisions),
+        "search_history": _histories(plans),
+    }
+
+
+def steps_of(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
+    """Return arrays of `trajectory_arrays` as steps.
+
+    Args:
+        arrays: By name.
+        substeps: Steps of the plant in a control interval.
+    """
+    steps: list[Step] = []
+    for number, seconds in enumerate(arrays["step_seconds"]):
+        is_new = arrays["plan_is_new"][number]
+        plans = tuple(
+            _plan(arrays, number, agent)
+            if is_new[agent]
+            else steps[-1].decision.plans[agent]
+            for agent in range(is_new.size)
+        )
+        mode = Mode.LINEAR if arrays["linear"][number] else Mode.PLANNED
+        control = arrays["controls"][:, number]
+        first = number * substeps
+        steps.append(
+            Step(
+                number=number,
+                state=arrays["states"][:, number],
+                decision=Decision(control=control, plans=plans, mode=mode),
+                dense_states=arrays["dense_states"][
+                    :, first + 1 : first + substeps + 1
+                ],
+                seconds=float(seconds),
+            )
+        )
+    return steps
+
+
+def _polish_name(plan: Plan) -> str:
+    """Return the name of how a plan's polish ended; empty without a polish."""
+    return plan.polish_status.name if plan.polish_status else ""
+
+
+def _histories(plans: Sequence[Sequence[Plan]]) -> Array:
+    """Return the searches' histories, shape (T, agents, longest), NaN at the end."""
+    longest = max(plan.search_history.size for row in plans for plan in row)
+    padded = np.full((len(plans), len(plans[0]), longest), np.nan)
+    for k, row in enumerate(plans):
+        for agent, plan in enumerate(row):
+            padded[k, agent, : plan.search_history.size] = plan.search_history
+    return padded
+
+
+def _of_plans(plans: Sequence[Sequence[Plan]], value: Callable[[Plan], float]) -> Array:
+    return np.array([[float(value(plan)) for plan in row] for row in plans])
+
+
+def _plan(arrays: Mapping[str, NDArray[Any]], number: int, agent: int) -> Plan:
+    """Return the plan of an agent at a step."""
+    return Plan(
+        controls=arrays["plan_controls"][number, agent],
+        states=np.empty((0, 0)),  # Not needed to go on, so not kept.
+        cost=float(arrays["plan_cost"][number, agent]),
+        violation=float(arrays["plan_violation"][number, agent]),
+        feasible=bool(arrays["plan_feasible"][number, agent]),
+        source=Source[str(arrays["plan_source"][number, agent])],
+        search_cost=float(arrays["search_cost"][number, agent]),
+        search_violation=float(arrays["search_violation"][number, agent]),
+        evaluations=int(arrays["plan_evaluations"][number, agent]),
+        search_history=_unpadded(arrays["search_history"][number, agent]),
+        polish_status=_polish_status(str(arrays["plan_polish"][number, agent])),
+        start_excess=float(arrays["plan_start_excess"][number, agent]),
+    )
+
+
+def _unpadded(history: Array) -> Array:
+    """Return a row of `_histories` without the NaN at its end."""
+    return history[: np.flatnonzero(~np.isnan(history)).max(initial=-1) + 1]
+
+
+def _polish_status(name: str) -> PolishStatus | None:
+    return PolishStatus[name] if name else None

@@ -1,0 +1,228 @@
+"""Campaigns: nothing finished is lost, nothing is done twice, nobody is left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmstart.cases.campaign import cells as campaign
+from swarmstart.cases.campaign.cells import MARK, Cell, Outcome, carried_out, finished
+from swarmstart.cases.record import files
+from swarmstart.cases.record.files import FolderInUseError, locked
+
+WORK = "swarmstart.tests.cases.campaign.campaign_work"
+PATIENCE_S = 30.0
+
+
+def cell(
+    work: str, number: int = 0, *, timeout_s: float | None = None, **job: float
+) -> Cell:
+    return Cell(
+        work=f"{WORK}:{work}",
+        job={"number": number, **job},
+        label=f"{work} {number}",
+        timeout_s=timeout_s,
+    )
+
+
+def done(cells: list[Cell], root: Path, workers: int = 2) -> list[Outcome]:
+    return carried_out(cells, root, workers=workers)
+
+
+def times_done(one: Cell, root: Path) -> int:
+    return len((root / one.key / "done").read_text().splitlines())
+
+
+def test_cells_are_done_once_whoever_asks(tmp_path: Path) -> None:
+    cells = [cell("square", number) for number in (3, 4, 3)]
+    told: list[tuple[int, int, str]] = []
+    first = carried_out(
+        cells, tmp_path, workers=2, told=lambda *what: told.append(what)
+    )
+    assert [outcome.result for outcome in first] == [
+        {"square": 9}, {"square": 16}, {"square": 9}
+    ]  # fmt: skip
+    assert told[0] == (0, 2, "kept from before") and told[-1][:2] == (2, 2)
+    assert done(cells, tmp_path) == first
+    assert [times_done(one, tmp_path) for one in cells] == [1, 1, 1]
+
+
+def test_a_key_is_of_the_work_and_the_job_and_nothing_else(tmp_path: Path) -> None:
+    one = cell("square", 3)
+    assert cell("square", 4).key != one.key
+    assert cell("refuse", 3).key != one.key
+    relabelled = Cell(work=one.work, job=dict(one.job), label="else", timeout_s=1.0)
+    assert relabelled.key == one.key
+
+
+def test_one_and_two_workers_give_the_same(tmp_path: Path) -> None:
+    cells = [cell("square", number) for number in range(5)]
+    results = [
+        [outcome.result for outcome in done(cells, tmp_path / str(n), n)]
+        for n in (1, 2)
+    ]
+    assert results[0] == results[1]
+
+
+def test_a_cell_that_fails_is_recorded_and_the_others_are_kept(tmp_path: Path) -> None:
+    cells = [
+        cell("refuse", 3),
+        cell("break_off"),
+        cell("die"),
+        cell("hang", timeout_s=1.0),
+        cell("square", 5),
+    ]
+    failures = [outcome.failure for outcome in done(cells, tmp_path)]
+    assert failures[0] == "expected an even number, found 3"
+    assert failures[1] == "ZeroDivisionError: by nothing"
+    assert failures[2].startswith("its process died")
+    assert failures[3] == "it took longer than its time"
+    assert failures[4] == ""
+    again = done(cells[:2], tmp_path)
+    assert [outcome.failure for outcome in again] == failures[:2]
+
+
+def test_what_died_or_took_too_long_is_tried_when_asked_for_again(
+    tmp_path: Path,
+) -> None:
+    slow = cell("square", 3, timeout_s=0.5, seconds=2.0)
+    (first,) = done([slow], tmp_path)
+    assert first.failure == "it took longer than its time"
+    assert finished(slow, tmp_path) is None
+    patient = cell("square", 3, timeout_s=60.0, seconds=2.0)
+    assert done([patient], tmp_path)[0].result == {"square": 9}
+
+
+def test_an_error_that_cannot_be_sent_fails_its_own_cell_only(tmp_path: Path) -> None:
+    """InvalidBudgetError takes two arguments: it cannot be unpickled."""
+    first, second = done([cell("refuse_budget"), cell("square", 5)], tmp_path, 1)
+    assert first.failure.startswith("evaluations must be an integer of at least 1")
+    assert second.result == {"square": 25}
+
+
+def test_a_worker_that_dies_costs_nothing_but_another_attempt(tmp_path: Path) -> None:
+    (outcome,) = done([cell("die_once", 7)], tmp_path)
+    assert (outcome.result, outcome.failure) == ({"square": 49}, "")
+
+
+@pytest.mark.parametrize("broken", [1, campaign.POOLS])
+def test_cells_of_a_pool_that_broke_are_done_in_another(
+    broken: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pebble ends every cell of a pool if a worker dies at the wrong moment."""
+    schedule, pools = campaign._scheduled, []
+
+    def scheduled(pool: Any, one: Cell, root: Path) -> Future[None]:
+        if pool not in pools:
+            pools.append(pool)
+        if len(pools) > broken or one.label == "square 4":
+            return schedule(pool, one, root)
+        future: Future[None] = Future()
+        future.set_exception(BrokenProcessPool("All workers expired"))
+        return future
+
+    monkeypatch.setattr(campaign, "_scheduled", scheduled)
+    cells = [cell("square", number) for number in (3, 4)]
+    first, second = done(cells, tmp_path)
+    assert second.result == {"square": 16}
+    if broken < campaign.POOLS:
+        assert (first.result, first.failure) == ({"square": 9}, "")
+    else:
+        assert first.failure == "its process died, and others with it"
+        assert finished(cells[0], tmp_path) is None
+
+
+def test_a_cell_that_ended_before_its_process_died_is_not_replaced(
+    tmp_path: Path,
+) -> None:
+    first = cell("square_and_die", 3)
+    (outcome,) = done([first], tmp_path)
+    assert (outcome.result, outcome.failure) == ({"square": 9}, "")
+
+
+def test_two_campaigns_do_not_work_in_one_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "PATIENCE_S", 0.1)
+    with locked(tmp_path), pytest.raises(FolderInUseError):
+        done([cell("square", 3)], tmp_path)
+
+
+def test_workers_have_one_blas_thread_and_the_parent_keeps_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
+    (outcome,) = done([cell("threads")], tmp_path)
+    assert outcome.result == {"threads": "1"}
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
+
+
+@pytest.mark.parametrize("content", ["", "{", '{"result": 1}', "[]"])
+def test_a_mark_that_cannot_be_read_is_none(tmp_path: Path, content: str) -> None:
+    one = cell("square", 3)
+    (tmp_path / one.key).mkdir()
+    (tmp_path / one.key / MARK).write_text(content)
+    assert finished(one, tmp_path) is None
+    assert done([one], tmp_path)[0].result == {"square": 9}
+
+
+def program(root: Path, count: int, seconds: float) -> str:
+    return (
+        "from swarmstart.cases.campaign.cells import Cell, carried_out\n"
+        "from pathlib import Path\n"
+        "if __name__ == '__main__':\n"
+        f"    cells = [Cell(work='{WORK}:square', job={{'number': n, 'seconds': "
+        f"{seconds}}}, label=str(n)) for n in range({count})]\n"
+        f"    carried_out(cells, Path({str(root)!r}), workers=2)\n"
+    )
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    stat = Path(f"/proc/{pid}/stat")
+    return not stat.exists() or ") Z " not in stat.read_text()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills as POSIX has them")
+@pytest.mark.parametrize("after_s", [1.3, 1.9])
+def test_a_killed_command_leaves_whole_cells_and_no_process(
+    tmp_path: Path, after_s: float
+) -> None:
+    count, seconds = 12, 0.2
+    script = tmp_path / "campaign.py"
+    script.write_text(program(tmp_path / "cells", count, seconds))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = subprocess.Popen([sys.executable, str(script)], env=environment)
+    time.sleep(after_s)
+    command.send_signal(signal.SIGKILL)
+    command.wait()
+    marks = list((tmp_path / "cells").glob(f"*/{MARK}"))
+    for mark in marks:
+        assert json.loads(mark.read_text())["result"]
+    workers = {
+        int(line)
+        for file in (tmp_path / "cells").glob("*/done")
+        for line in file.read_text().splitlines()
+    }
+    deadline = time.monotonic() + PATIENCE_S
+    while any(map(alive, workers)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(map(alive, workers))
+    cells = [cell("square", number, seconds=seconds) for number in range(count)]
+    kept = sum(finished(one, tmp_path / "cells") is not None for one in cells)
+    assert kept >= len(marks)
+    outcomes = done(cells, tmp_path / "cells")
+    assert [o.result for o in outcomes] == [{"square": n**2} for n in range(count)]

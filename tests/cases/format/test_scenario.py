@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from swarmstart.cases.format.document import UnreadableFileError, YamlError
+from swarmstart.cases.format.scenario import (
+    InvalidScenarioError,
+    Resolved,
+    UnknownScenarioError,
+    read_document,
+    resolve,
+    shipped,
+)
+from swarmstart.cases.format.yaml_reader import parse_yaml
+from swarmstart.cases.record.record import run_key
+
+VARIANTS = ("literal", "corrected")
+
+
+def variants_of(name: str) -> list[str | None]:
+    data: Any = read_document(name).data
+    return list(data.get("variants", {})) or [None]
+
+
+def resolved(name: str = "formation_v", **how: Any) -> Resolved:
+    return resolve(read_document(name), **how)
+
+
+SEARCH = {  # the chapter's
+    "formation_flight": "cpso",
+    "close_formation": "de",
+    "reconfiguration": "de",
+}
+EVERY = [(n, v) for n in shipped() for v in variants_of(n)]
+
+
+@pytest.mark.parametrize(("name", "variant"), EVERY)
+def test_every_shipped_scenario_is_valid_in_every_variant(
+    name: str, variant: str | None
+) -> None:
+    scenario = resolved(name, variant=variant).scenario
+    assert scenario.name == name
+    if scenario.source.startswith("Chapter 5"):  # Flown as the text does.
+        assert scenario.polish == "none"
+        assert scenario.search.name == SEARCH[scenario.kind]
+
+
+def test_corrected_is_the_default_variant() -> None:
+    assert resolved().variant == "corrected"
+    assert resolved().settings == resolved(variant="corrected").settings
+
+
+def test_a_variant_changes_what_it_names_and_nothing_else() -> None:
+    literal, corrected = (resolved(variant=v).settings for v in VARIANTS)
+    assert literal["vehicle"]["speed_m_s"] is None
+    assert corrected["vehicle"]["speed_m_s"] == [1.0, 40.0]
+    assert literal["vehicle"]["name"] == corrected["vehicle"]["name"]
+    assert literal["search"]["velocity_max"] == corrected["search"]["velocity_max"]
+    assert "variants" not in literal
+    differ = {key for key in literal if literal[key] != corrected[key]}
+    assert differ == {
+        *("vehicle", "search", "prediction", "terminal_cost", "avoidance"),
+        *("dual_mode", "last_plan"),
+    }
+
+
+def test_expressions_become_numbers() -> None:
+    vehicle = resolved().settings["vehicle"]
+    assert vehicle["turn_rate_rad_s"] == [-math.pi / 18, math.pi / 18]
+
+
+def test_assignments_come_last_and_in_order() -> None:
+    settings = resolved(
+        variant="literal",
+        assignments=[
+            "steps=3",
+            "steps=4",
+            "dual_mode.enabled=true",
+            "uavs.1.slot.x_m=9",
+        ],
+    ).settings
+    assert settings["steps"] == 4
+    assert settings["dual_mode"]["enabled"] is True
+    assert settings["uavs"][1]["slot"]["x_m"] == 9.0
+
+
+def test_another_search_comes_with_its_defaults_and_the_same_keeps_its_settings() -> (
+    None
+):
+    assert resolved(search="cpso").settings == resolved().settings
+    search = resolved(search="ga", assignments=["search.size=30"]).settings["search"]
+    assert search == {
+        **{"name": "ga", "warm_start": "none", "sampling": "uniform", "size": 30},
+        **{"crossover": 0.8, "mutation": None, "elitism": True},
+    }
+
+
+def test_the_order_of_the_keys_does_not_matter(tmp_path: Path) -> None:
+    data = yaml.safe_load(shipped()["formation_v"].read_text(encoding="utf-8"))
+
+    def turned(node: Any) -> Any:
+        if isinstance(node, dict):
+            return {key: turned(node[key]) for key in reversed(node)}
+        return [turned(item) for item in node] if isinstance(node, list) else node
+
+    file = tmp_path / "turned.yaml"
+    file.write_text(yaml.safe_dump(turned(data), sort_keys=False), encoding="utf-8")
+    one, other = resolved(), resolved(str(file))
+    assert one.settings == other.settings
+    assert run_key(one.settings, 0, "x") == run_key(other.settings, 0, "x")
+
+
+def test_flaws_carry_their_places_in_the_order_of_the_file() -> None:
+    text = shipped()["formation_v"].read_text(encoding="utf-8")
+    text = text.replace("steps: 60", "steps: 0").replace("dt_s: 1 ", "dt_s: none ")
+    document = parse_yaml(text, name="mine.yaml")
+    with pytest.raises(InvalidScenarioError) as caught:
+        resolve(document)
+    steps, dt = caught.value.flaws
+    lines = text.splitlines()
+    assert lines[steps.place.line - 1][steps.place.column - 1 :].startswith("0")
+    assert lines[dt.place.line - 1][dt.place.column - 1 :].startswith("none")
+    assert steps.place < dt.place and steps.place.name == "mine.yaml"
+    assert str(caught.value) == f"{steps}\n{dt}"
+    assert steps.frame.splitlines()[1].endswith("^")
+
+
+def test_a_flaw_of_an_assignment_is_placed_there() -> None:
+    with pytest.raises(InvalidScenarioError) as caught:
+        resolved(assignments=["steps=many"])
+    (flaw,) = caught.value.flaws
+    assert str(flaw.place) == "--set steps"
+
+
+def test_a_scenario_without_variants_needs_none_and_has_none() -> None:
+    text = yaml.safe_dump(dict(resolved().settings))
+    document = parse_yaml(text, name="mine.yaml")
+    assert resolve(document).variant == ""
+    with pytest.raises(YamlError, match="expected a scenario with variants"):
+        resolve(document, variant="literal")
+
+
+def test_without_a_default_variant_one_must_be_named() -> None:
+    document = parse_yaml("variants: {a: {}, b: {}}", name="mine.yaml")
+    with pytest.raises(YamlError, match="--variant to be one of a, b; found none"):
+        resolve(document)
+
+
+def test_what_looks_like_a_path_is_one(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableFileError, match="No such"):
+        read_document(str(tmp_path / "missing.yaml"))
+    with pytest.raises(UnknownScenarioError, match="did you mean formation_v"):
+        read_document("formation")
+
+
+def test_every_claim_of_a_shipped_scenario_says_where_it_is_made() -> None:
+    for name in shipped():
+        claims = resolved(name).scenario.claims
+        assert len({claim.id for claim in claims}) == len(claims)
+        assert all(claim.source and claim.text for claim in claims)
+
+
+def test_a_claim_is_of_flights_as_long_as_the_file_says() -> None:
+    """But for one whose `when` names other steps."""
+
+    def wanted(*assignments: str) -> dict[str, int]:
+        scenario = resolved("reconfiguration", assignments=assignments).scenario
+        return {claim.id: claim.when["steps"] for claim in scenario.claims}
+
+    longer = wanted("steps=7")
+    assert longer == wanted()
+    assert (longer["21"], longer["22"]) == (4, 10)
+    assert wanted("claims.2.when={steps: 9}", "steps=7")["21"] == 9

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import pytest
+import yaml
+from jsonschema import Draft7Validator
+
+from swarmstart.cases.format.overrides import overlay
+from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.format.scenario import read_document, shipped
+from swarmstart.cases.format.schema import DIALECT, scenario_schema
+
+SCHEMA = scenario_schema("formation_flight")
+VALIDATOR = Draft7Validator(SCHEMA)
+
+
+def merged(name: str, variant: str) -> Any:
+    document = overlay(read_document(name), ("variants", variant))
+    return copy.deepcopy(document.data)
+
+
+def flaws(instance: Any) -> list[str]:
+    return [error.message for error in VALIDATOR.iter_errors(instance)]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_schema_is_valid_draft_7(kind: str) -> None:
+    schema = scenario_schema(kind)
+    assert schema["$schema"] == DIALECT
+    Draft7Validator.check_schema(schema)
+    text = yaml.safe_dump(schema)
+    assert "$defs" not in text and "discriminator" not in text
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_the_shipped_scenarios_fit_the_schema(name: str) -> None:
+    data: Any = read_document(name).data
+    validator = Draft7Validator(scenario_schema(data["kind"]))
+    instances = [data, *(merged(name, v) for v in data.get("variants", {}))]
+    for instance in instances:
+        assert not [error.message for error in validator.iter_errors(instance)]
+
+
+@pytest.mark.parametrize("path", [(), ("leader",), ("prediction",), ("uavs", 0)])
+def test_a_misspelt_key_does_not_fit(path: tuple[str | int, ...]) -> None:
+    scenario = merged("formation_v", "corrected")
+    part = scenario
+    for key in path:
+        part = part[key]
+    part["mispelt"] = 1
+    assert any("mispelt" in flaw for flaw in flaws(scenario))
+
+
+def test_numbers_may_be_expressions_and_whole_numbers_not() -> None:
+    scenario = merged("formation_v", "corrected")
+    scenario["prediction"]["dt_s"] = "1/2"
+    scenario["leader"]["heading_rad"] = "pi/4"
+    assert not flaws(scenario)
+    scenario["steps"] = "2 * 30"
+    assert flaws(scenario) == ["'2 * 30' is not of type 'integer'"]
+
+
+def test_a_range_is_a_list_of_two() -> None:
+    scenario = merged("formation_v", "corrected")
+    for wrong in ([1], [1, 2, 3], {"lower": 1, "upper": 2}, 3):
+        scenario["vehicle"]["acceleration_m_s2"] = wrong
+        assert flaws(scenario)

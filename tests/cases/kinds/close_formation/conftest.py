@@ -1,0 +1,85 @@
+"""A small close formation, and flights that are written by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.close_formation.build import CloseFormationFlight, build
+from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
+from swarmstart.ocp import Decision, Plan, Source, Trajectory
+
+Array = NDArray[np.float64]
+Make = Callable[..., CloseFormationScenario]
+Fly = Callable[..., Trajectory]
+DT, STEPS = 0.1, 300
+
+
+def close(
+    *assignments: str, name: str = "close_formation", variant: str | None = None
+) -> CloseFormationScenario:
+    resolved = resolve(read_document(name), variant=variant, assignments=assignments)
+    assert isinstance(resolved.scenario, CloseFormationScenario)
+    return resolved.scenario
+
+
+@pytest.fixture(scope="session")
+def make() -> Make:
+    return close
+
+
+@pytest.fixture(scope="session")
+def scenario() -> CloseFormationScenario:
+    return close()
+
+
+@pytest.fixture(scope="session")
+def flight(scenario: CloseFormationScenario) -> CloseFormationFlight:
+    return build(scenario)
+
+
+def fly_by_hand(
+    offsets: Array, *, costs: Array | None = None, controls: Array | None = None
+) -> Trajectory:
+    """Return a flight with offsets (6, T + 1) from the slot, 200 ft/s and heading 0."""
+    at_rest = np.array([60.0, 23.6, 0.0, 200.0, 0.0, 0.0])
+    states = at_rest[:, None] + offsets
+    steps = states.shape[1] - 1
+    flown = np.zeros((3, steps)) if controls is None else controls
+    spent = np.zeros(steps) if costs is None else costs
+    decisions = tuple(
+        Decision(
+            control=flown[:, k],
+            plans=(
+                Plan(
+                    controls=flown[:, [k]],
+                    states=np.empty((0, 0)),
+                    cost=float(spent[k]),
+                    violation=0.0,
+                    feasible=True,
+                    source=Source.SEARCH,
+                    evaluations=7,
+                ),
+            ),
+        )
+        for k in range(steps)
+    )
+    times = np.arange(steps + 1) * DT
+    return Trajectory(
+        times=times,
+        states=states,
+        controls=flown,
+        dense_times=times,
+        dense_states=states,
+        decisions=decisions,
+        step_seconds=np.arange(1.0, steps + 1.0),
+    )
+
+
+@pytest.fixture(scope="session")
+def by_hand() -> Fly:
+    return fly_by_hand

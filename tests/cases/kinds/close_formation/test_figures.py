@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from swarmstart.cases.format.kind import NoAnimationError
+from swarmstart.cases.kinds.close_formation.build import CloseFormationFlight, build
+from swarmstart.cases.kinds.close_formation.figures import (
+    draw,
+    exact_flight,
+    map_figure,
+)
+from swarmstart.cases.kinds.close_formation.kind import KIND
+from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
+from swarmstart.ocp import Trajectory, simulate
+
+if TYPE_CHECKING:
+    from swarmstart.tests.cases.kinds.close_formation.conftest import Fly, Make
+
+
+@pytest.fixture(scope="module")
+def trajectory(by_hand: Fly) -> Trajectory:
+    offsets = np.zeros((6, 301))
+    fading = np.exp(-np.arange(251) / 50)
+    offsets[0, 50:], offsets[1, 50:] = 50 * fading, 15 * fading
+    return by_hand(offsets, costs=np.geomspace(1e3, 1e-12, 300))
+
+
+def colours(file: Path) -> int:
+    with Image.open(file) as image:
+        return len(image.convert("RGB").getcolors(1 << 24) or ())
+
+
+def test_all_figures_are_drawn_in_order_and_not_blank(
+    scenario: CloseFormationScenario,
+    flight: CloseFormationFlight,
+    trajectory: Trajectory,
+    tmp_path: Path,
+) -> None:
+    files = draw(scenario, flight, trajectory, tmp_path / "figures")
+    assert [file.name[0] for file in files] == list("abcdefg")
+    assert sorted(files) == sorted((tmp_path / "figures").iterdir())
+    assert all(colours(file) > 50 for file in files)
+
+
+def test_the_aircraft_on_the_map_are_to_scale(
+    flight: CloseFormationFlight, trajectory: Trajectory
+) -> None:
+    above, behind, *_ = map_figure(flight, trajectory).axes
+    leader, wingman = (patch.get_path().vertices for patch in above.patches)
+    for outline in (np.asarray(leader), np.asarray(wingman)):
+        assert np.ptp(outline[:, 0]) == pytest.approx(flight.aircraft.span_ft)
+    moved = np.asarray(wingman).mean(axis=0) - np.asarray(leader).mean(axis=0)
+    x, y, *_ = trajectory.states[:, -1]
+    assert moved == pytest.approx([-y, -x])
+    wings = [line for line in behind.lines if line.get_label() == "leader"]
+    assert np.ptp(np.asarray(wings[0].get_xdata())) == flight.aircraft.span_ft
+
+
+def test_the_reference_is_the_flight_of_the_exact_minimum(make: Make) -> None:
+    short = make("steps=60", "reference=ipopt")
+    exact, flight = exact_flight(short), build(short)
+    flown = simulate(
+        flight.plant, flight.controller, flight.x0, steps=60,
+        rng=np.random.default_rng(1),
+    )  # fmt: skip
+    assert exact.states.shape == flown.states.shape
+    # Both at the bounds in the first second of the manoeuvre: within 1 ft there.
+    assert np.abs(exact.states[:2] - flown.states[:2]).max() < 1.0
+
+
+def test_there_is_no_animation() -> None:
+    with pytest.raises(NoAnimationError, match="no animation, got --animation gif"):
+        KIND.check_animation("gif")
