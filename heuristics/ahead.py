@@ -35,7 +35,7 @@ _IN_HELPER = "SWARMSTART_COMPILES_AHEAD"
 _CODE = """
 import pickle, sys
 sys.path[:] = pickle.load(sys.stdin.buffer)
-from swarmstart.heuristics.ahead import compile_part
+from swarmstart.heuristics.first_use import compile_part
 compile_part(sys.stdin.buffer.read())
 """
 
@@ -100,23 +100,6 @@ def helper_runs() -> bool:
     helper = _helper.get()
     process = None if helper is None else helper.process
     return process is not None and process.poll() is None
-
-
-def compile_part(pickled: bytes) -> None:
-    """Compile a part of the kernels of an algorithm: the work of a helper.
-
-    Args:
-        pickled: The algorithm, whether for the compiled loop, and the part.
-    """
-    from swarmstart.heuristics.search import (  # noqa: PLC0415 - it imports this
-        smallest_search,
-    )
-
-    algorithm, compiled, part = pickle.loads(pickled)
-    jobs = smallest_search(algorithm).preparations(compiled=compiled)
-    for k in part:
-        if k < len(jobs):
-            jobs[k]()
 
 
 def _is_possible() -> bool:

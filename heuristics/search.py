@@ -4,10 +4,9 @@ A generation is `points = search.ask()`, then `search.tell(*objective(points))`;
 was found is `search.best`.
 """
 
-import contextlib
 import copy
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from numbers import Real
 from typing import Any, NamedTuple, TypeVar
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.compile_time import compiling, stopwatch
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.ahead import LARGER_PART, compiled_ahead, helper_runs
+from swarmstart.heuristics.ahead import compiled_ahead, helper_runs
 from swarmstart.heuristics.algorithm import (
     MOST_NUMBERS,
     Algorithm,
@@ -355,7 +354,7 @@ class Search:
         """
         with stopwatch() as watch, compiling():
             jobs = self.preparations(compiled=compiled)
-            if helper_runs() or not self._is_prepared(compiled=compiled):
+            if helper_runs() or not self.is_prepared(compiled=compiled):
                 with compiled_ahead(self.algorithm, compiled=compiled) as helper:
                     for k, job in enumerate(jobs):
                         if k not in helper.part:
@@ -386,7 +385,7 @@ class Search:
         searched = self._state, self._archive
         return calls_of(self.algorithm.kernels, self.rng, self._settings, searched)
 
-    def _is_prepared(self, *, compiled: bool) -> bool:
+    def is_prepared(self, *, compiled: bool) -> bool:
         """Return whether the largest kernel need not be compiled."""
         propose, given = self._calls()[0]
         return is_kept(propose, *given, for_kernel=compiled)
@@ -462,36 +461,6 @@ class Search:
             "basins": repr(self._basins),
             "radius": repr(float(self._archive.radius[0])),
         }
-
-
-def smallest_search(algorithm: Algorithm) -> Search:
-    """Return a search that has the types of all searches by an algorithm.
-
-    Args:
-        algorithm: The algorithm.
-    """
-    box = Box(lower=np.zeros(2), upper=np.ones(2), per_step=1)
-    return Search(algorithm, box, rng=np.random.default_rng(0))
-
-
-@contextlib.contextmanager
-def kernels_ahead(algorithm: Algorithm) -> Iterator[None]:
-    """Have a second process compile the kernels of an algorithm meanwhile, if it must.
-
-    A search that begins meanwhile waits for it.
-
-    Args:
-        algorithm: The algorithm.
-
-    Yields:
-        Nothing.
-    """
-    search = smallest_search(algorithm)
-    if search._is_prepared(compiled=True):
-        yield
-        return
-    with compiled_ahead(algorithm, compiled=True, part=LARGER_PART):
-        yield
 
 
 def _fields(record: object) -> dict[str, Array]:

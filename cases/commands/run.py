@@ -23,7 +23,7 @@ from swarmstart.cases.format.settings import Scenario
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.search import kernels_ahead
+from swarmstart.heuristics.first_use import kernels_ahead
 
 RESULTS = Path("results")
 Condition = tuple[str, str, float | None]

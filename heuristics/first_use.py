@@ -1,0 +1,58 @@
+"""The first use of an algorithm on a machine: its kernels compiled ahead.
+
+They are the same for all searches by it: the smallest search there is has them all.
+"""
+
+import contextlib
+import pickle
+from collections.abc import Iterator
+
+import numpy as np
+
+from swarmstart.heuristics.ahead import LARGER_PART, compiled_ahead
+from swarmstart.heuristics.algorithm import Algorithm
+from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.search import Search
+
+
+def smallest_search(algorithm: Algorithm) -> Search:
+    """Return a search that has the types of all searches by an algorithm.
+
+    Args:
+        algorithm: The algorithm.
+    """
+    box = Box(lower=np.zeros(2), upper=np.ones(2), per_step=1)
+    return Search(algorithm, box, rng=np.random.default_rng(0))
+
+
+def compile_part(pickled: bytes) -> None:
+    """Compile a part of the kernels of an algorithm: the work of a helper.
+
+    Args:
+        pickled: The algorithm, whether for the compiled loop, and the part.
+    """
+    algorithm, compiled, part = pickle.loads(pickled)
+    jobs = smallest_search(algorithm).preparations(compiled=compiled)
+    for k in part:
+        if k < len(jobs):
+            jobs[k]()
+
+
+@contextlib.contextmanager
+def kernels_ahead(algorithm: Algorithm) -> Iterator[None]:
+    """Have a second process compile the kernels of an algorithm meanwhile, if it must.
+
+    A search that begins meanwhile waits for it.
+
+    Args:
+        algorithm: The algorithm.
+
+    Yields:
+        Nothing.
+    """
+    search = smallest_search(algorithm)
+    if search.is_prepared(compiled=True):
+        yield
+        return
+    with compiled_ahead(algorithm, compiled=True, part=LARGER_PART):
+        yield
