@@ -13,13 +13,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.chapter.markov_chain import GridDE, absorption, build_chain
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.formation_flight.linear_law import terminal_set_of
 from swarmstart.cases.kinds.formation_flight.problem import dynamics_of, reference_of
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.models.unicycle import unicycle
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.markov_chain import GridDE, absorption, build_chain
 from swarmstart.ocp.integrators import integrate
 from swarmstart.terminal_set import (
     Reference,

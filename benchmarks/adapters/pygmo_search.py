@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from swarmstart.heuristics.adapters.peer import (
+from swarmstart.benchmarks.adapters.peer import (
     Evaluator,
     MissingPeerError,
     PeerResult,

@@ -12,14 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swarmstart.heuristics import Box, DifferentialEvolution, InvalidSettingsError
-from swarmstart.heuristics.de import (
-    DifferentialEvolutionSettings,
-    DifferentialEvolutionState,
-    accept,
-    propose,
-)
-from swarmstart.heuristics.markov_chain import (
+from swarmstart.cases.chapter.markov_chain import (
     GridBounds,
     GridDE,
     MarkovChain,
@@ -31,6 +24,13 @@ from swarmstart.heuristics.markov_chain import (
     miss_bounds,
     miss_probabilities,
     spectral_radius,
+)
+from swarmstart.heuristics import Box, DifferentialEvolution, InvalidSettingsError
+from swarmstart.heuristics.de import (
+    DifferentialEvolutionSettings,
+    DifferentialEvolutionState,
+    accept,
+    propose,
 )
 from swarmstart.heuristics.order import feasibility_first
 
@@ -58,7 +58,7 @@ TIMES = [
     (0.1, 5.171620, 15.380252),
     (0.3, 2.015, 5.391),
 ]
-PAGE = Path(__file__).parents[2] / "docs" / "markov_chain.md"
+PAGE = Path(__file__).parents[3] / "docs" / "markov_chain.md"
 
 
 def chain_of(

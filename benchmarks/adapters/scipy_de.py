@@ -8,7 +8,7 @@ Source: scipy.optimize.differential_evolution.
 
 import numpy as np
 
-from swarmstart.heuristics.adapters.peer import Evaluator, PeerResult, generations_of
+from swarmstart.benchmarks.adapters.peer import Evaluator, PeerResult, generations_of
 from swarmstart.heuristics.algorithm import require_size
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.budget import Budget

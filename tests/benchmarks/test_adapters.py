@@ -9,6 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.benchmarks.adapters import (
+    MissingPeerError,
+    PeerResult,
+    PygmoAlgorithm,
+    UnsupportedOrderError,
+    pygmo_search,
+    scipy_de,
+)
 from swarmstart.heuristics import (
     Box,
     Budget,
@@ -17,14 +25,6 @@ from swarmstart.heuristics import (
     InvalidSettingsError,
     feasibility_first,
     static_penalty,
-)
-from swarmstart.heuristics.adapters import (
-    MissingPeerError,
-    PeerResult,
-    PygmoAlgorithm,
-    UnsupportedOrderError,
-    pygmo_search,
-    scipy_de,
 )
 
 Array = NDArray[np.float64]
