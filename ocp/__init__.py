@@ -22,6 +22,7 @@ from swarmstart.ocp.guess import shifted_controls, zero_controls
 from swarmstart.ocp.integrators import INTEGRATORS, held_step
 from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
+from swarmstart.ocp.multistart import multistart
 from swarmstart.ocp.open_loop import OpenLoop
 from swarmstart.ocp.planner import Plan, Planner, SearchSettings, Source, WarmStart
 from swarmstart.ocp.polish import Polished, Polisher, PolishStatus
@@ -89,6 +90,7 @@ __all__ = [
     "held_step",
     "interpolate",
     "largest_distance",
+    "multistart",
     "right_hand_side",
     "shifted_controls",
     "simulate",

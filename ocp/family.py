@@ -30,9 +30,9 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.heuristics import Box
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import Arguments, Known, Objective
+from swarmstart.ocp.fitness import Arguments, Fitness, Known, Objective
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.search_space import ControlSpace, SearchSpace, Start
 from swarmstart.ocp.shooting import (
     infinite_unless_finite,
     path_violation,
@@ -186,3 +186,19 @@ def _require_fit(problem: OptimalControlProblem, family: TrajectoryFamily) -> No
             "a family must map coefficients, initial state and parameters to states "
             f"and controls at the {nodes} nodes, of {wanted} numbers; got {found}"
         )
+
+
+def space_of(fitness: Fitness, family: TrajectoryFamily | None) -> SearchSpace:
+    """Return what a search of a problem looks for.
+
+    Args:
+        fitness: The problem's evaluator.
+        family: The family whose members are looked for; None means control sequences.
+
+    Raises:
+        InvalidProblemError: If a control is unbounded and there is no family, or the
+            family does not fit the problem.
+    """
+    if family is None:
+        return ControlSpace(fitness)
+    return FamilySpace(fitness.problem, family)

@@ -26,14 +26,14 @@ from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.basins import points, polish_basins
 from swarmstart.ocp.checking import Checker, Excess
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.family import FamilySpace, TrajectoryFamily
+from swarmstart.ocp.family import TrajectoryFamily, space_of
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.optimality import NlpPoint
 from swarmstart.ocp.polish import Polisher, PolishStatus
 from swarmstart.ocp.polish_options import PolishOptions
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.search_space import ControlSpace, SearchSpace, Start
+from swarmstart.ocp.search_space import SearchSpace, Start
 
 Array = NDArray[np.float64]
 WarmStart = Literal["all", "half", "one", "none"]
@@ -191,11 +191,7 @@ class Planner:
         self.search, self.polish = search, polish
         self._space: SearchSpace | None = None
         if search is not None:
-            self._space = (
-                ControlSpace(self.fitness)
-                if family is None
-                else FamilySpace(problem, family)
-            )
+            self._space = space_of(self.fitness, family)
             # Refused here, not at the first plan.
             first_size_of(search.algorithm, self._space.box, search.budget.evaluations)
         self.polisher = Polisher(self.fitness, polish) if polish else None

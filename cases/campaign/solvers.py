@@ -14,9 +14,9 @@ from __future__ import annotations
 import re
 import time as clock
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -30,15 +30,11 @@ from swarmstart.ocp import (
     IpoptOptions,
     Plan,
     Planner,
-    Polisher,
     SearchSettings,
-    Source,
+    multistart,
     verified,
 )
-from swarmstart.ocp.family import FamilySpace
 from swarmstart.ocp.improving import repaired
-from swarmstart.ocp.polish import is_better
-from swarmstart.ocp.search_space import ControlSpace, SearchSpace
 
 IPOPT, MULTISTART = "ipopt", "multistart-ipopt"
 SEARCHED = tuple(name for name in SEARCHES if name != "none")
@@ -231,37 +227,16 @@ def _many_starts(
 ) -> Answered:
     """Return the best of IPOPT from random points until the budget is spent."""
     del solver
-    problem = posed.problem
     planner = Planner(
-        problem, search=None, polish=_ipopt(budget, 1.0), backend=scenario.backend
+        posed.problem, search=None, polish=_ipopt(budget, 1.0), backend=scenario.backend
     )
-    polish = cast(Polisher, planner.polisher)
-    space: SearchSpace = (
-        ControlSpace(planner.fitness)
-        if posed.family is None
-        else FamilySpace(problem, posed.family)
+    began = clock.perf_counter()
+    plan = multistart(
+        planner,
+        posed.x0,
+        budget=Budget(**budget),
+        known=posed.known,
+        family=posed.family,
+        rng=rng,
     )
-    most = budget.get("evaluations", np.inf)
-    best, evaluations, began = None, 0, clock.perf_counter()
-    limit = budget.get("seconds", np.inf)
-    while best is None or (evaluations < most and clock.perf_counter() - began < limit):
-        x = space.box.lower + space.box.width * rng.random(space.box.dim)
-        start = space.decoded(x, posed.x0, posed.known)
-        one = polish(start.controls, posed.x0, posed.known, states=start.states)
-        evaluations += max(one.evaluations, 1)
-        if best is None or is_better(
-            (one.cost, one.violation),
-            (best.cost, best.violation),
-            tolerance=problem.tolerance,
-        ):
-            best = one
-    plan = planner.evaluated(
-        best.controls, posed.x0, known=posed.known, source=Source.POLISH
-    )
-    found = replace(
-        plan,
-        evaluations=evaluations,
-        polish_status=best.status,
-        point=best.point,
-    )
-    return planner, found, began
+    return planner, plan, began

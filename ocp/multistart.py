@@ -1,0 +1,90 @@
+"""The local solver from random starts, again and again: the usual rival of a search."""
+
+import time as clock
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.heuristics import Budget
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.family import TrajectoryFamily, space_of
+from swarmstart.ocp.fitness import NOTHING, Known
+from swarmstart.ocp.planner import Plan, Planner, PlanningInterrupted, Source
+from swarmstart.ocp.polish import Polished, is_better
+
+
+def multistart(
+    planner: Planner,
+    x0: ArrayLike,
+    *,
+    budget: Budget,
+    known: Known = NOTHING,
+    family: TrajectoryFamily | None = None,
+    rng: np.random.Generator,
+) -> Plan:
+    """Return the best answer of the polish from random points, until a budget is spent.
+
+    The points are uniform in the bounds of the controls, or of the family. The first
+    start is always made, and each goes on to its end, but for the polish's own limits.
+
+    Args:
+        planner: Of the problem, with a polish; its search is not used.
+        x0: Initial state, shape (nx,).
+        budget: As of a search; looked at after each start. Stagnation is counted in
+            starts.
+        known: Parameters and signals.
+        family: What the points are of; None means control sequences.
+        rng: Source of all randomness.
+
+    Raises:
+        InvalidProblemError: If the planner has no polish, a control is unbounded, or
+            the family does not fit the problem.
+        PlanningInterrupted: On Ctrl-C after the first start, with the best so far.
+    """
+    polish, tolerance = planner.polisher, planner.problem.tolerance
+    if polish is None:
+        raise InvalidProblemError("multistart needs a planner with a polish, got none")
+    space = space_of(planner.fitness, family)
+    best, evaluations, since_better = None, 0, 0
+    began = clock.perf_counter()
+
+    def goes_on(best: Polished) -> bool:
+        target = -np.inf if budget.target is None else budget.target
+        reached = best.violation <= tolerance and best.cost <= target
+        return not (
+            reached
+            or evaluations >= (budget.evaluations or np.inf)
+            or clock.perf_counter() - began >= (budget.seconds or np.inf)
+            or since_better >= (budget.stagnation or np.inf)
+        )
+
+    try:
+        while best is None or goes_on(best):
+            x = space.box.lower + space.box.width * rng.random(space.box.dim)
+            start = space.decoded(x, x0, known)
+            one = polish(start.controls, x0, known, states=start.states)
+            evaluations += max(one.evaluations, 1)
+            since_better += 1
+            if best is None or is_better(
+                (one.cost, one.violation),
+                (best.cost, best.violation),
+                tolerance=tolerance,
+            ):
+                best, since_better = one, 0
+    except KeyboardInterrupt:
+        if best is None:
+            raise
+        raise PlanningInterrupted(
+            _planned(planner, best, evaluations, x0, known)
+        ) from None
+    return _planned(planner, best, evaluations, x0, known)
+
+
+def _planned(
+    planner: Planner, best: Polished, evaluations: int, x0: ArrayLike, known: Known
+) -> Plan:
+    plan = planner.evaluated(best.controls, x0, known=known, source=Source.POLISH)
+    return replace(
+        plan, evaluations=evaluations, polish_status=best.status, point=best.point
+    )
