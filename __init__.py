@@ -49,10 +49,19 @@ if TYPE_CHECKING:
         Trajectory,
         compile_batch,
         disc,
+        multistart,
         simulate,
         solve,
+        terminal_set_of,
     )
-    from swarmstart.terminal_set import Reference, TerminalSet, sampled_terminal_set
+    from swarmstart.terminal_set import (
+        ProofOptions,
+        Reference,
+        TerminalSet,
+        Weights,
+        certify,
+        sampled_terminal_set,
+    )
 
 __version__ = "0.1.0"
 
@@ -76,6 +85,7 @@ __all__ = [
     "PathConstraint",
     "Planner",
     "Plant",
+    "ProofOptions",
     "RandomSearch",
     "RecedingHorizon",
     "Reference",
@@ -91,16 +101,20 @@ __all__ = [
     "TerminalConstraint",
     "TerminalSet",
     "Trajectory",
+    "Weights",
+    "certify",
     "compile_batch",
     "default_order",
     "disc",
     "epsilon_level",
     "feasibility_first",
     "minimize",
+    "multistart",
     "sampled_terminal_set",
     "simulate",
     "solve",
     "static_penalty",
+    "terminal_set_of",
 ]
 
 _HOMES = (

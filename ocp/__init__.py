@@ -33,6 +33,7 @@ from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.solving import SolveInterrupted, solve
 from swarmstart.ocp.status import SolutionStatus
 from swarmstart.ocp.team import Agent, Team
+from swarmstart.ocp.terminal import terminal_set_of
 
 __all__ = [
     "INTEGRATORS",
@@ -97,6 +98,7 @@ __all__ = [
     "smallest_distance",
     "solve",
     "stack_models",
+    "terminal_set_of",
     "verified",
     "zero_controls",
 ]

@@ -34,6 +34,7 @@ from swarmstart.terminal_set.intervals import interval_function
 from swarmstart.terminal_set.reference import Reference
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 MOST_CORE = 1e-6
 """Of the level: a thousandth of the set's radius."""
@@ -114,6 +115,19 @@ class Drift:
         return max(radius**2, LEAST_CORE * alpha)
 
 
+def resting(dynamics: ca.Function, *, is_bounded: Mask) -> Mask:
+    """Return which states must rest at a reference: f depends on them, or a bound does.
+
+    Args:
+        dynamics: f(x, u) -> xdot.
+        is_bounded: Which states have bounds, shape (nx,).
+    """
+    felt = dynamics.jac_sparsity(0, 0).T.get_triplet()[0]
+    rests = np.array(is_bounded)
+    rests[np.array(felt, dtype=int)] = True
+    return rests
+
+
 class ReferenceMotion:
     """The motion of a reference in states that should rest.
 
@@ -136,10 +150,7 @@ class ReferenceMotion:
         x = ca.SX.sym("x", reference.x_ref.size)
         rate = ca.Function("rate", [x], [dynamics(x, ca.DM(reference.u_ref))])
         self._evaluate, self._x_ref = interval_function(rate), reference.x_ref
-        felt = dynamics.jac_sparsity(0, 0).T.get_triplet()[0]
-        rests = np.isfinite(reference.e_max)
-        rests[np.array(felt, dtype=int)] = True
-        self._rests = rests
+        self._rests = resting(dynamics, is_bounded=np.isfinite(reference.e_max))
         self.bound = self._fastest(np.zeros(x.numel()))
         moving = np.flatnonzero(self.bound)
         self.entries = tuple(int(entry) for entry in moving)

@@ -377,11 +377,15 @@ def test_the_page_says_what_its_example_prints(
 ) -> None:
     pytest.importorskip("flint")
     page = (Path(__file__).parents[2] / "docs" / "terminal_sets.md").read_text("utf-8")
-    (example,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    example, of_a_problem = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     exec(compile(example, "terminal_sets.md", "exec"), {})  # Our own page.
     level, refuted, boxes = capsys.readouterr().out.split()
-    shown = re.findall(r"prints\n\n    (.*)\n", page)[0].split()
+    printed = re.findall(r"prints\n\n    (.*)\n", page)
+    shown = printed[0].split()
     assert (level, refuted) == tuple(shown[:2])
     assert int(boxes) == pytest.approx(int(shown[2]), rel=0.1)
     assert main(["certificate.json"]) == 0
+    capsys.readouterr()
+    exec(compile(of_a_problem, "terminal_sets.md", "exec"), {})
+    assert capsys.readouterr().out.strip() == printed[1]
