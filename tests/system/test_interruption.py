@@ -240,11 +240,16 @@ def test_what_an_interrupt_became_ends_as_an_interrupt(
 # --- real signals
 
 # The command line, which tells of every step at once.
+# It waits after each line, so that a signal finds it at work however busy the machine.
 TALKATIVE = """
-import sys
+import sys, time
 from swarmstart.cases.commands import cli
 from swarmstart.cases.commands import progress
+def tell_and_wait(text, tell=progress.tell):
+    tell(text)
+    time.sleep(0.1)
 progress.QUIET_S = progress.LINE_EVERY_S = 0.0
+progress.tell = tell_and_wait
 sys.exit(cli.main())
 """
 
