@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -85,6 +86,47 @@ def test_an_edited_checkout_runs_its_new_code(tmp_path: Path) -> None:
     assert ran(CALLER, folder, cache) == "1"
     negate_costs(folder)
     assert ran(CALLER, folder, cache) == "2"
+
+
+def wheel_of(folder: Path, version: str) -> Path:
+    """Pack the package of a folder as a wheel; return its path."""
+    info = f"swarmstart-{version}.dist-info"
+    path = folder / f"swarmstart-{version}-py3-none-any.whl"
+    files = sorted((folder / "swarmstart").rglob("*.py"))
+    names = [file.relative_to(folder).as_posix() for file in files]
+    about = f"Name: swarmstart\nVersion: {version}\n"
+    texts = {
+        "METADATA": f"Metadata-Version: 2.1\n{about}",
+        "WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+        "RECORD": "".join(f"{name},,\n" for name in names),
+    }
+    with zipfile.ZipFile(path, "w") as wheel:
+        for file, name in zip(files, names, strict=True):
+            wheel.write(file, name)
+        for name, text in texts.items():
+            wheel.writestr(f"{info}/{name}", text)
+    return path
+
+
+def test_a_wheel_that_is_installed_over_another_runs_its_own_code(
+    tmp_path: Path,
+) -> None:
+    """One of a new version, and one of the same; and the first again."""
+    old, new = copied(tmp_path / "old"), copied(tmp_path / "new")
+    negate_costs(new)
+    wheels = [
+        (wheel_of(old, "0.1.0"), "1"),
+        (wheel_of(new, "0.2.0"), "2"),
+        (wheel_of(old, "0.2.0"), "1"),
+        (wheel_of(new, "0.2.0"), "2"),
+    ]
+    installed, cache = tmp_path / "installed", tmp_path / "cache"
+    installed.mkdir()
+    quietly = ["--quiet", "--disable-pip-version-check", "--no-deps", "--no-index"]
+    over = ["--upgrade", "--force-reinstall", "--target", str(installed)]
+    for wheel, expected in wheels:
+        python("-m", "pip", "install", *quietly, *over, str(wheel))
+        assert ran(CALLER, installed, cache) == expected
 
 
 def test_two_versions_share_one_cache(tmp_path: Path) -> None:
