@@ -41,7 +41,6 @@ from swarmstart.terminal_set.design import (
     InvalidReserveError,
     TerminalSet,
     continuous_terminal_set,
-    literal_terminal_set,
     sampled_terminal_set,
 )
 from swarmstart.terminal_set.drift import NotAnEquilibriumError
@@ -62,7 +61,6 @@ from swarmstart.terminal_set.level import (
     input_excess,
     level_from_inputs,
     level_from_states,
-    literal_level,
     smaller_side,
 )
 from swarmstart.terminal_set.level_search import ProvenLevel, proven_level
@@ -75,7 +73,6 @@ from swarmstart.terminal_set.linearisation import (
 from swarmstart.terminal_set.lqr import Gain, continuous_lqr, sampled_lqr
 from swarmstart.terminal_set.lyapunov import (
     continuous_lyapunov,
-    literal_lyapunov,
     sampled_lyapunov,
 )
 from swarmstart.terminal_set.prerequisites import (
@@ -147,9 +144,6 @@ __all__ = [
     "level_from_inputs",
     "level_from_states",
     "linearise",
-    "literal_level",
-    "literal_lyapunov",
-    "literal_terminal_set",
     "log_volume",
     "prove_level",
     "proven_level",

@@ -2,17 +2,15 @@
 
     inside Omega = {e : e'Pe <= alpha}, e = x - x_ref:  u = u_ref - K e
 
-Three designs, side by side:
+Two designs, side by side:
 
     sampled     gain and P of the discrete Riccati equation for the input held dt;
                 corrected level. The design for a controller that holds its input.
     continuous  gain of the continuous Riccati equation, P of (5.12) corrected,
                 corrected level. For an input that moves all the time.
-    literal     the same gain, P as given, the level of (5.14) as printed.
 
-The chapter holds the input of a continuous design for 1 s. On its formation model that
-loop has the spectral radius 10.8 (`held_spectral_radius`), so its dual mode is unstable
-as it is used, whatever P and alpha are.
+A continuous design that is held may be unstable: the chapter's formation, held 1 s, has
+the spectral radius 10.8 (`held_spectral_radius`), whatever P and alpha are.
 
 All levels here come from bounds on inputs and states alone. They say nothing of the
 decrease of e'Pe under the nonlinear dynamics, nor of states between two samples: that
@@ -43,7 +41,6 @@ from swarmstart.terminal_set.ellipsoid import Ellipsoid
 from swarmstart.terminal_set.level import (
     level_from_inputs,
     level_from_states,
-    literal_level,
 )
 from swarmstart.terminal_set.linearisation import hold, linearise
 from swarmstart.terminal_set.lqr import continuous_lqr, sampled_lqr
@@ -301,45 +298,6 @@ def continuous_terminal_set(
         u_ref=reference.u_ref,
         dt=None,
         design="continuous",
-    )
-
-
-def literal_terminal_set(
-    dynamics: ca.Function,
-    reference: Reference,
-    *,
-    Q: ArrayLike,
-    R: ArrayLike,
-    P: ArrayLike,
-) -> TerminalSet:
-    """Design the set as the chapter prints it: an erratum, kept to be measured.
-
-    Args:
-        dynamics: f(x, u) -> xdot, SI units.
-        reference: Reference and bounds; (5.14) looks at those of the input only.
-        Q: State weight, shape (nx, nx), symmetric positive semidefinite.
-        R: Input weight, shape (nu, nu), symmetric positive definite.
-        P: The matrix printed in section 5.2.4, or that of `literal_lyapunov`, shape
-            (nx, nx), symmetric positive definite.
-
-    Returns:
-        K of the continuous Riccati equation, P as given, alpha of (5.14) as printed.
-        Its law may exceed the input bounds in the set (`input_excess`) and need not be
-        stable when held (`held_spectral_radius`).
-
-    Raises:
-        SwarmstartError: As `linearise`, `continuous_lqr`, `literal_level` say.
-    """
-    A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
-    K = continuous_lqr(A, B, Q, R).K
-    return TerminalSet(
-        K=K,
-        P=finite_array("P", P, A.shape),
-        alpha=literal_level(K, P, reference.u_max),
-        x_ref=reference.x_ref,
-        u_ref=reference.u_ref,
-        dt=None,
-        design="literal",
     )
 
 

@@ -8,10 +8,6 @@ bounds |F_i e| <= g_i
 F = K and g = u_max is the input bound, (5.14) corrected; F = I and g = e_max the state
 bound. The ellipsoid is symmetric, so of unequal bounds the nearer one counts.
 
-The chapter prints alpha K'PK <= u_max^2 (5.13, 5.14). The two sides do not conform;
-read as alpha K P K' they do, yet P stands where its inverse belongs and nothing is
-bounded.
-
 A level of this kind bounds inputs and states only. That e'Pe also falls under the
 nonlinear dynamics is a further condition, which no formula here looks at.
 """
@@ -136,31 +132,6 @@ def level_from_states(P: ArrayLike, e_max: ArrayLike) -> float:
     """
     P = positive_definite("P", P)
     return _level(_squared_reach(P, np.eye(len(P))), _room("e_max", e_max, len(P)))
-
-
-def literal_level(K: ArrayLike, P: ArrayLike, u_max: ArrayLike) -> float:
-    """Compute the level of (5.14) as printed: an erratum, kept to be measured.
-
-    Read so that it conforms, alpha K P K' <= u_max^2. It bounds no input; by how much
-    the inputs exceed their bounds on the set it gives, `input_excess` says.
-
-    Args:
-        K: Gain, shape (nu, nx).
-        P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
-        u_max: Room of each input around its reference, shape (nu,), > 0.
-
-    Returns:
-        alpha = min_i u_max_i^2 / (K_i P K_i').
-
-    Raises:
-        InvalidShapeError: The sizes do not agree.
-        NotFiniteError: K or P holds NaN or infinity, or u_max NaN.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        NotPositiveError: An entry of u_max is zero or negative.
-    """
-    P, K = _ellipsoid_and_rows(P, K)
-    return _level(np.einsum("ij,jk,ik->i", K, P, K), _room("u_max", u_max, len(K)))
 
 
 def input_excess(

@@ -2,12 +2,10 @@
 
     continuous  F'P + PF = -Q      (5.12), corrected
     sampled     F'PF - P = -Q
-    literal     FP + PF' = -Q      (5.12), as printed
 
 Along e' = F e the function e'Pe changes at the rate e'(F'P + PF)e, so the first is the
-equation to solve. The chapter prints its transpose: the matrix that results belongs to
-the loop with F', and its ellipsoid need not be invariant for the loop with F. With
-F = A - B K and Q* = Q + K'RK of an LQR, the first gives the Riccati matrix back.
+equation to solve. With F = A - B K and Q* = Q + K'RK of an LQR, it gives the Riccati
+matrix back.
 """
 
 from __future__ import annotations
@@ -76,26 +74,3 @@ def sampled_lyapunov(F: ArrayLike, Q: ArrayLike) -> FloatArray:
 
     P = np.asarray(linalg.solve_discrete_lyapunov(F.T, Q), dtype=np.float64)
     return reliable_solution("sampled Lyapunov", P, F.T @ P @ F - P + Q)
-
-
-def literal_lyapunov(F: ArrayLike, Q: ArrayLike) -> FloatArray:
-    """Solve FP + PF' = -Q, (5.12) as printed: an erratum, kept to be measured.
-
-    The printed equation is that of the transposed loop; see the head of this module.
-
-    Args:
-        F: Stable loop e' = F e, shape (nx, nx), 1/s.
-        Q: The chapter's Q*, shape (nx, nx), symmetric positive semidefinite.
-
-    Returns:
-        P, shape (nx, nx), symmetric positive definite, read-only.
-
-    Raises:
-        InvalidShapeError: F is not square or Q is of another size.
-        NotFiniteError: F or Q holds NaN or infinity.
-        AsymmetricMatrixError: Q is not symmetric.
-        IndefiniteMatrixError: Q has a negative eigenvalue.
-        UnstableLoopError: F does not decay.
-        UnreliableSolutionError: P fails a check.
-    """
-    return continuous_lyapunov(square_matrix("F", F).T, Q)

@@ -16,10 +16,7 @@ from swarmstart.terminal_set import (
     TerminalSet,
     continuous_lqr,
     continuous_terminal_set,
-    input_excess,
-    level_from_inputs,
     linearise,
-    literal_terminal_set,
     sampled_terminal_set,
 )
 
@@ -124,20 +121,6 @@ def test_the_continuous_set_of_the_formation_model(
     A, B = linearise(formation, leader.x_ref, leader.u_ref)
     np.testing.assert_allclose(design.P, continuous_lqr(A, B, I4, I2).P, atol=1e-12)
     assert design.dt is None
-
-
-def test_the_literal_set_keeps_neither_inputs_nor_states(
-    formation: ca.Function, leader: Reference, printed_p: Array
-) -> None:
-    design = literal_terminal_set(formation, leader, Q=I4, R=I2, P=printed_p)
-    assert design.alpha == pytest.approx(0.0170, abs=1e-4)
-    excess = input_excess(design.K, design.P, design.alpha, leader.u_max)
-    assert np.max(excess) == pytest.approx(20, abs=0.5)  # the turn rate, 20-fold
-    kept = level_from_inputs(design.K, design.P, leader.u_max)
-    assert kept == pytest.approx(4.19e-5, rel=2e-3)
-    # Held 1 s, as the chapter flies it, the law throws states out of the set.
-    e = boundary_of(design)
-    assert np.max(design.value(flown(e, design.feedback(e)))) > 100 * design.alpha
 
 
 def test_the_published_example_of_chen_and_allgoewer(

@@ -15,7 +15,6 @@ from swarmstart.terminal_set import (
     input_excess,
     level_from_inputs,
     level_from_states,
-    literal_level,
     smaller_side,
 )
 
@@ -67,14 +66,6 @@ def test_a_bound_does_not_depend_on_its_unit() -> None:
     assert level_from_inputs(K, 7 * P, [1.0, 4.0]) == pytest.approx(7 * alpha)
 
 
-def test_the_printed_level_bounds_no_input() -> None:
-    # One state: alpha K^2 P <= u_max^2 as printed, alpha K^2 / P <= u_max^2 as meant.
-    K, P, u_max = [[1.0]], [[0.1]], [1.0]
-    assert literal_level(K, P, u_max) == pytest.approx(10.0)
-    assert level_from_inputs(K, P, u_max) == pytest.approx(0.1)
-    assert input_excess(K, P, 10.0, u_max)[0] == pytest.approx(10.0)
-
-
 def test_without_a_bound_the_level_is_infinite() -> None:
     assert level_from_states(np.eye(2), [np.inf, np.inf]) == np.inf
     assert level_from_inputs([[0.0, 0.0]], np.eye(2), [1.0]) == np.inf
@@ -105,7 +96,7 @@ def test_arrays_of_the_wrong_kind_are_refused() -> None:
     with pytest.raises(NotPositiveError, match="alpha must be a positive number"):
         input_excess(K, P, np.nan, [1.0])
     with pytest.raises(InvalidShapeError, match=r"u_max must have shape \(1,\)"):
-        literal_level(K, P, [1.0, 1.0])
+        level_from_inputs(K, P, [1.0, 1.0])
     with pytest.raises(InvalidShapeError, match=r"K must have shape \(any, 2\)"):
         level_from_inputs(np.eye(3), P, [1.0])
     with pytest.raises(IndefiniteMatrixError, match="P must be positive definite"):

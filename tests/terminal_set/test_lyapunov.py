@@ -14,7 +14,6 @@ from swarmstart.terminal_set import (
     continuous_lqr,
     continuous_lyapunov,
     hold,
-    literal_lyapunov,
     sampled_lqr,
     sampled_lyapunov,
 )
@@ -35,20 +34,6 @@ def test_the_riccati_matrix_is_the_lyapunov_matrix_of_its_loop(
         np.testing.assert_allclose(P, gain.P, rtol=1e-12, atol=1e-12)
 
 
-def test_the_printed_equation_is_that_of_the_transposed_loop(
-    matrices: Matrices,
-) -> None:
-    A, B = matrices
-    K = continuous_lqr(A, B, I4, I2).K
-    F, Q = A - B @ K, I4 + K.T @ K
-    P = literal_lyapunov(F, Q)
-    assert P[3, 3] == pytest.approx(49.22, abs=0.01)
-    assert P[1, 3] == pytest.approx(-0.0667, abs=1e-4)
-    np.testing.assert_allclose(F @ P + P @ F.T, -Q, atol=1e-12)
-    # So e'Pe grows somewhere along the loop it is meant for.
-    assert np.linalg.eigvalsh(F.T @ P + P @ F)[-1] > 1.0
-
-
 def test_the_value_falls_by_the_weight_along_the_loop() -> None:
     rng = np.random.default_rng(1)
     F, Q = rng.normal(size=(3, 3)), np.diag([1.0, 2.0, 3.0])
@@ -66,7 +51,7 @@ def test_an_unstable_loop_is_refused_with_its_growth() -> None:
     with pytest.raises(UnstableLoopError, match=r"spectral radius is 1,"):
         sampled_lyapunov(-I2, I2)
     with pytest.raises(UnstableLoopError, match="real part is 0,"):
-        literal_lyapunov(0 * I2, I2)
+        continuous_lyapunov(0 * I2, I2)
 
 
 def test_a_weight_that_leaves_a_direction_free_gives_no_lyapunov_matrix() -> None:
@@ -80,7 +65,7 @@ def test_arrays_of_the_wrong_kind_are_refused() -> None:
     with pytest.raises(InvalidShapeError, match=r"Q must have shape \(2, 2\)"):
         continuous_lyapunov(-I2, I4)
     with pytest.raises(NotFiniteError, match="F must hold finite real numbers"):
-        literal_lyapunov(np.nan * I2, I2)
+        continuous_lyapunov(np.nan * I2, I2)
 
 
 @pytest.mark.parametrize("seed", range(5))

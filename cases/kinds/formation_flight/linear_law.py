@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 
+from swarmstart.cases.kinds.formation_flight.as_printed import terminal_set_as_printed
 from swarmstart.cases.kinds.formation_flight.problem import dynamics_of
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.models.unicycle import unicycle
@@ -17,7 +18,6 @@ from swarmstart.terminal_set import (
     TerminalSet,
     Weights,
     certified_terminal_set,
-    literal_terminal_set,
     sampled_terminal_set,
 )
 
@@ -42,7 +42,7 @@ def terminal_set_of(scenario: FormationScenario, reference: Reference) -> Termin
     dynamics, Q, R = dynamics_of(unicycle()), np.diag(dual.Q), np.diag(dual.R)
     if dual.design == "literal":
         P = np.array(dual.P)
-        return literal_terminal_set(dynamics, reference, Q=Q, R=R, P=P)
+        return terminal_set_as_printed(dynamics, reference, Q=Q, R=R, P=P)
     return sampled_terminal_set(dynamics, reference, dt=dt, Q=Q, R=R)
 
 
