@@ -36,7 +36,8 @@ BLOCK = 50_000
 _HEAD = """# Proven and refuted levels
 
 Made by `python benchmarks/terminal_sets.py --samples {number}`. Refuted: the nearest
-deviation found at which e'Pe does not decrease (a local answer). Gap: refuted over
+deviation found at which e'Pe does not decrease, the integrator's margin of a held input
+included (a local answer). Gap: refuted over
 proven, less 1; where nothing is refuted the level is that of the bounds or, of the
 tank, ends with the model's domain. Seconds: the last proof alone. Violations: of
 {samples} random states of the set, half of them on its edge, flown for one hold (or
