@@ -86,7 +86,7 @@ def fly(job: Job) -> dict[str, Any]:
     finished = flown(job)
     worse = sum(
         is_better(
-            (plan.search_cost, plan.search_violation),
+            (plan.search.cost, plan.search.violation),
             (plan.cost, plan.violation),
             tolerance=FEASIBLE,
         )

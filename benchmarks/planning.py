@@ -124,7 +124,7 @@ def _run(job: Job) -> tuple[Job, Found]:
     rng = np.random.default_rng(job.seed)
     plan = planner.plan(instance.x0, known=instance.known, rng=rng)
     return job, Found(
-        plan.search_cost + WEIGHT * plan.search_violation,
+        plan.search.cost + WEIGHT * plan.search.violation,
         plan.cost + WEIGHT * plan.violation,
     )
 

@@ -40,7 +40,7 @@ def fly(job: Job) -> dict[str, Any]:
             np.array(measures[name]) for name in ("cost_per_horizon", "gap_per_horizon")
         )
         best = costs - gaps
-        searched = np.array([plan.search_cost for plan in plans])
+        searched = np.array([plan.search.cost for plan in plans])
         measures["best_cost_per_horizon"] = best.tolist()
         measures["search_gap_max"] = float((searched - best).max())
     return measures

@@ -24,7 +24,14 @@ from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.multistart import multistart
 from swarmstart.ocp.open_loop import OpenLoop
-from swarmstart.ocp.planner import Plan, Planner, SearchSettings, Source, WarmStart
+from swarmstart.ocp.planner import (
+    Plan,
+    Planner,
+    SearchReport,
+    SearchSettings,
+    Source,
+    WarmStart,
+)
 from swarmstart.ocp.polish import Polished, Polisher, PolishStatus
 from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -69,6 +76,7 @@ __all__ = [
     "Prepared",
     "RecedingHorizon",
     "Rows",
+    "SearchReport",
     "SearchSettings",
     "Separation",
     "Solution",

@@ -201,9 +201,7 @@ class RecedingHorizon:
             return plan
         return replace(
             shifted,
-            search_cost=plan.search_cost,
-            search_violation=plan.search_violation,
-            search_history=plan.search_history,
+            search=plan.search,
             evaluations=plan.evaluations,
             polish_status=plan.polish_status,
         )

@@ -220,9 +220,7 @@ def _judged_by(
     judged = planner.evaluated(plan.controls, x0, known=known, source=plan.source)
     return replace(
         judged,
-        search_cost=before.plan.search_cost,
-        search_violation=before.plan.search_violation,
-        search_history=before.plan.search_history,
+        search=before.plan.search,
         evaluations=before.plan.evaluations + plan.evaluations,
         polish_status=plan.polish_status,
         point=plan.point,

@@ -88,6 +88,25 @@ class SearchSettings:
             )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchReport:
+    """What a population search found, before any polish.
+
+    Attributes:
+        cost: Cost of its own answer; NaN without a search.
+        violation: Violation of that answer; NaN without a search.
+        history: Cost of its best point after each generation, shape (generations,);
+            empty without a search.
+    """
+
+    cost: float = np.nan
+    violation: float = np.nan
+    history: Array = field(default_factory=lambda: np.empty(0))
+
+
+NO_SEARCH = SearchReport()
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Plan:
     """A control sequence over one horizon, and what it is worth.
@@ -99,12 +118,9 @@ class Plan:
         violation: Summed violation there.
         feasible: Whether the violation is within the problem's tolerance.
         source: Where the plan comes from.
-        search_cost: Cost of the search's own answer; NaN without a search.
-        search_violation: Violation of that answer; NaN without a search.
+        search: What the search found; `NO_SEARCH` without one.
         evaluations: Evaluations spent, those of the polish included.
         polish_status: How the polish ended; None without one.
-        search_history: Cost of the search's best point after each generation, shape
-            (generations,); empty without a search.
         start_excess: By how much the start breaks bounds of states and path
             constraints that no control enters, in parts of their scales; 0: inside.
         point: The stationary point of the NLP that it is; None: not shown to be one.
@@ -116,11 +132,9 @@ class Plan:
     violation: float
     feasible: bool
     source: Source
-    search_cost: float = np.nan
-    search_violation: float = np.nan
+    search: SearchReport = NO_SEARCH
     evaluations: int = 0
     polish_status: PolishStatus | None = None
-    search_history: Array = field(default_factory=lambda: np.empty(0))
     start_excess: float = 0.0
     point: NlpPoint | None = None
 
@@ -254,9 +268,7 @@ class Planner:
         )
         return replace(
             best,
-            search_cost=plan.search_cost,
-            search_violation=plan.search_violation,
-            search_history=plan.search_history,
+            search=plan.search,
             evaluations=plan.evaluations + evaluations,
             polish_status=polished.status,
             point=polished.point,
@@ -320,9 +332,7 @@ class Planner:
         plan = self.evaluated(starts[0].controls, x0, known=known, source=Source.SEARCH)
         searched = replace(
             plan,
-            search_cost=result.cost,
-            search_violation=result.violation,
-            search_history=result.history_cost,
+            search=SearchReport(result.cost, result.violation, result.history_cost),
             evaluations=result.evaluations,
         )
         return searched, starts

@@ -12,6 +12,7 @@ from swarmstart.ocp import (
     Mode,
     Plan,
     PolishStatus,
+    SearchReport,
     Source,
     Step,
     Trajectory,
@@ -37,8 +38,8 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "plan_violation": _of_plans(plans, lambda p: p.violation),
         "plan_feasible": _of_plans(plans, lambda p: p.feasible).astype(bool),
         "plan_source": np.array([[p.source.name for p in row] for row in plans]),
-        "search_cost": _of_plans(plans, lambda p: p.search_cost),
-        "search_violation": _of_plans(plans, lambda p: p.search_violation),
+        "search_cost": _of_plans(plans, lambda p: p.search.cost),
+        "search_violation": _of_plans(plans, lambda p: p.search.violation),
         "plan_polish": np.array([[_polish_name(p) for p in row] for row in plans]),
         "plan_start_excess": _of_plans(plans, lambda p: p.start_excess),
         "plan_evaluations": _of_plans(plans, lambda p: p.evaluations).astype(np.int64),
@@ -87,11 +88,11 @@ def _polish_name(plan: Plan) -> str:
 
 def _histories(plans: Sequence[Sequence[Plan]]) -> Array:
     """Return the searches' histories, shape (T, agents, longest), NaN at the end."""
-    longest = max(plan.search_history.size for row in plans for plan in row)
+    longest = max(plan.search.history.size for row in plans for plan in row)
     padded = np.full((len(plans), len(plans[0]), longest), np.nan)
     for k, row in enumerate(plans):
         for agent, plan in enumerate(row):
-            padded[k, agent, : plan.search_history.size] = plan.search_history
+            padded[k, agent, : plan.search.history.size] = plan.search.history
     return padded
 
 
@@ -108,10 +109,12 @@ def _plan(arrays: Mapping[str, NDArray[Any]], number: int, agent: int) -> Plan:
         violation=float(arrays["plan_violation"][number, agent]),
         feasible=bool(arrays["plan_feasible"][number, agent]),
         source=Source[str(arrays["plan_source"][number, agent])],
-        search_cost=float(arrays["search_cost"][number, agent]),
-        search_violation=float(arrays["search_violation"][number, agent]),
+        search=SearchReport(
+            cost=float(arrays["search_cost"][number, agent]),
+            violation=float(arrays["search_violation"][number, agent]),
+            history=_unpadded(arrays["search_history"][number, agent]),
+        ),
         evaluations=int(arrays["plan_evaluations"][number, agent]),
-        search_history=_unpadded(arrays["search_history"][number, agent]),
         polish_status=_polish_status(str(arrays["plan_polish"][number, agent])),
         start_excess=float(arrays["plan_start_excess"][number, agent]),
     )

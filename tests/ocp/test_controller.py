@@ -156,7 +156,7 @@ def test_without_a_feasible_plan_the_shifted_last_one_is_flown(
     np.testing.assert_array_equal(plan.controls, [[1, 0, 0, 0]])
     assert plan.feasible
     searched = hopeless.planner.plan(state, rng=rng())
-    assert (plan.search_cost, plan.search_violation, plan.evaluations) == (
+    assert (plan.search.cost, plan.search.violation, plan.evaluations) == (
         searched.cost,
         searched.violation,
         1,

@@ -147,7 +147,7 @@ def test_search_in_the_family_and_polish_pass_the_disc_on_the_shorter_side(
     middle = plan.states[:, plan.states.shape[1] // 2]
     assert middle[1] == pytest.approx(-0.7, abs=1e-3)
     # Held controls and free curves do better than the one curve of the family.
-    assert plan.cost < plan.search_cost
+    assert plan.cost < plan.search.cost
 
 
 def test_a_search_alone_says_what_its_controls_reach(
@@ -157,7 +157,7 @@ def test_a_search_alone_says_what_its_controls_reach(
         X0, rng=np.random.default_rng(0)
     )
     assert plan.source is Source.SEARCH
-    assert plan.search_violation == pytest.approx(0.0, abs=1e-9)
+    assert plan.search.violation == pytest.approx(0.0, abs=1e-9)
     assert plan.violation > problem.tolerance and not plan.feasible
 
 

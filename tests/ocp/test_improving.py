@@ -18,6 +18,7 @@ from swarmstart.ocp import (
     Plan,
     Planner,
     PolishStatus,
+    SearchReport,
     SearchSettings,
     Separation,
     Solution,
@@ -379,15 +380,13 @@ def test_polished_attempt_is_not_searched_again_and_adds_its_effort(
         return solution
 
     monkeypatch.setattr(improving, "verified", noted)
-    plan = replace(
-        solution.plan, evaluations=7, search_cost=3.0, search_violation=0.25,
-        search_history=np.array([5.0, 3.0]),
-    )  # fmt: skip
+    report = SearchReport(3.0, 0.25, np.array([5.0, 3.0]))
+    plan = replace(solution.plan, evaluations=7, search=report)
     before = replace(broken(solution, 0.4), plan=plan)
     found = repaired(both, before, [0.0], NOTHING, rng=np.random.default_rng(0))
     assert found.planner.search is None
     (made,) = plans
     assert made.evaluations > 7
-    assert (made.search_cost, made.search_violation) == (3.0, 0.25)
-    assert made.search_history.tolist() == [5.0, 3.0]
+    assert (made.search.cost, made.search.violation) == (3.0, 0.25)
+    assert made.search.history.tolist() == [5.0, 3.0]
     assert made.polish_status is PolishStatus.CONVERGED

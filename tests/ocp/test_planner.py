@@ -56,7 +56,7 @@ def test_without_search_and_polish_the_guess_is_the_plan(crossing: Posed) -> Non
     np.testing.assert_array_equal(plan.controls, np.zeros((2, 3)))
     assert plan.source is Source.GUESS
     assert (plan.evaluations, plan.polish_status) == (0, None)
-    assert np.isnan(plan.search_cost)
+    assert np.isnan(plan.search.cost)
     guess = rng(1).uniform(-1, 1, (2, 3))
     plan = planner.plan(x0, known=known, guess=guess, rng=rng())
     np.testing.assert_array_equal(plan.controls, guess)
@@ -72,7 +72,7 @@ def test_plan_is_worth_what_the_evaluator_says(crossing: Posed, seed: int) -> No
     np.testing.assert_array_equal(plan.states, fitness.states(plan.controls, x0, known))
     assert plan.feasible == (plan.violation <= problem.tolerance)
     assert (plan.source, plan.evaluations) == (Source.SEARCH, 8)
-    assert (plan.search_cost, plan.search_violation) == (plan.cost, plan.violation)
+    assert (plan.search.cost, plan.search.violation) == (plan.cost, plan.violation)
 
 
 def test_warm_start_says_how_much_of_the_first_population_is_the_guess(
@@ -181,7 +181,7 @@ def test_polish_is_never_worse_than_the_search(passing_side: Posed) -> None:
         plan = both.plan(x0, known=known, rng=rng(seed))
         value = (plan.cost, plan.violation)
         before = (searched.cost, searched.violation)
-        assert (plan.search_cost, plan.search_violation) == before
+        assert (plan.search.cost, plan.search.violation) == before
         assert not is_better(before, value, tolerance=problem.tolerance)
         assert plan.evaluations > searched.evaluations == 120
         improved = plan.polish_status is PolishStatus.CONVERGED

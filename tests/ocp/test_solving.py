@@ -131,7 +131,7 @@ def test_search_finds_the_cheap_side_and_the_polish_its_optimum(
             rng=np.random.default_rng(seed),
         )
         plan = solution.plan
-        return solution.status, solution.cost, plan.search_cost
+        return solution.status, solution.cost, plan.search.cost
 
     status, cost, search_cost = solved(0, IpoptOptions())
     assert status is SolutionStatus.BROKEN

@@ -115,8 +115,8 @@ def test_polish_comes_nearer_and_no_step_is_worse_than_the_swarms() -> None:
     assert searched
     for plan in searched:
         assert (plan.violation > 1e-6, plan.cost) <= (
-            plan.search_violation > 1e-6,
-            plan.search_cost,
+            plan.search.violation > 1e-6,
+            plan.search.cost,
         )
 
 

@@ -93,7 +93,7 @@ def evolution_figure(trajectory: Trajectory) -> "Figure":
     counts on with its last.
     """
     histories = [
-        _summed([plan.search_history for plan in decision.plans])
+        _summed([plan.search.history for plan in decision.plans])
         for decision in trajectory.decisions[:MOST_PANELS]
     ]
     columns = min(len(histories), WIDE) or 1

@@ -66,9 +66,9 @@ def evolution_figure(trajectory: Trajectory) -> "Figure":
     figure = new_figure()
     axes = figure.add_subplot()
     plan = trajectory.decisions[0].plans[0]
-    if plan.search_history.size:
+    if plan.search.history.size:
         axes.plot(
-            plan.search_history, color=COLOURS[0], label="best point of the search"
+            plan.search.history, color=COLOURS[0], label="best point of the search"
         )
     label = f"plan, {plan.cost:.4g}"
     axes.axhline(plan.cost, ls="--", color=COLOURS[1], label=label)

@@ -46,9 +46,11 @@ def flight(count: int) -> Trajectory:
                     violation=rng.normal(),
                     feasible=bool(rng.integers(2)),
                     source=list(Source)[rng.integers(len(Source))],
-                    search_cost=np.nan if number else rng.normal(),
+                    search=ocp.SearchReport(
+                        cost=np.nan if number else rng.normal(),
+                        history=rng.random(int(rng.integers(4))),
+                    ),
                     evaluations=int(rng.integers(100)),
-                    search_history=rng.random(int(rng.integers(4))),
                 )
                 for number in range(AGENTS)
             ),

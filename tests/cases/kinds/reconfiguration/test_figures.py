@@ -17,7 +17,7 @@ from swarmstart.cases.kinds.reconfiguration.build import ReconfigurationFlight, 
 from swarmstart.cases.kinds.reconfiguration.figures import draw
 from swarmstart.cases.kinds.reconfiguration.kind import KIND
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
-from swarmstart.ocp import Trajectory, simulate
+from swarmstart.ocp import SearchReport, Trajectory, simulate
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import slots_at, uavs_at
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def test_a_panel_of_each_horizon_has_the_history_of_its_search(
     ]
     for axes, decision in zip(panels, trajectory.decisions, strict=True):
         history = np.asarray(axes.lines[0].get_ydata())
-        assert np.array_equal(history, decision.plans[0].search_history)
+        assert np.array_equal(history, decision.plans[0].search.history)
         assert history.size == 101  # the first population, and 100 generations
         assert (np.diff(history) <= 0).all() and history[-1] == decision.plans[0].cost
 
@@ -117,7 +117,9 @@ def test_histories_of_those_who_plan_alone_are_summed(
     flown = by_hand(
         np.repeat(flight.x0[:, None], 3, axis=1),
         agents=2,
-        plan=lambda step, agent: {"search_history": np.array([9.0, step + agent])},
+        plan=lambda step, agent: {
+            "search": SearchReport(history=np.array([9.0, step + agent]))
+        },
     )
     panels = drawn(scenario, flight, flown)["b_evolution"].axes
     histories = [np.asarray(axes.lines[0].get_ydata()).tolist() for axes in panels]

@@ -95,4 +95,4 @@ def test_without_polish_a_member_counts_as_not_feasible(make: Make) -> None:
     plan = flight.planner.plan(flight.x0, rng=rng())
     assert plan.source is Source.SEARCH
     assert not plan.feasible
-    assert plan.search_violation == pytest.approx(0.0, abs=1e-9)
+    assert plan.search.violation == pytest.approx(0.0, abs=1e-9)
