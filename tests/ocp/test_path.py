@@ -199,6 +199,14 @@ def test_rows_of_signals_are_linear_between_nodes() -> None:
     assert path.cost == pytest.approx(0 - 1)
 
 
+def test_a_start_is_judged_by_the_signal_as_it_begins() -> None:
+    """It falls from 1 by 1 a second: the start is 0.5 above it, and never again."""
+    signals = np.array([[1.0, 0.0, -1.0, -2.0, -3.0]])
+    problem = straight(signals=S, constraints=[X[1] <= S])
+    (found,) = traced(problem, np.zeros((1, 4)), [0, 1.5], signals=signals).outside
+    assert found.amount == pytest.approx(0.5, rel=1e-12)
+
+
 def test_path_that_leaves_the_numbers_tells_when_and_where() -> None:
     """x' = x^2 from 1 leaves them at 1 s."""
     x, u = ca.SX.sym("pole"), ca.SX.sym("u")
