@@ -91,7 +91,8 @@ def test_the_level_is_lowered_where_the_decrease_fails_first() -> None:
     assert found.certificate.held is None and found.dt is None
 
 
-def test_the_level_has_a_reserve_for_an_ill_conditioned_p() -> None:
+@pytest.mark.parametrize("bounded_by", ["the input", "a state"])
+def test_the_level_has_a_reserve_for_an_ill_conditioned_p(bounded_by: str) -> None:
     """4 nx eps cond(P) of it: F P^-1 F' is computed with an error of that order."""
     x, u = ca.SX.sym("x", 3), ca.SX.sym("u")
     P, K = np.diag([1.0, 1e-4, 1e-10]), np.ones((1, 3))
@@ -100,11 +101,26 @@ def test_the_level_has_a_reserve_for_an_ill_conditioned_p() -> None:
         design="own",
     )  # fmt: skip
     reference = bounded(np.zeros(3), np.ones(1))
-    found = certify(loop(-x + 0 * u, x, u), reference, law, dt=None, rng=rng())
     level = 1 / (1 + 1e4 + 1e10)  # 1 / K P^-1 K'
+    if bounded_by == "a state":
+        level = 0.25e-10  # Up to x_2 = 0.5
+        reference = replace(reference, x_upper=np.array([np.inf, np.inf, 0.5]))
+    found = certify(loop(-x + 0 * u, x, u), reference, law, dt=None, rng=rng())
     reserve = 12 * np.finfo(float).eps * 1e10
     assert reserve > 2e-5
     assert 1 - found.alpha / level == pytest.approx(reserve, rel=1e-3)
+
+
+@pytest.mark.parametrize("dt", [None, 0.1])
+def test_a_level_without_any_bound_is_refused(dt: float | None) -> None:
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    law = TerminalSet(
+        K=np.zeros((1, 1)), P=np.eye(1), alpha=1.0, x_ref=np.zeros(1),
+        u_ref=np.zeros(1), dt=None, design="own",
+    )  # fmt: skip
+    free = bounded(np.zeros(1), np.array([np.inf]))
+    with pytest.raises(NotPositiveError, match="the level that the bounds allow"):
+        certify(loop(-x + u, x, u), free, law, dt=dt, rng=rng())
 
 
 @pytest.mark.parametrize("within", [np.inf, 80.0])
