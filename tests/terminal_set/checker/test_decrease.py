@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -31,6 +33,7 @@ from swarmstart.terminal_set.checker.ellipsoid_statements import (  # noqa: E402
     margin_of_map,
 )
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import (  # noqa: E402
+    certificate_of,
     chen,
     signed,
 )
@@ -391,3 +394,26 @@ def test_linear_part_without_a_margin_is_not_searched(
     assert outcome.proven is has_margin
     assert outcome.remark.startswith("the linear part has no margin") is not has_margin
     assert (outcome.boxes > 0) is has_margin
+
+
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_quadratic_form_is_the_quotient_at_the_centre(scale: float) -> None:
+    """Whatever |Y|^2 is weighted with: u'Bu and the constant are q for rho = 0."""
+    statement = replace(Known("held").search.statement, scale=arb(scale))
+    search = Search(statement, NEVER)
+    form = search.quadratic_form((0.25, 0.25))
+    B = np.array([[float(entry.mid()) for entry in row] for row in form.tolist()])
+    for w in ([1.0, 0.3], [-0.6, 1.0]):
+        u = np.array(w) / np.linalg.norm(w)
+        q = float(search.value([0.25, 0.0, *w]).mid())
+        assert u @ B @ u + float(statement.constant.mid()) == pytest.approx(q)
+
+
+def test_held_state_that_decays_moves_straight_along_its_ray() -> None:
+    """The map of x' = -x is linear in one state, so it has no curvature."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("decay", [x, u], [-x + 0 * u])
+    certificate = certificate_of(f, [[1.0]], 1.0, dt=0.5)
+    search = Search(decrease_statement(certificate), NEVER)
+    ray = search._ray(((0.5, 0.5), (0.25, 0.75), (1.0, 1.0)))
+    assert float(ray.curvature[0].abs_upper()) < 1e-12

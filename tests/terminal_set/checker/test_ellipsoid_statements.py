@@ -29,6 +29,7 @@ from swarmstart.terminal_set.checker.decrease import (  # noqa: E402
 )
 from swarmstart.terminal_set.checker.ellipsoid_statements import (  # noqa: E402
     PointwiseChange,
+    _least,
     decrease_statement,
     growth_statement,
     prove_decrease,
@@ -87,6 +88,14 @@ def test_the_radius_of_the_search_holds_the_ellipsoid_and_hardly_more(
         assert alpha <= statement.radius**2 <= alpha * (1 + 1e-12)
         T = np.array(statement.T)
         np.testing.assert_allclose(T.T @ P @ T, np.eye(2), atol=1e-14)
+
+
+@pytest.mark.parametrize(("weight", "least"), [(2.0, 1.5), (-2.0, -2.5)])
+def test_the_least_of_a_weighted_v_is_at_the_end_its_sign_says(
+    weight: float, least: float
+) -> None:
+    """V / rho^2 from 3 / 4 to 5 / 4."""
+    assert _least(flint.arb(weight), flint.arb(0.25)) == least
 
 
 def largest_reserve(dt: float | None) -> float:

@@ -93,3 +93,11 @@ def test_a_digest_of_other_content_is_refused(tmp_path: Path) -> None:
     file.write_text(json.dumps(chen() | {"alpha": 0.5}))
     with pytest.raises(DigestError, match=digest(chen() | {"alpha": 0.5})):
         read_content(file)
+
+
+@pytest.mark.parametrize("stated", [None, 7, "", "0" * 63, "0" * 65, "g" * 64])
+def test_what_is_no_digest_is_refused_as_none(stated: object, tmp_path: Path) -> None:
+    file = tmp_path / "certificate.json"
+    file.write_text(json.dumps(chen() | {"sha256": stated}))
+    with pytest.raises(CertificateFileError, match="64 hexadecimal digits"):
+        read_content(file)
