@@ -331,6 +331,7 @@ class Cubic:
     nx, substeps, h, off = 1, 1, 0.1, 0.0
 
     def start(self, number: int, middle: Array, reach: Array) -> tuple[Array, Array]:
+        assert np.all(reach >= 0)
         return middle - reach, middle + reach
 
     def fourth(self, start: tuple[Array, Array], times: tuple[float, float]) -> object:

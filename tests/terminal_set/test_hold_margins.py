@@ -118,6 +118,7 @@ def test_stated_growth_is_more_than_any_hold_shows_and_roomy_where_it_can_be() -
     assert roomy == pytest.approx(2 * GROWTH_RESERVE * most, rel=1e-3)
     tight = stated(1.0).margins.growth
     assert tight == pytest.approx(GROWTH_RESERVE * most, rel=1e-3)
+    assert tight > most and roomy > 2 * most
 
 
 def test_a_growth_is_proven_or_is_said_not_to_be(hold: ProvableHold) -> None:
@@ -173,3 +174,21 @@ def test_steps_that_are_too_coarse_are_named() -> None:
     motion = HeldMotion(f, law, dt=2.5, substeps=4)
     found = provable_hold(motion, np.zeros((1, 1)), bounds, rng=rng, until=np.inf)
     assert found.top == 1.0
+
+
+def test_no_try_at_a_margin_may_take_longer_than_all_of_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    granted: list[float] = []
+
+    def unaffordable(
+        residual: object, alpha: float, *, until: float, **_: object
+    ) -> FlowError:
+        granted.append(until)
+        return FlowError(relative=np.inf, boxes=1)
+
+    monkeypatch.setattr(hold_margins, "prove_flow_error", unaffordable)
+    until = time.perf_counter() + 60
+    with pytest.raises(CoarseHoldError):
+        held(HoldBounds(inputs=20.0, states=np.inf, drift=0.0), until=until)
+    assert len(granted) > 1 and max(granted) < until

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.tape import Node, Tape
-from swarmstart.terminal_set.interval_kernel import BLOCK
+from swarmstart.terminal_set.interval_kernel import BLOCK, _load
 from swarmstart.terminal_set.intervals import interval_function, interval_program
 
 Array = NDArray[np.float64]
@@ -169,3 +169,12 @@ def test_blocks_that_are_full_broken_and_alone_say_the_same() -> None:
         np.testing.assert_array_equal(part[1], together[1][:, :number])
     last = f(low[:, -1:], high[:, -1:])
     np.testing.assert_array_equal(last[1][:, 0], together[1][:, -1])
+
+
+def test_what_is_left_of_a_block_holds_its_last_box_and_none_beside_it() -> None:
+    whole = np.stack([np.arange(4.0), np.arange(4.0) + 0.5])[:, None, :]
+    work = np.empty((1, 2, BLOCK))
+    _load(np.zeros((1, 2), dtype=np.int64), whole[:, :, 1:3], work)
+    left = BLOCK - 2
+    np.testing.assert_array_equal(work[0, 0], [1.0, *[2.0] * (left + 1)])
+    np.testing.assert_array_equal(work[0, 1], [1.5, *[2.5] * (left + 1)])
