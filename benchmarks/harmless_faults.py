@@ -125,12 +125,25 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
             )
             for other in others
         ),
+        "terminal_set/flow_error.py": (
+            (
+                "met, bound, looked, will_do = at_least, -np.inf, 0, allowed(at_least)",
+                "met, bound, looked, will_do = at_least, -np.inf, 1, allowed(at_least)",
+            ),
+        ),
+        "terminal_set/growth.py": (
+            ("max_seconds: float = 60.0,", "max_seconds: float = 30.0,"),
+        ),
     },
     "a wider bound, and still one": {
         "terminal_set/flow_error.py": (
             (
                 "return slopes((low + high) / 2, (high - low) / 2)",
                 "return slopes((low + high) / 2, (high - low) * 2)",
+            ),
+            (
+                "error += np.exp(max(speed, 0.0) * piece.length) * moved",
+                "error += np.exp(max(speed, 1.0) * piece.length) * moved",
             ),
         ),
         "terminal_set/drift.py": (("ROUNDING = 1 + 1e-9", "ROUNDING = 1 + 2e-09"),),
@@ -188,7 +201,27 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
     "no cell holds the origin: where w is 0, another entry is 1 or -1": {
         "terminal_set/cells.py": (
             ("outwards = sign * w >= 0", "outwards = sign * w > 0"),
+            ("outwards = sign * w >= 0", "outwards = sign / w >= 0"),
         ),
+    },
+    "the root is at least that of the least growth, which is above 1": {
+        "terminal_set/hold_margins.py": (
+            (
+                "room = SHRUNK * max((bounds.states / top) ** 0.5 - c, 0.0) ** 2",
+                "room = SHRUNK * max((bounds.states / top) ** 0.5 - c, 1.0) ** 2",
+            ),
+        ),
+    },
+    "of a <= b and b <= a it does not matter which comes first": {
+        "terminal_set/intervals.py": (
+            (
+                'operation, arguments = "ties", builder.nodes[arguments[0]].arguments',
+                'operation, arguments = "ties", builder.nodes[arguments[1]].arguments',
+            ),
+        ),
+    },
+    "a quotient by a ball with 0 in it is not finite, and is left out": {
+        "terminal_set/checker/decrease.py": (("if low > 0.0:", "if low >= 0.0:"),),
     },
     "only as many entries are read as there are states": {
         "ocp/checking.py": (
@@ -240,6 +273,9 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
                 "if np.any(at - reach < lower - SLACK) or "
                 "np.any(at + reach >= upper + SLACK):",
             )
+        ),
+        "ocp/improving.py": (
+            ("return one.cost < other.cost", "return one.cost <= other.cost"),
         ),
         "ocp/kinks.py": tuple(
             ("crossed = ((low <= near) & (high >= -near)).any(axis=1)", after)
@@ -355,6 +391,12 @@ _ONE: dict[str, dict[str, tuple[tuple[str, str], ...]]] = {
                 "weight=arb(certificate.growth or 1.0),",
             )
             for other in ("or 0.0", "or 2.0")
+        ),
+        "terminal_set/checker/drift.py": (
+            (
+                "substeps = certificate.substeps or 1",
+                "substeps = certificate.substeps or 2",
+            ),
         ),
         "terminal_set/checker/falsification.py": (
             (
