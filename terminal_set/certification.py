@@ -18,12 +18,14 @@ from __future__ import annotations
 import operator
 import time as clock
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.terminal_set.arrays import (
+    FloatArray,
     NotPositiveError,
     positive_semidefinite,
 )
@@ -33,14 +35,14 @@ from swarmstart.terminal_set.certificate import (
     Weights,
     sealed,
 )
-from swarmstart.terminal_set.decrease import continuous_change, held_change
+from swarmstart.terminal_set.decrease import Change, continuous_change, held_change
 from swarmstart.terminal_set.design import (
     ForeignCertificateError,
     TerminalSet,
     continuous_terminal_set,
     sampled_terminal_set,
 )
-from swarmstart.terminal_set.drift import ReferenceMotion, bearable_drift
+from swarmstart.terminal_set.drift import Drift, ReferenceMotion, bearable_drift
 from swarmstart.terminal_set.evidence import UnprovenSetError
 from swarmstart.terminal_set.held_motion import HeldMotion
 from swarmstart.terminal_set.hold_margins import (
@@ -181,35 +183,18 @@ def certify(
     Q_m = positive_semidefinite(
         "Q_m", np.zeros((nx, nx)) if options.Q_m is None else options.Q_m, nx
     )
-    # F P^-1 F' is computed with an error of about eps times the condition of P.
-    condition = float(np.linalg.cond(design.P))
-    rounding = ROUNDING + 4 * nx * float(np.finfo(float).eps) * condition
-    top = (1 - rounding) * level_from_inputs(design.K, design.P, reference.u_max)
-    of_states = (1 - rounding) * level_from_states(design.P, reference.e_max)
-    if not 0 < min(top, of_states) < np.inf:
-        raise NotPositiveError("the level that the bounds allow", min(top, of_states))
-    hold = None
+    bounds = _levels_of_bounds(design, reference)
     if dt is None:
-        top = min(top, of_states)
-        change = continuous_change(dynamics, design, Q_m=Q_m)
-        drift = bearable_drift(reference_motion, reference_motion.bound, change, top)
-        margin = Q_m + 2 * drift.relative * design.P
-        change = continuous_change(dynamics, design, Q_m=margin)
+        asked = _asked_of_moving_input(dynamics, design, reference_motion, Q_m, bounds)
     else:
         require_stable_hold(A, B, design.K, dt)
         require_enough_substeps(A, B, design, dt=dt, substeps=options.substeps)
         motion = HeldMotion(dynamics, design, dt=dt, substeps=options.substeps)
-        moved = reference_motion.over_hold(dt, options.substeps)
-        change = held_change(motion.step, design, Q_m=Q_m)
-        drift = bearable_drift(reference_motion, moved, change, min(top, of_states))
-        hold = provable_hold(
-            motion,
-            Q_m,
-            HoldBounds(inputs=top, states=of_states, drift=drift.relative),
-            rng=rng,
-            until=clock.perf_counter() + options.max_seconds,
+        until = clock.perf_counter() + options.max_seconds
+        asked = _asked_of_held_input(
+            motion, reference_motion, Q_m, bounds, rng=rng, until=until
         )
-        change, top = hold.change, hold.top
+    change, top, drift, hold = asked
     level = proven_level(
         change,
         top,
@@ -240,6 +225,66 @@ def certify(
         weights=None,
     )
     return replace(design, alpha=level.alpha, dt=dt, certificate=sealed(certificate))
+
+
+class _Asked(NamedTuple):
+    """What is to be proven, and up to which level."""
+
+    change: Change
+    top: float
+    drift: Drift
+    hold: ProvableHold | None
+
+
+def _levels_of_bounds(design: TerminalSet, reference: Reference) -> tuple[float, float]:
+    """Return the levels of the bounds of inputs and of states, rounding taken off.
+
+    Raises:
+        NotPositiveError: Neither is finite, or one is not positive.
+    """
+    # F P^-1 F' is computed with an error of about eps times the condition of P.
+    condition = float(np.linalg.cond(design.P))
+    rounding = ROUNDING + 4 * len(design.P) * float(np.finfo(float).eps) * condition
+    inputs = (1 - rounding) * level_from_inputs(design.K, design.P, reference.u_max)
+    states = (1 - rounding) * level_from_states(design.P, reference.e_max)
+    if not 0 < min(inputs, states) < np.inf:
+        raise NotPositiveError("the level that the bounds allow", min(inputs, states))
+    return inputs, states
+
+
+def _asked_of_moving_input(
+    dynamics: ca.Function,
+    design: TerminalSet,
+    motion: ReferenceMotion,
+    Q_m: FloatArray,
+    bounds: tuple[float, float],
+) -> _Asked:
+    """Return what is to be proven of an input that moves all the time."""
+    top = min(bounds)
+    change = continuous_change(dynamics, design, Q_m=Q_m)
+    drift = bearable_drift(motion, motion.bound, change, top)
+    margin = Q_m + 2 * drift.relative * design.P
+    change = continuous_change(dynamics, design, Q_m=margin)
+    return _Asked(change, top, drift, None)
+
+
+def _asked_of_held_input(
+    motion: HeldMotion,
+    reference_motion: ReferenceMotion,
+    Q_m: FloatArray,
+    bounds: tuple[float, float],
+    *,
+    rng: np.random.Generator,
+    until: float,
+) -> _Asked:
+    """Return what is to be proven of a held input, with its margins."""
+    inputs, states = bounds
+    moved = reference_motion.over_hold(motion.dt, len(motion.holds))
+    change = held_change(motion.step, motion.law, Q_m=Q_m)
+    drift = bearable_drift(reference_motion, moved, change, min(bounds))
+    limits = HoldBounds(inputs=inputs, states=states, drift=drift.relative)
+    hold = provable_hold(motion, Q_m, limits, rng=rng, until=until)
+    return _Asked(hold.change, hold.top, drift, hold)
 
 
 def _require_smooth(dynamics: ca.Function, reference: Reference) -> None:

@@ -30,6 +30,7 @@ class HeldMotion:
 
     Attributes:
         law: The design.
+        dt: How long the input is held [s].
         step: F(x, u) -> x after dt.
         holds: One a step of the curve: (e, t) -> the deviation t after its beginning.
         residual: Of the curve.
@@ -54,7 +55,7 @@ class HeldMotion:
             motion = ca.Function("motion", [e, t], [after])
             holds.append(Hold(motion=motion, P=law.P, dt=h, pieces=pieces))
             now = one(now, held, h)
-        self.law, self.holds = law, tuple(holds)
+        self.law, self.dt, self.holds = law, dt, tuple(holds)
         self.residual = Residual(dynamics, law, dt=dt, substeps=substeps)
 
     def measured(self, alpha: float, rng: np.random.Generator) -> tuple[float, bool]:
