@@ -195,12 +195,7 @@ def certify(
             motion, reference_motion, Q_m, bounds, rng=rng, until=until
         )
     change, top, drift, hold = asked
-    level = proven_level(
-        change,
-        top,
-        rng=rng,
-        max_seconds=options.max_seconds,
-    )
+    level = proven_level(change, top, rng=rng, max_seconds=options.max_seconds)
     refutation = level.refutation
     if refutation is None and hold is not None:
         # Without the integrator's margin: a counterexample all the more with it.
