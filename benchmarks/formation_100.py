@@ -16,8 +16,9 @@ import numpy as np
 
 from swarmstart.benchmarks.tables import row
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.kinds.reconfiguration.build import build
+from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.reconfiguration.measures import measure
+from swarmstart.cases.kinds.reconfiguration.pose import pose
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.ocp import LocalTeam, Trajectory, simulate
 
@@ -83,7 +84,7 @@ def scenario_of(uavs: int, range_m: float, steps: int) -> ReconfigurationScenari
 def fly(uavs: int, range_m: float, steps: int) -> Flown:
     """Fly one, seed 0."""
     scenario = scenario_of(uavs, range_m, steps)
-    flight = build(scenario)
+    flight = flight_of(pose(scenario), scenario)
     team = flight.controller
     if not isinstance(team, LocalTeam):
         raise TypeError("expected a team that plans in order")

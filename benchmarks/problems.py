@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.kinds.close_formation.build import build as close_formation
+from swarmstart.cases.kinds.close_formation import pose as close_formation
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
-from swarmstart.cases.kinds.formation_flight.build import build
+from swarmstart.cases.kinds.flight import flight_of
+from swarmstart.cases.kinds.formation_flight import pose as formation_flight
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.models.unicycle import unicycle
 from swarmstart.ocp import (
@@ -257,9 +258,9 @@ def wingman(scenario: str) -> Instance:
     loaded = resolve(read_document(scenario)).scenario
     if not isinstance(loaded, CloseFormationScenario):
         raise TypeError(f"{scenario} is no close formation")
-    flight = close_formation(loaded)
-    known = flight.loop.known(6.0)
-    return Instance(scenario, flight.loop.planner.problem, flight.x0, known)
+    posed = close_formation.pose(loaded)
+    loop = flight_of(posed, loaded).loop
+    return Instance(scenario, loop.planner.problem, posed.x0, loop.known(6.0))
 
 
 def formation(scenario: str) -> list[Instance]:
@@ -271,7 +272,8 @@ def formation(scenario: str) -> list[Instance]:
     loaded = resolve(read_document(scenario)).scenario
     if not isinstance(loaded, FormationScenario):
         raise TypeError(f"{scenario} is no formation flight")
-    flight, instances = build(loaded), list[Instance]()
+    flight = flight_of(formation_flight.pose(loaded), loaded)
+    instances = list[Instance]()
     controller = flight.controller
     team = controller.team if isinstance(controller, DualMode) else controller
     if not isinstance(team, Team):

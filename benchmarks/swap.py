@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 
 from swarmstart.benchmarks.tables import row
 from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.planar import POSITION
-from swarmstart.cases.kinds.transfer.build import TransferFlight, build
+from swarmstart.cases.kinds.transfer.pose import TransferFlight, pose
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 from swarmstart.ocp import Fitness, IpoptOptions, Known, Polisher, zero_controls
-from swarmstart.ocp.family import FamilySpace, TrajectoryFamily
+from swarmstart.ocp.family import FamilySpace
 from swarmstart.ocp.search_space import Start
 
 Array = NDArray[np.float64]
@@ -57,6 +58,12 @@ def scenario_of(name: str, *sets: str) -> TransferScenario:
     return scenario
 
 
+def flight_of_name(name: str, *sets: str) -> TransferFlight:
+    """Return the flight of a shipped transfer with settings changed."""
+    scenario = scenario_of(name, *sets)
+    return flight_of(pose(scenario), scenario)
+
+
 def straight(space: FamilySpace, x0: Array) -> Start:
     """Return the member without bumps: straight lines."""
     return space.decoded(np.zeros(space.box.dim), x0, Known())
@@ -73,10 +80,13 @@ def noisy(start: Start, noise: float, rng: np.random.Generator) -> Start:
 
 
 def starts_of(
-    flight: TransferFlight, family: TrajectoryFamily
+    flight: TransferFlight,
 ) -> dict[str, tuple[int, Callable[[np.random.Generator], Start]]]:
     """Return the starts without a search: name -> (seeds at most, how one is made)."""
-    problem, x0 = flight.planner.problem, flight.x0
+    problem, x0 = flight.loop.planner.problem, flight.x0
+    family = flight.posed.agents[0].family
+    if family is None:
+        raise TypeError("a transfer must search a family of paths")
     space = FamilySpace(problem, family)
     box, lines = space.box, straight(space, x0)
 
@@ -116,11 +126,11 @@ def polished(polish: Polisher, start: Start, x0: Array) -> Tried:
 
 def searched(name: str, sets: Sequence[str], seeds: int) -> list[Tried]:
     """Return what a search and IPOPT find, for each seed."""
-    flight = build(scenario_of(name, *sets))
+    flight = flight_of_name(name, *sets)
     tried = []
     for seed in range(seeds):
         began = time.perf_counter()
-        plan = flight.planner.plan(flight.x0, rng=np.random.default_rng(seed))
+        plan = flight.loop.planner.plan(flight.x0, rng=np.random.default_rng(seed))
         seconds = time.perf_counter() - began
         tried.append(Tried(plan.cost, plan.feasible, None, seconds))
     return tried
@@ -128,15 +138,16 @@ def searched(name: str, sets: Sequence[str], seeds: int) -> list[Tried]:
 
 def table(name: str, seeds: int) -> list[str]:
     """Return one swap's table as lines of Markdown."""
-    flight = build(scenario_of(name))
-    polish = Polisher(Fitness(flight.planner.problem), IpoptOptions(max_iterations=400))
+    flight = flight_of_name(name)
+    problem = flight.loop.planner.problem
+    polish = Polisher(Fitness(problem), IpoptOptions(max_iterations=400))
     lines = [
         f"## {name}",
         "",
         row("start", "feasible", f"cost <= {BEST[name]:g}", "cost", "iterations", "s"),
         row(*["---"] * 6),
     ]
-    for title, (most, made) in starts_of(flight, flight.family).items():
+    for title, (most, made) in starts_of(flight).items():
         tried = [
             polished(polish, made(np.random.default_rng(seed)), flight.x0)
             for seed in range(min(seeds, most))

@@ -24,6 +24,7 @@ from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.guess import Appended, shifted_controls
 from swarmstart.ocp.planner import Plan, Planner, Source
 from swarmstart.ocp.polish import is_better
+from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
 Reference = Callable[[Array], Array]
@@ -90,6 +91,22 @@ class Controller(Protocol):
         """
 
 
+def known_at(
+    problem: OptimalControlProblem,
+    time: float,
+    reference: Reference | None,
+    parameters: Callable[[float], Array] | None,
+    seen: tuple[Array, ...] = (),
+) -> Known:
+    """Return parameters and signals of a plan made at a time; see RecedingHorizon."""
+    times = time + problem.times
+    rows = () if reference is None else (reference(times),)
+    return Known(
+        parameters=() if parameters is None else parameters(time),
+        signals=np.vstack([np.empty((0, problem.nodes)), *rows, *seen]),
+    )
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RecedingHorizon:
     """Plan over the horizon, fly the first interval, plan again.
@@ -141,12 +158,7 @@ class RecedingHorizon:
             seen: Rows that follow the reference's, each (k, nodes): plans of others.
         """
         problem = self.planner.problem
-        times = time + problem.times
-        rows = () if self.reference is None else (self.reference(times),)
-        return Known(
-            parameters=() if self.parameters is None else self.parameters(time),
-            signals=np.vstack([np.empty((0, problem.nodes)), *rows, *seen]),
-        )
+        return known_at(problem, time, self.reference, self.parameters, seen)
 
     def plan(
         self,

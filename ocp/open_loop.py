@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.controller import Decision
+from swarmstart.ocp.controller import Decision, RecedingHorizon
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import NOTHING
 from swarmstart.ocp.improving import repaired
-from swarmstart.ocp.planner import Plan, Planner
+from swarmstart.ocp.planner import Plan
 from swarmstart.ocp.solution import verified
 
 Array = NDArray[np.float64]
@@ -20,18 +19,18 @@ class OpenLoop:
     """A controller that plans at the start and then flies what it planned.
 
     Attributes:
-        planner: Plans from the first state.
+        loop: Plans from the first state.
         repair: Whether a plan that breaks a constraint between its checks is made
             again with a margin, as in `solve`.
     """
 
-    planner: Planner
+    loop: RecedingHorizon
     repair: bool = False
 
     @property
     def dt(self) -> float:
         """Length of a control interval [s]."""
-        return self.planner.problem.dt
+        return self.loop.dt
 
     def decide(
         self,
@@ -47,7 +46,8 @@ class OpenLoop:
             InvalidProblemError: If the time is after the plan's last interval.
         """
         plans = previous.plans if previous else (self._planned(state, rng),)
-        number, intervals = round(time / self.dt), self.planner.problem.intervals
+        intervals = self.loop.planner.problem.intervals
+        number = round(time / self.dt)
         if number >= intervals:
             raise InvalidProblemError(
                 f"an open loop must end with its plan of {intervals} intervals, "
@@ -57,8 +57,9 @@ class OpenLoop:
 
     def _planned(self, state: Array, rng: np.random.Generator) -> Plan:
         """Return the plan from the first state."""
-        plan = self.planner.plan(state, rng=rng)
+        planner, known = self.loop.planner, self.loop.known(0.0)
+        plan = self.loop.plan(0.0, state, None, rng=rng)
         if not self.repair:
             return plan
-        solution = verified(self.planner.problem, plan, state)
-        return repaired(self.planner, solution, state, NOTHING, rng=rng).solution.plan
+        solution = verified(planner.problem, plan, state, known)
+        return repaired(planner, solution, state, known, rng=rng).solution.plan

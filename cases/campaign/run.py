@@ -18,9 +18,10 @@ import numpy as np
 import yaml
 
 from swarmstart.cases.campaign.claims import judged
-from swarmstart.cases.format.kind import Flight, Measure
+from swarmstart.cases.format.kind import Flight, Measure, Posed
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.kinds.feasibility import found_plans, planned
+from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.record.files import locked, write_arrays, write_json, write_text
 from swarmstart.cases.record.partial import load_partial, remove_partial, save_partial
 from swarmstart.cases.record.record import (
@@ -97,7 +98,7 @@ class Run:
 
     resolved: Resolved
     seed: int
-    flight: Flight
+    flight: Flight[Posed]
     trajectory: Trajectory
     measures: Mapping[str, Measure]
     claims: list[dict[str, Any]]
@@ -206,7 +207,7 @@ def _timed(
         kind.check_animation(recording.animation)
     progress(0, scenario.steps, "building")
     with heeded():
-        flight = kind.build(scenario)
+        flight = flight_of(kind.pose(scenario), scenario)
     logger.debug("built after %.2f s", watch.seconds)
     folder = recording.folder if recording else None
     steps, resumed = _flown(resolved, flight, seed, folder, progress)
@@ -238,7 +239,7 @@ def _timed(
 
 
 def _measured(
-    resolved: Resolved, flight: Flight, trajectory: Trajectory, seed: int
+    resolved: Resolved, flight: Flight[Posed], trajectory: Trajectory, seed: int
 ) -> Run:
     """Return a flight with what is measured of it and said of its claims."""
     scenario = resolved.scenario
@@ -264,7 +265,7 @@ def _measured(
 
 def _flown(
     resolved: Resolved,
-    flight: Flight,
+    flight: Flight[Posed],
     seed: int,
     folder: Path | None,
     progress: Progress,
@@ -313,7 +314,7 @@ def _flown(
 
 
 def _kept(
-    flight: Flight, seed: int, folder: Path | None, key: str
+    flight: Flight[Posed], seed: int, folder: Path | None, key: str
 ) -> tuple[list[Step], np.random.Generator]:
     """Return the steps of an interrupted run, and the generator as it left it."""
     rng = np.random.default_rng(seed)
@@ -324,7 +325,7 @@ def _kept(
     return steps, rng
 
 
-def _status(flight: Flight, trajectory: Trajectory) -> tuple[str, bool]:
+def _status(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]:
     """Return one sentence on a flight, and whether any of its plans can be used."""
     said, is_usable = _status_of_plans(flight, trajectory)
     controller = flight.controller
@@ -333,13 +334,13 @@ def _status(flight: Flight, trajectory: Trajectory) -> tuple[str, bool]:
     return said, is_usable
 
 
-def _status_of_plans(flight: Flight, trajectory: Trajectory) -> tuple[str, bool]:
+def _status_of_plans(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]:
     """Return one sentence on the plans of a flight, and whether any can be used.
 
     One plan that is flown to its end must be confirmed along its path.
     """
-    answer = flight.answer(trajectory)
-    if answer is not None:
+    if flight.posed.open_loop:
+        answer = flight.answer(trajectory)
         said = f"flown to the end; the plan is {answer.status.value}"
         if answer.status.is_confirmed:
             return said, True

@@ -20,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.format.kind import Posed
+from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.cases.format.scenario import resolved_again
 from swarmstart.cases.format.settings import Scenario
+from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
 from swarmstart.ocp import (
@@ -141,7 +142,7 @@ def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """
     del folder
     resolved = resolved_again(job["settings"], job["variant"])
-    posed: Posed = resolved.kind.pose(resolved.scenario)
+    posed = first_problem(resolved.kind.pose(resolved.scenario))
     solver = solver_of(job["solver"])
     rng = np.random.default_rng(job["seed"])
     solve = _many_starts if solver.starts == "many" else _planned
@@ -166,7 +167,7 @@ def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 def _planned(
     scenario: Scenario,
-    posed: Posed,
+    posed: PlanningProblem,
     solver: Solver,
     budget: Mapping[str, Any],
     rng: np.random.Generator,
@@ -220,7 +221,7 @@ def _ipopt(budget: Mapping[str, Any], share: float) -> IpoptOptions:
 
 def _many_starts(
     scenario: Scenario,
-    posed: Posed,
+    posed: PlanningProblem,
     solver: Solver,
     budget: Mapping[str, Any],
     rng: np.random.Generator,

@@ -6,6 +6,7 @@ from swarmstart.cases.format.scenario import (
     read_document,
     resolve,
 )
+from swarmstart.cases.kinds.flight import flight_of
 
 
 def check(name_or_path: str) -> str:
@@ -26,7 +27,7 @@ def check(name_or_path: str) -> str:
     for variant in names or [None]:
         try:
             resolved = resolve(document, variant=variant)
-            resolved.kind.build(resolved.scenario)
+            flight_of(resolved.kind.pose(resolved.scenario), resolved.scenario)
         except InvalidScenarioError as error:
             flaws |= dict.fromkeys(error.flaws)
     if flaws:

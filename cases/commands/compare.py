@@ -17,6 +17,7 @@ from swarmstart.cases.commands.exit_codes import DONE, INFEASIBLE
 from swarmstart.cases.commands.output import answer
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import locked, to_json
 from swarmstart.cases.record.versions import versions
 
@@ -74,7 +75,7 @@ def _entry(
         polish="ipopt" if solver.polished else "none",
         assignments=[*options.assignments, *_budget_of_search(solver, budget)],
     )
-    resolved.kind.pose(resolved.scenario)  # Refused here, not in a worker.
+    first_problem(resolved.kind.pose(resolved.scenario))  # Refused here, not later.
     return entry_of(
         resolved,
         solver,

@@ -1,8 +1,9 @@
 """What a kind of scenario must offer for the commands to run it."""
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +13,19 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import (
     Controller,
     Known,
+    Model,
+    OpenLoop,
     OptimalControlProblem,
     Plant,
+    RecedingHorizon,
     Solution,
     Trajectory,
     TrajectoryFamily,
+    verified,
 )
+from swarmstart.ocp.controller import Reference
+from swarmstart.ocp.guess import Appended
+from swarmstart.terminal_set import TerminalSet
 
 Array = NDArray[np.float64]
 Measure = float | int | list[float | None] | None
@@ -26,31 +34,188 @@ NEVER = "never"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Flight:
-    """A closed loop ready to be flown.
+class PosedAgent:
+    """An agent that plans, or flies a plan that it is given.
 
     Attributes:
-        plant: What is flown.
-        controller: What flies it.
-        x0: Where it starts, shape (nx,).
-        agents: Number of agents that plan, with as many plans in a decision.
-        documents: What else belongs into a run's folder: name of a file -> its text.
+        problem: Its planning problem.
+        family: What a search looks for; None means control sequences.
+        reference: The problem's first signals: absolute times (n,) [s] -> (nr, n); the
+            plans of those that it watches follow. None: it has none.
+        parameters: Time [s] -> parameters (np,) of the plan made then; None: none.
+        candidates: Time [s] -> controls (nu, N, k) that a search looks at besides the
+            last plan; None: none.
+        append: What the last plan, shifted, ends with.
+        shift: Whether planning starts at the last plan shifted by one interval; else at
+            the last plan as it is, one interval late.
+        first: Controls (nu, N) that the first plan begins from; None: none are known.
+        is_given: Whether `first` is flown as it is, neither searched nor polished.
+        watches: Numbers of the agents whose plans it sees; each plans before it.
+        shows: Rows of its own states that others see: its position.
     """
 
-    plant: Plant
-    controller: Controller
-    x0: Array
-    agents: int
-    documents: Mapping[str, str] = field(default_factory=dict)
+    problem: OptimalControlProblem
+    family: TrajectoryFamily | None = None
+    reference: Reference | None = None
+    parameters: Callable[[float], Array] | None = None
+    candidates: Callable[[float], Array] | None = None
+    append: Appended = "zero"
+    shift: bool = True
+    first: Array | None = None
+    is_given: bool = False
+    watches: tuple[int, ...] = ()
+    shows: tuple[int, ...] = ()
 
-    def answer(self, trajectory: Trajectory) -> Solution | None:
-        """Return the one plan that was flown to its end, verified; None: many plans."""
-        del trajectory
-        return None
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PosedPlant:
+    """A plant that is not compiled yet; its dt is that of the planning problems.
+
+    Attributes:
+        model: The model.
+        substeps: Steps of the integrator in a control interval.
+        parameters: Times (n,) [s] -> the model's parameters (np, n); None: none.
+    """
+
+    model: Model
+    substeps: int
+    parameters: Callable[[Array], Array] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LinearLaws:
+    """The linear laws that a dual mode switches to; see DualMode.
+
+    Attributes:
+        sets: The terminal set of each agent.
+        targets: The moving reference of each agent.
+        uncertified: Whether sets that are not proven in every part are accepted.
+    """
+
+    sets: Sequence[TerminalSet]
+    targets: Sequence[Callable[[float], Array]]
+    uncertified: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Nearby:
+    """Alike agents that see only those within a range; see LocalTeam.
+
+    Parameters and candidates of the agents do not change in time, and agents without a
+    reference follow the plan of the first in the order.
+
+    Attributes:
+        problems: Number of others -> the planning problem with signals for that many.
+        range: Distance within which an agent sees others' plans [m].
+        position: Rows of an agent's states that are its position.
+        links: How many agents to watch always the problems have signals for.
+    """
+
+    problems: Mapping[int, OptimalControlProblem]
+    range: float
+    position: tuple[int, ...]
+    links: int
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Posed:
+    """A flight as a kind poses it, with nothing compiled.
+
+    A kind's own subclass adds what its measures and figures need.
+
+    Attributes:
+        agents: Those that plan, in the order of their states and controls.
+        x0: Where the flight starts, shape (nx,), agent after agent.
+        plant: What is flown.
+        order: Numbers of the agents in the order in which they plan; None: there is
+            one agent.
+        nearby: Given where agents see only those within a range; None: each sees the
+            plans of all that it watches.
+        open_loop: Whether the one plan is flown to its end without looking again.
+        repair: Of an open loop: whether a plan that breaks a constraint between its
+            checks is made again with a margin.
+        dual_mode: What takes over inside the terminal sets; None: nothing does.
+        documents: What else belongs into a run's folder: name of a file -> its text.
+    """
+
+    agents: tuple[PosedAgent, ...]
+    x0: Array
+    plant: PosedPlant
+    order: tuple[int, ...] | None = None
+    nearby: Nearby | None = None
+    open_loop: bool = False
+    repair: bool = False
+    dual_mode: LinearLaws | None = None
+    documents: Mapping[str, str] = field(default_factory=dict)
+
+
+class SeveralPlansError(SwarmstartError):
+    """A step of the scenario has several planning problems."""
+
+
+P_co = TypeVar("P_co", bound=Posed, covariant=True)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Flight(Generic[P_co]):
+    """A closed loop ready to be flown.
+
+    Attributes:
+        posed: What was posed.
+        plant: What is flown.
+        controller: What flies it.
+    """
+
+    posed: P_co
+    plant: Plant
+    controller: Controller
+
+    @property
+    def x0(self) -> Array:
+        """Where it starts, shape (nx,)."""
+        return self.posed.x0
+
+    @property
+    def agents(self) -> int:
+        """Number of agents, with as many plans in a decision."""
+        return len(self.posed.agents)
+
+    @property
+    def documents(self) -> Mapping[str, str]:
+        """What else belongs into a run's folder: name of a file -> its text."""
+        return self.posed.documents
+
+    @property
+    def loop(self) -> RecedingHorizon:
+        """What makes the plans, where one agent does.
+
+        Raises:
+            SeveralPlansError: If several do.
+        """
+        made = self.controller
+        loop = made.loop if isinstance(made, OpenLoop) else made
+        if not isinstance(loop, RecedingHorizon):
+            raise SeveralPlansError(
+                f"expected one agent that plans, found a {type(made).__name__}"
+            )
+        return loop
+
+    def answer(self, trajectory: Trajectory) -> Solution:
+        """Return the plan that an open loop flew to its end, verified.
+
+        Raises:
+            SeveralPlansError: If several agents plan.
+        """
+        planner, known = self.loop.planner, self.loop.known(0.0)
+        plan = trajectory.decisions[0].plans[0]
+        if not plan.states.size:  # A record keeps none.
+            states = planner.fitness.states(plan.controls, self.x0, known)
+            plan = replace(plan, states=states)
+        return verified(planner.problem, plan, self.x0, known)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PlanningProblem:
     """One planning problem, from one state.
 
     Attributes:
@@ -64,10 +229,6 @@ class Posed:
     x0: Array
     known: Known
     family: TrajectoryFamily | None = None
-
-
-class SeveralPlansError(SwarmstartError):
-    """A step of the scenario has several planning problems."""
 
 
 class NoAnimationError(SwarmstartError):
@@ -86,7 +247,7 @@ def refuse_animation(writer: str) -> None:
 
 
 def animate_nothing(
-    scenario: Scenario, flight: Flight, trajectory: Trajectory, file: Path
+    scenario: Scenario, flight: Flight[Posed], trajectory: Trajectory, file: Path
 ) -> None:
     """Say that there is none; see `refuse_animation`."""
     refuse_animation(file.suffix.removeprefix("."))
@@ -98,10 +259,8 @@ class Kind:
 
     Attributes:
         scenario: The pydantic model of its scenarios.
-        build: Scenario -> flight; all of its problems are compiled here. Kernels of a
-            search that this machine has never run are compiled at the first step.
-        pose: Scenario -> the planning problem of its first step, nothing compiled;
-            raises SeveralPlansError where a step has several.
+        pose: Scenario -> its agents and plant, nothing compiled: `kinds/flight.py`
+            makes a flight of them.
         measure: (scenario, flight, trajectory) -> measures by name.
         measures: Name -> what it is, for the list.
         undefined: Name of a measure that may be null -> why; NEVER for a time.
@@ -114,7 +273,6 @@ class Kind:
     """
 
     scenario: type[Scenario]
-    build: Callable[..., Flight]
     pose: Callable[..., Posed]
     measure: Callable[..., Mapping[str, Measure]]
     measures: Mapping[str, str]

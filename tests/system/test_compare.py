@@ -79,8 +79,8 @@ def test_json_is_one_object(folder: Path, command: Command) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["formation_v"], "expected one UAV that plans, one planning problem a step"),
-        (["formation_100"], "expected planning.name to be joint"),
+        (["formation_v"], "all but one agent; found 5 that plan"),
+        (["formation_100"], "all but one agent; found 99 that plan"),
         (["passing_side", "--solvers", "snopt"], "expected a solver: one of cpso"),
         (["passing_side", "--budget", "5"], "expected a budget such as 4000evals"),
         (

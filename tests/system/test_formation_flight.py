@@ -9,8 +9,8 @@ import pytest
 from swarmstart.cases.campaign.run import Run, run
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.kinds.formation_flight.build import FormationFlight
 from swarmstart.cases.kinds.formation_flight.measures import linear_mask, lyapunov
+from swarmstart.cases.kinds.formation_flight.pose import PosedFormation
 from swarmstart.ocp import Source
 
 SEED = 0
@@ -123,12 +123,13 @@ def test_polish_comes_nearer_and_no_step_is_worse_than_the_swarms() -> None:
 @pytest.mark.parametrize("scenario", ["formation_v", "formation_obstacle"])
 def test_corrected_dual_mode_never_leaves_its_set_and_contracts(scenario: str) -> None:
     finished = flown(scenario, "corrected")
-    assert isinstance(finished.flight, FormationFlight)
+    posed = finished.flight.posed
+    assert isinstance(posed, PosedFormation)
     linear = linear_mask(finished.trajectory)
-    values = lyapunov(finished.flight, finished.trajectory)
+    values = lyapunov(posed, finished.trajectory)
     before, after = values[:, :-1][:, linear], values[:, 1:][:, linear]
     assert linear.sum() >= 10
-    assert (after <= finished.flight.terminal_set.alpha).all()
+    assert (after <= posed.terminal_set.alpha).all()
     large = before > 1e-12
     assert (after[large] < before[large]).all()
     assert finished.measures["terminal_exits"] == 0

@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.drawing import new_figure, write_figures
 from swarmstart.cases.format.settings import search_part
-from swarmstart.cases.kinds.close_formation.build import CloseFormationFlight, build
 from swarmstart.cases.kinds.close_formation.measures import (
     SETTLED_FT,
     reference_costs,
     savings,
     slot_of,
 )
+from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight, pose
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
+from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.models.horseshoe_vortex import drag_saving
 from swarmstart.cases.record.plans import plan_costs
 from swarmstart.ocp import Trajectory, simulate
@@ -77,7 +78,7 @@ def exact_flight(scenario: CloseFormationScenario) -> Trajectory:
         {"name": "none", "warm_start": "one", "sampling": None}
     )
     solved = scenario.model_copy(update={"search": alone, "polish": "ipopt"})
-    flight = build(solved)
+    flight = flight_of(pose(solved), solved)
     return simulate(
         flight.plant,
         flight.controller,
@@ -95,7 +96,7 @@ def _state_figures(
 ) -> "list[tuple[str, Figure]]":
     """Return (a) to (d): one state each, and what it is to be."""
     slot = scenario.slot
-    speed, heading, _ = flight.leader(trajectory.times)
+    speed, heading, _ = flight.posed.leader(trajectory.times)
     panels = (
         ("a_x", 0, slot.x_ft, "x, leader ahead [ft]", 1.0),
         ("b_y", 1, slot.y_ft, "y, leader to the right [ft]", 1.0),
@@ -166,7 +167,7 @@ def _saving_figure(
     figure = new_figure()
     axes = figure.subplots()
     _, y, _ = slot_of(flight)
-    ideal = 100 * drag_saving(flight.aircraft, y, 0.0)
+    ideal = 100 * drag_saving(flight.posed.aircraft, y, 0.0)
     axes.axhline(ideal, ls="--", color=LEADER, label=r"in the slot, y = $\pi$b/4")
     saved = 100 * savings(flight, trajectory.states)
     axes.plot(trajectory.times, saved, color=WINGMAN, label="wingman")
@@ -206,13 +207,13 @@ def _map(
     height: Callable[[Array], Array],
 ) -> "ContourSet":
     """Draw the drag saved around a track: lateral place against the other axis."""
-    span = flight.aircraft.span_ft
+    span = flight.posed.aircraft.span_ft
     left, right = min(track[0].min(), 0) - span, max(track[0].max(), 0) + span
     across = np.linspace(left, right, MAP_POINTS[0])
     low, high = min(track[1].min(), 0) - span, max(track[1].max(), 0) + span
     along = np.linspace(low, high, MAP_POINTS[1])
     saved = [
-        [100 * drag_saving(flight.aircraft, float(-a), float(h)) for a in across]
+        [100 * drag_saving(flight.posed.aircraft, float(-a), float(h)) for a in across]
         for h in height(along)
     ]
     return axes.contourf(
@@ -232,7 +233,9 @@ def _aircraft_from_above(
     axes: "Axes", flight: CloseFormationFlight, wingman: tuple[float, float]
 ) -> None:
     """Draw both aircraft to scale, the wingman where it ended."""
-    whole = np.vstack([OUTLINE, OUTLINE[::-1] * [1, -1]]) * flight.aircraft.span_ft
+    whole = (
+        np.vstack([OUTLINE, OUTLINE[::-1] * [1, -1]]) * flight.posed.aircraft.span_ft
+    )
     for (right, ahead), colour in (((0.0, 0.0), LEADER), (wingman, WINGMAN)):
         axes.fill(
             right + whole[:, 1], ahead + whole[:, 0], fc=colour, ec="white", lw=0.8
@@ -243,7 +246,7 @@ def _aircraft_from_behind(
     axes: "Axes", flight: CloseFormationFlight, wingman: tuple[float, float]
 ) -> None:
     """Draw wings, fuselages and fins to scale."""
-    span, fin = flight.aircraft.span_ft, flight.aircraft.fin_height_ft
+    span, fin = flight.posed.aircraft.span_ft, flight.posed.aircraft.fin_height_ft
     places = (((0.0, 0.0), LEADER, "leader"), (wingman, WINGMAN, "wingman"))
     for (right, up), colour, name in places:
         ends = [right - span / 2, right + span / 2]

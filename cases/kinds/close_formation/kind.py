@@ -1,15 +1,14 @@
 """Close formation as the commands run it."""
 
 from swarmstart.cases.format.kind import Kind
-from swarmstart.cases.kinds.close_formation.build import build, pose, problems
 from swarmstart.cases.kinds.close_formation.figures import draw
 from swarmstart.cases.kinds.close_formation.measures import measure
 from swarmstart.cases.kinds.close_formation.names import MEASURES, UNDEFINED
+from swarmstart.cases.kinds.close_formation.pose import pose, problems
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 
 KIND = Kind(
     scenario=CloseFormationScenario,
-    build=build,
     pose=pose,
     measure=measure,
     measures=MEASURES,

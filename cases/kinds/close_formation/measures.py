@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from swarmstart.cases.format.kind import Measure
-from swarmstart.cases.kinds.close_formation.build import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.leader import (
     first_manoeuvre_s,
     last_change_s,
 )
 from swarmstart.cases.kinds.close_formation.names import MEASURES
+from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.kinds.models.close_formation import POSITION
 from swarmstart.cases.kinds.models.horseshoe_vortex import drag_saving
@@ -65,7 +65,7 @@ def savings(flight: CloseFormationFlight, states: Array) -> Array:
     _, y, z = states[list(POSITION)]
     return np.array(
         [
-            drag_saving(flight.aircraft, float(a), float(b))
+            drag_saving(flight.posed.aircraft, float(a), float(b))
             for a, b in zip(y, z, strict=True)
         ]
     )
@@ -73,9 +73,9 @@ def savings(flight: CloseFormationFlight, states: Array) -> Array:
 
 def best_saving(flight: CloseFormationFlight) -> float:
     """Return the largest drag saved at the leader's height, a fraction."""
-    span = flight.aircraft.span_ft
+    span = flight.posed.aircraft.span_ft
     found = minimize_scalar(
-        lambda y: -drag_saving(flight.aircraft, float(y), 0.0),
+        lambda y: -drag_saving(flight.posed.aircraft, float(y), 0.0),
         bounds=(span / 2, 2 * span),
         method="bounded",
     )
@@ -190,7 +190,7 @@ def _saving(flight: CloseFormationFlight, trajectory: Trajectory) -> dict[str, M
     saved = savings(flight, trajectory.states)
     _, best_y, _ = slot_of(flight)
     dt = float(trajectory.times[1] - trajectory.times[0])
-    ideal, best = drag_saving(flight.aircraft, best_y, 0.0), best_saving(flight)
+    ideal, best = drag_saving(flight.posed.aircraft, best_y, 0.0), best_saving(flight)
     return {
         "drag_saving_percent": float(100 * saved.mean()),
         "drag_saving_min_percent": float(100 * saved.min()),
@@ -203,7 +203,7 @@ def _saving(flight: CloseFormationFlight, trajectory: Trajectory) -> dict[str, M
 
 def slot_of(flight: CloseFormationFlight) -> tuple[float, float, float]:
     """Return the slot (2 b, pi b/4, 0) that (5.20) is linear about [ft]."""
-    span = flight.aircraft.span_ft
+    span = flight.posed.aircraft.span_ft
     return 2 * span, np.pi * span / 4, 0.0
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmstart.cases.drawing.drawing import colour, new_figure
-from swarmstart.cases.kinds.formation_flight.build import (
+from swarmstart.cases.kinds.formation_flight.pose import (
     FormationFlight,
     leader_positions,
 )

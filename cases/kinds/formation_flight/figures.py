@@ -18,15 +18,15 @@ from swarmstart.cases.drawing.drawing import (
     new_figure,
     write_figures,
 )
-from swarmstart.cases.kinds.formation_flight.build import (
-    FormationFlight,
-    leader_positions,
-)
 from swarmstart.cases.kinds.formation_flight.measures import (
     clearances,
     errors,
     linear_mask,
     lyapunov,
+)
+from swarmstart.cases.kinds.formation_flight.pose import (
+    FormationFlight,
+    leader_positions,
 )
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.models.unicycle import unicycle
@@ -82,7 +82,7 @@ def draw(
         ],
         ("f_distances", distances_figure(scenario, flight, trajectory)),
     ]
-    if flight.designed_set is not None:
+    if flight.posed.designed_set is not None:
         figures += [
             ("g_terminal_set", terminal_set_figure(flight, trajectory)),
             ("h_entering", entering_figure(flight, trajectory)),
@@ -211,7 +211,7 @@ def _uav_legend(axes: "Axes", flight: FormationFlight) -> None:
         Line2D([], [], marker="o", color="black", fillstyle="none", linestyle="none")
     ]
     handles += [Line2D([], [], marker="^", color=colour(i)) for i in range(agents)]
-    labels = ["leader", *flight.names]
+    labels = ["leader", *flight.posed.names]
     axes.legend(handles, labels, fontsize="small", ncols=2 if agents > 5 else 1)  # noqa: PLR2004
 
 
@@ -221,14 +221,14 @@ def relative_figure(
     """Return (b)-(e): one relative state of every UAV against time."""
     figure = new_figure()
     axes = figure.add_subplot()
-    deviations = errors(flight, trajectory.dense_times, trajectory.dense_states)
+    deviations = errors(flight.posed, trajectory.dense_times, trajectory.dense_states)
     for number, deviation in enumerate(deviations):
         axes.plot(
             trajectory.dense_times,
             deviation[row],
             color=colour(number),
             linewidth=1.2,
-            label=flight.names[number],
+            label=flight.posed.names[number],
         )
     axes.axhline(0.0, color="0.6", linewidth=0.8)
     _shade_linear(axes, trajectory)
@@ -288,16 +288,16 @@ def terminal_set_figure(flight: FormationFlight, trajectory: Trajectory) -> "Fig
     """Return (g): e'Pe of every UAV against the level of the terminal set."""
     figure = new_figure()
     axes = figure.add_subplot()
-    values = np.maximum(lyapunov(flight, trajectory), 1e-14)
+    values = np.maximum(lyapunov(flight.posed, trajectory), 1e-14)
     for number, value in enumerate(values):
         axes.semilogy(
             trajectory.times,
             value,
             color=colour(number),
             linewidth=1.2,
-            label=flight.names[number],
+            label=flight.posed.names[number],
         )
-    level = flight.terminal_set.alpha
+    level = flight.posed.terminal_set.alpha
     axes.axhline(
         level, color="0.3", linestyle="--", linewidth=1, label=f"alpha = {level:.3g}"
     )
@@ -305,7 +305,7 @@ def terminal_set_figure(flight: FormationFlight, trajectory: Trajectory) -> "Fig
     axes.set(
         xlabel="time [s]",
         ylabel="e'Pe",
-        title=f"Terminal set, {flight.terminal_set.design} design",
+        title=f"Terminal set, {flight.posed.terminal_set.design} design",
     )
     axes.legend(fontsize="small")
     return figure
@@ -314,9 +314,9 @@ def terminal_set_figure(flight: FormationFlight, trajectory: Trajectory) -> "Fig
 def entering_figure(flight: FormationFlight, trajectory: Trajectory) -> "Figure":
     """Return (h): the terminal set's projections, and the UAVs on their way into it."""
     figure = new_figure((11.0, 4.2))
-    terminal_set = flight.terminal_set
-    deviations = errors(flight, trajectory.dense_times, trajectory.dense_states)
-    at_instants = errors(flight, trajectory.times, trajectory.states)
+    terminal_set = flight.posed.terminal_set
+    deviations = errors(flight.posed, trajectory.dense_times, trajectory.dense_states)
+    at_instants = errors(flight.posed, trajectory.times, trajectory.states)
     linear = linear_mask(trajectory)
     extent = terminal_set.ellipsoid.extent()
     panels = figure.subplots(1, len(PLANES))
@@ -332,7 +332,7 @@ def entering_figure(flight: FormationFlight, trajectory: Trajectory) -> "Figure"
                 dense[j],
                 color=colour(number),
                 linewidth=0.9,
-                label=flight.names[number],
+                label=flight.posed.names[number],
             )
             flown = instants[:, :-1][:, linear]
             axes.plot(flown[i], flown[j], "o", color=colour(number), markersize=3)

@@ -2,15 +2,14 @@
 
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.formation_flight.animation import animate, check_writer
-from swarmstart.cases.kinds.formation_flight.build import build, pose, problems
 from swarmstart.cases.kinds.formation_flight.figures import draw
 from swarmstart.cases.kinds.formation_flight.measures import measure
 from swarmstart.cases.kinds.formation_flight.names import MEASURES, UNDEFINED
+from swarmstart.cases.kinds.formation_flight.pose import pose, problems
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 
 KIND = Kind(
     scenario=FormationScenario,
-    build=build,
     pose=pose,
     measure=measure,
     measures=MEASURES,

@@ -16,8 +16,8 @@ from swarmstart.cases.kinds.flown_distances import (
     smallest_pair_distance,
     smallest_range,
 )
-from swarmstart.cases.kinds.formation_flight.build import FormationFlight
 from swarmstart.cases.kinds.formation_flight.names import MEASURES
+from swarmstart.cases.kinds.formation_flight.pose import FormationFlight, PosedFormation
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances, smallest
 from swarmstart.cases.record.plans import effort
@@ -53,9 +53,9 @@ def measure(
     return {name: measures[name] for name in MEASURES}
 
 
-def errors(flight: FormationFlight, times: Array, states: Array) -> Array:
+def errors(posed: PosedFormation, times: Array, states: Array) -> Array:
     """Return the deviation of each UAV from its slot, shape (uavs, 4, T)."""
-    return by_uav(states, flight.agents) - flight.slots(times)
+    return by_uav(states, len(posed.agents)) - posed.slots(times)
 
 
 def clearances(
@@ -70,10 +70,10 @@ def clearances(
     return np.concatenate([np.empty((0, states.shape[1])), *rows])
 
 
-def lyapunov(flight: FormationFlight, trajectory: Trajectory) -> Array:
+def lyapunov(posed: PosedFormation, trajectory: Trajectory) -> Array:
     """Return e'Pe of each UAV at the control instants, shape (uavs, T + 1)."""
-    deviations = errors(flight, trajectory.times, trajectory.states)
-    return np.stack([flight.terminal_set.value(e) for e in deviations])
+    deviations = errors(posed, trajectory.times, trajectory.states)
+    return np.stack([posed.terminal_set.value(e) for e in deviations])
 
 
 def linear_mask(trajectory: Trajectory) -> NDArray[np.bool_]:
@@ -85,7 +85,7 @@ def _tracking(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> dict[str, Measure]:
     times = trajectory.times
-    deviations = errors(flight, times, trajectory.states)
+    deviations = errors(flight.posed, times, trajectory.states)
     offset = np.abs(deviations[:, list(POSITION)]).max(axis=1)  # (uavs, T + 1)
     late = times >= times[-1] - TAIL_S - 1e-9
     tails = offset[:, late].max(axis=1)
@@ -137,15 +137,15 @@ def _terminal_set(
     flight: FormationFlight, trajectory: Trajectory
 ) -> dict[str, Measure]:
     """Return what rests on the terminal set, null without one."""
-    if flight.designed_set is None:
+    if flight.posed.designed_set is None:
         return {**dict.fromkeys(OF_TERMINAL_SET), "linear_steps": 0}
-    terminal_set, values = flight.terminal_set, lyapunov(flight, trajectory)
+    terminal_set, values = flight.posed.terminal_set, lyapunov(flight.posed, trajectory)
     linear = linear_mask(trajectory)
     before, after = values[:, :-1][:, linear], values[:, 1:][:, linear]
     large = before > SMALLEST_LYAPUNOV
-    A, B = linearise(flight.dynamics, terminal_set.x_ref, terminal_set.u_ref)
+    A, B = linearise(flight.posed.dynamics, terminal_set.x_ref, terminal_set.u_ref)
     excess = input_excess(
-        terminal_set.K, terminal_set.P, terminal_set.alpha, flight.reference.u_max
+        terminal_set.K, terminal_set.P, terminal_set.alpha, flight.posed.reference.u_max
     )
     return {
         "terminal_exits": int(np.sum((after > terminal_set.alpha).any(axis=0)))

@@ -21,11 +21,11 @@ from swarmstart.cases.kinds.planar_figures import (
     held_controls_figure,
     tracks_figure,
 )
-from swarmstart.cases.kinds.reconfiguration.build import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.measures import (
     errors_of,
     link_distances,
 )
+from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.cases.kinds.reconfiguration.target import slots_in_plane
 from swarmstart.cases.record.plans import plan_costs
@@ -58,7 +58,7 @@ def draw(
         The files, in the order of the chapter's figures.
     """
     times = trajectory.times
-    thrust, bank = np.moveaxis(flight.controls_by_uav(trajectory.controls), 1, 0)
+    thrust, bank = np.moveaxis(flight.posed.controls_by_uav(trajectory.controls), 1, 0)
     figures = [
         ("a_trajectories", trajectories_figure(scenario, flight, trajectory)),
         ("b_evolution", evolution_figure(trajectory)),
@@ -76,10 +76,10 @@ def trajectories_figure(
     trajectory: Trajectory,
 ) -> "Figure":
     """Return (a): the tracks, and the slots around the leader at the end."""
-    tracks = by_uav(trajectory.dense_states, len(flight.slots))
+    tracks = by_uav(trajectory.dense_states, len(flight.posed.slots))
     leader = tracks[scenario.leader_index]
     turned = scenario.frame == "leader"
-    around = slots_in_plane(flight.slots, leader[1, -1:], turned=turned)[:, :, 0]
+    around = slots_in_plane(flight.posed.slots, leader[1, -1:], turned=turned)[:, :, 0]
     slots = around + leader[list(POSITION), -1]
     return tracks_figure(scenario.title, tracks, slots, "slot")
 
@@ -151,7 +151,7 @@ def pairs_figure(
     trajectory: Trajectory,
 ) -> "Figure":
     """Return (f): the distance of every pair, or of many the extremes."""
-    pairs = pair_distances(trajectory.dense_states, len(flight.slots))
+    pairs = pair_distances(trajectory.dense_states, len(flight.posed.slots))
     limits = {
         "safe": scenario.distances.safe_m,
         "communication": scenario.distances.communication_m,

@@ -1,15 +1,14 @@
 """Reconfiguration as the commands run it."""
 
 from swarmstart.cases.format.kind import Kind
-from swarmstart.cases.kinds.reconfiguration.build import build, pose, problems
 from swarmstart.cases.kinds.reconfiguration.figures import draw
 from swarmstart.cases.kinds.reconfiguration.measures import measure
 from swarmstart.cases.kinds.reconfiguration.names import MEASURES, UNDEFINED
+from swarmstart.cases.kinds.reconfiguration.pose import pose, problems
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 
 KIND = Kind(
     scenario=ReconfigurationScenario,
-    build=build,
     pose=pose,
     measure=measure,
     measures=MEASURES,

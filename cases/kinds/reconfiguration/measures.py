@@ -14,8 +14,8 @@ from swarmstart.cases.kinds.flown_distances import (
     smallest_pair_distance,
 )
 from swarmstart.cases.kinds.planar import by_uav
-from swarmstart.cases.kinds.reconfiguration.build import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.names import MEASURES
+from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.reference import gaps
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.cases.kinds.reconfiguration.target import position_errors
@@ -52,7 +52,7 @@ def errors_of(
     """Return the distance of each UAV from its slot, shape (uavs, T) [m]."""
     return position_errors(
         states,
-        flight.slots,
+        flight.posed.slots,
         leader=scenario.leader_index,
         turned=scenario.frame == "leader",
     )
@@ -60,8 +60,8 @@ def errors_of(
 
 def link_distances(flight: ReconfigurationFlight, distances: Array) -> Array:
     """Return the rows of all pairs' distances that are links, shape (links, T)."""
-    pairs = itertools.combinations(range(len(flight.slots)), 2)
-    linked = {(min(pair), max(pair)) for pair in flight.links}
+    pairs = itertools.combinations(range(len(flight.posed.slots)), 2)
+    linked = {(min(pair), max(pair)) for pair in flight.posed.links}
     return np.asarray(distances[[pair in linked for pair in pairs]])
 
 
@@ -71,9 +71,9 @@ def _shape(
     trajectory: Trajectory,
 ) -> dict[str, Measure]:
     off = errors_of(scenario, flight, trajectory.states).max(axis=0)
-    headings = by_uav(trajectory.states, len(flight.slots))[:, 1, -1]
+    headings = by_uav(trajectory.states, len(flight.posed.slots))[:, 1, -1]
     path = interpolate(flight.plant, trajectory)
-    flown = flown_positions(path, len(flight.slots))
+    flown = flown_positions(path, len(flight.posed.slots))
     return {
         "position_error_m": float(off[-1]),
         "position_error_per_horizon_m": off[1:].tolist(),
@@ -82,7 +82,7 @@ def _shape(
         ),
         "min_distance_m": smallest_pair_distance(flown),
         "max_distance_m": largest_pair_distance(flown),
-        "max_link_distance_m": largest_pair_distance(flown, pairs=flight.links),
+        "max_link_distance_m": largest_pair_distance(flown, pairs=flight.posed.links),
     }
 
 
@@ -93,8 +93,8 @@ def _costs(
 ) -> dict[str, Measure]:
     costs = plan_costs(trajectory)
     gap: Array | None = None
-    if scenario.reference != "none" and flight.joint is not None:
-        gap = gaps(flight.joint, trajectory)
+    if scenario.reference != "none" and flight.posed.nearby is None:
+        gap = gaps(flight.loop, trajectory)
     return {
         "cost_per_horizon": costs.tolist(),
         "cost_rises": int(np.sum(np.diff(costs) > 0)),
@@ -108,12 +108,12 @@ def _losses(
     flight: ReconfigurationFlight, trajectory: Trajectory, costs: Array
 ) -> int | None:
     """Return how many plans are worse than the last one, shifted (5.29)."""
-    if flight.joint is None:
+    if flight.posed.nearby is not None:
         return None
-    planner, losses = flight.joint.planner, 0
+    planner, losses = flight.loop.planner, 0
     for k in range(1, costs.size):
         last = trajectory.decisions[k - 1].plans[0].controls
-        again = shifted_controls(planner.problem, last, flight.joint.append)
+        again = shifted_controls(planner.problem, last, flight.loop.append)
         value, broken = planner.fitness.value(again, trajectory.states[:, k])
         allowed = broken <= planner.problem.tolerance
         losses += bool(allowed and costs[k] > value * (1 + LOSS))
@@ -123,8 +123,8 @@ def _losses(
 def _motion(
     flight: ReconfigurationFlight, trajectory: Trajectory
 ) -> dict[str, Measure]:
-    speeds = by_uav(trajectory.dense_states, len(flight.slots))[:, 0]
-    banks = flight.controls_by_uav(trajectory.controls)[:, 1]
+    speeds = by_uav(trajectory.dense_states, len(flight.posed.slots))[:, 0]
+    banks = flight.posed.controls_by_uav(trajectory.controls)[:, 1]
     return {
         "speed_min_m_s": float(speeds.min()),
         "speed_max_m_s": float(speeds.max()),

@@ -11,13 +11,14 @@ They plan in the order of their slots' distances from the leader.
 """
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.cases.format.kind import Nearby, PosedAgent
 from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds
 from swarmstart.cases.kinds.reconfiguration.problem import (
     NX,
@@ -29,13 +30,7 @@ from swarmstart.cases.kinds.reconfiguration.problem import (
     uav_model,
 )
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
-from swarmstart.ocp import (
-    Bounds,
-    LocalAgent,
-    LocalTeam,
-    OptimalControlProblem,
-    Planner,
-)
+from swarmstart.ocp import Bounds, OptimalControlProblem
 
 Array = NDArray[np.float64]
 
@@ -51,7 +46,7 @@ def planning_order(scenario: ReconfigurationScenario, slots: Array) -> list[int]
 
 
 def links_of(
-    scenario: ReconfigurationScenario, slots: Array, order: list[int]
+    scenario: ReconfigurationScenario, slots: Array, order: Sequence[int]
 ) -> dict[int, tuple[int, ...]]:
     """Return the UAVs that each keeps the communication distance to.
 
@@ -69,46 +64,49 @@ def links_of(
     return links
 
 
-def priority_team(scenario: ReconfigurationScenario, slots: Array) -> LocalTeam:
-    """Return the team, with every planner compiled that it may need.
+def priority_team(
+    scenario: ReconfigurationScenario, slots: Array, order: Sequence[int]
+) -> tuple[tuple[PosedAgent, ...], Nearby]:
+    """Return the UAVs, and every problem that they may plan.
 
     Args:
         scenario: The scenario, with `planning: priority`.
         slots: Of each UAV relative to the leader, shape (uavs, 2) [m].
+        order: As of `planning_order`.
     """
-    order, kept = planning_order(scenario, slots), scenario.planning.links
+    kept, leader = scenario.planning.links, scenario.leader_index
     links = links_of(scenario, slots, order)
     intervals = scenario.prediction.intervals
     straight = np.repeat(trim(scenario.vehicle)[:, None], intervals, axis=1)
-    agents = [
-        LocalAgent(
-            parameters=[*slot, *(float(k < len(links[number])) for k in range(kept))],
-            links=links[number],
-            reference=_straight_flight(scenario)
-            if number == scenario.leader_index
-            else None,
-            candidates=straight[:, :, None],
-            held=straight if number == scenario.leader_index else None,
+    problems = {
+        others: uav_problem(scenario, others=others) for others in rooms(len(slots))
+    }
+    agents = tuple(
+        PosedAgent(
+            problem=problems[len(slots) - 1],
+            parameters=_constant(
+                [*slot, *(float(k < len(links[number])) for k in range(kept))]
+            ),
+            watches=links[number],
+            reference=_straight_flight(scenario) if number == leader else None,
+            candidates=_constant(straight[:, :, None]),
+            first=straight if number == leader else None,
+            is_given=number == leader,
+            append="last",
         )
         for number, slot in enumerate(slots)
-    ]
-    planners = {
-        others: Planner(
-            uav_problem(scenario, others=others),
-            search=scenario.search_settings(),
-            polish=scenario.polish_options(),
-            backend=scenario.backend,
-        )
-        for others in rooms(len(slots))
-    }
-    return LocalTeam(
-        agents,
-        planners=planners,
-        order=order,
+    )
+    return agents, Nearby(
+        problems=problems,
         range=scenario.planning.range_m or np.inf,
         position=POSITION,
         links=kept,
     )
+
+
+def _constant(values: ArrayLike) -> Callable[[float], Array]:
+    array = np.asarray(values)
+    return lambda time: array
 
 
 def rooms(uavs: int) -> list[int]:

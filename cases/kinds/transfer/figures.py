@@ -12,7 +12,7 @@ from swarmstart.cases.kinds.planar_figures import (
     held_controls_figure,
     tracks_figure,
 )
-from swarmstart.cases.kinds.transfer.build import NU, TransferFlight
+from swarmstart.cases.kinds.transfer.pose import NU, TransferFlight
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 from swarmstart.ocp import Trajectory
 
@@ -37,14 +37,14 @@ def draw(
     Returns:
         The files, in order.
     """
-    uavs, times = len(flight.goals), trajectory.times
+    uavs, times = len(flight.posed.goals), trajectory.times
     tracks = by_uav(trajectory.dense_states, uavs)
     steps = trajectory.controls.shape[1]
     acceleration, bank = np.moveaxis(trajectory.controls.reshape(uavs, NU, steps), 1, 0)
     figures = [
         (
             "a_trajectories",
-            tracks_figure(scenario.title, tracks, flight.goals, "goal"),
+            tracks_figure(scenario.title, tracks, flight.posed.goals, "goal"),
         ),
         ("b_evolution", evolution_figure(trajectory)),
         (

@@ -1,15 +1,14 @@
 """Transfer as the commands run it."""
 
 from swarmstart.cases.format.kind import Kind
-from swarmstart.cases.kinds.transfer.build import build, pose, problems
 from swarmstart.cases.kinds.transfer.figures import draw
 from swarmstart.cases.kinds.transfer.measures import measure
 from swarmstart.cases.kinds.transfer.names import MEASURES, UNDEFINED
+from swarmstart.cases.kinds.transfer.pose import pose, problems
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 
 KIND = Kind(
     scenario=TransferScenario,
-    build=build,
     pose=pose,
     measure=measure,
     measures=MEASURES,

@@ -11,8 +11,8 @@ from swarmstart.cases.kinds.flown_distances import (
     smallest_pair_distance,
 )
 from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances, smallest
-from swarmstart.cases.kinds.transfer.build import TransferFlight
 from swarmstart.cases.kinds.transfer.names import MEASURES
+from swarmstart.cases.kinds.transfer.pose import TransferFlight
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 from swarmstart.ocp import PolishStatus, Trajectory, interpolate
 
@@ -25,10 +25,10 @@ def measure(
     """Return all measures of MEASURES by name, null where one is not defined."""
     plan = trajectory.decisions[0].plans[0]
     solution = flight.answer(trajectory)
-    uavs = len(flight.goals)
+    uavs = len(flight.posed.goals)
     flown = by_uav(trajectory.dense_states, uavs)
     path = interpolate(flight.plant, trajectory)
-    off = flown[:, list(POSITION), -1] - flight.goals
+    off = flown[:, list(POSITION), -1] - flight.posed.goals
     ended = len(trajectory.decisions) == scenario.prediction.intervals
     measures: dict[str, Measure] = {
         "cost": plan.cost,

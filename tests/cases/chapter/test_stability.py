@@ -20,10 +20,11 @@ from swarmstart.cases.chapter.stability import (
 from swarmstart.cases.commands.cli import parser
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.planar import by_uav
-from swarmstart.cases.kinds.reconfiguration.build import ReconfigurationFlight, build
+from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.cases.record.plans import plan_costs
 from swarmstart.ocp import InvalidProblemError, Plan, Source, fly
+from swarmstart.tests.cases.kinds.flights import build
 
 Array = NDArray[np.float64]
 PAGE = Path(swarmstart.__file__).parent / "docs" / "stability.md"
@@ -94,14 +95,13 @@ def exact_flight(leader: str, weights: str = "[1,1,1,1]") -> ReconfigurationFlig
 
 def in_the_v(flight: ReconfigurationFlight, speed: float) -> Array:
     """Return all states in the V, with one speed and the heading 0, shape (20,)."""
-    return np.concatenate([[speed, 0.0, *slot] for slot in flight.slots])
+    return np.concatenate([[speed, 0.0, *slot] for slot in flight.posed.slots])
 
 
 def planned(flight: ReconfigurationFlight, state: Array) -> Plan:
     """Return the plan from a state, started at straight flight."""
-    assert flight.joint is not None
-    guess = np.tile(flight.trim, len(flight.steered))[:, None]
-    return flight.joint.planner.plan(state, guess=guess, rng=np.random.default_rng(0))
+    guess = np.tile(flight.posed.trim, len(flight.posed.steered))[:, None]
+    return flight.loop.planner.plan(state, guess=guess, rng=np.random.default_rng(0))
 
 
 def closed_loop(weights: list[float], *, speed: float, dt: float) -> Array:
@@ -264,11 +264,10 @@ def test_a_free_leader_manoeuvres_however_small_the_errors_are() -> None:
 
 def test_no_error_is_no_equilibrium_with_a_free_leader() -> None:
     flight = exact_flight("free")
-    assert flight.joint is not None
     state = in_the_v(flight, 8.0)
     for thrust, bank in ((6000.0, 0.0), (2000.0, 0.5), (0.0, -1.0)):
         common = np.tile([thrust, bank], 5)[:, None]
-        plan = flight.joint.planner.evaluated(common, state, source=Source.GUESS)
+        plan = flight.loop.planner.evaluated(common, state, source=Source.GUESS)
         assert plan.cost == pytest.approx(0.0, abs=1e-20)  # Squares of rounding errors.
         assert np.abs(plan.states[:, -1] - plan.states[:, 0])[:2].max() > 0.1
     rng = np.random.default_rng(0)
@@ -300,9 +299,7 @@ def test_the_last_plan_flown_again_mostly_costs_more_than_before() -> None:
 
 def dearer_again(found: Run) -> int:
     """Return after how many of the steps u*(k), flown again, costs more than J*(k)."""
-    assert isinstance(found.flight, ReconfigurationFlight)
-    joint, flight = found.flight.joint, found.trajectory
-    assert joint is not None
+    joint, flight = found.flight.loop, found.trajectory
     assert joint.planner.problem.intervals == 1
     last = [decision.plans[0] for decision in flight.decisions]
     again = [

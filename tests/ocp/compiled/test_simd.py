@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.kinds.formation_flight.build import build
+from swarmstart.cases.kinds.formation_flight.pose import pose
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem, PathConstraint
@@ -22,11 +22,8 @@ from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat, compile_rollout, split
 from swarmstart.ocp.compiled.simplification import repeated_functions, simplified
-from swarmstart.ocp.dual_mode import DualMode
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.shooting import rollout, stage_without_path, terminal
-from swarmstart.ocp.team import Team
 from swarmstart.tape import read_tape
 
 Array = NDArray[np.float64]
@@ -307,11 +304,7 @@ def formation_problems() -> list[OptimalControlProblem]:
     """The planning problems of a shipped scenario, of the first and last UAV."""
     scenario = resolve(read_document("formation_obstacle")).scenario
     assert isinstance(scenario, FormationScenario)
-    controller = build(scenario).controller
-    team = controller.team if isinstance(controller, DualMode) else controller
-    assert isinstance(team, Team)
-    planners = [agent.controller.planner for agent in team.agents]
-    problems = [p.problem for p in planners if isinstance(p, Planner)]
+    problems = [agent.problem for agent in pose(scenario).agents]
     return sorted(problems, key=lambda p: p.ns)[:: len(problems) - 1]
 
 

@@ -9,9 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.kinds.close_formation.build import CloseFormationFlight, build
+from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.ocp import Decision, Plan, Source, Trajectory
+from swarmstart.tests.cases.kinds.flights import build
 
 Array = NDArray[np.float64]
 Make = Callable[..., CloseFormationScenario]

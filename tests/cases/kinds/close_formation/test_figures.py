@@ -8,15 +8,16 @@ import pytest
 from PIL import Image
 
 from swarmstart.cases.format.kind import NoAnimationError
-from swarmstart.cases.kinds.close_formation.build import CloseFormationFlight, build
 from swarmstart.cases.kinds.close_formation.figures import (
     draw,
     exact_flight,
     map_figure,
 )
 from swarmstart.cases.kinds.close_formation.kind import KIND
+from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.ocp import Trajectory, simulate
+from swarmstart.tests.cases.kinds.flights import build
 
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.close_formation.conftest import Fly, Make
@@ -53,12 +54,12 @@ def test_the_aircraft_on_the_map_are_to_scale(
     above, behind, *_ = map_figure(flight, trajectory).axes
     leader, wingman = (patch.get_path().vertices for patch in above.patches)
     for outline in (np.asarray(leader), np.asarray(wingman)):
-        assert np.ptp(outline[:, 0]) == pytest.approx(flight.aircraft.span_ft)
+        assert np.ptp(outline[:, 0]) == pytest.approx(flight.posed.aircraft.span_ft)
     moved = np.asarray(wingman).mean(axis=0) - np.asarray(leader).mean(axis=0)
     x, y, *_ = trajectory.states[:, -1]
     assert moved == pytest.approx([-y, -x])
     wings = [line for line in behind.lines if line.get_label() == "leader"]
-    assert np.ptp(np.asarray(wings[0].get_xdata())) == flight.aircraft.span_ft
+    assert np.ptp(np.asarray(wings[0].get_xdata())) == flight.posed.aircraft.span_ft
 
 
 def test_the_reference_is_the_flight_of_the_exact_minimum(make: Make) -> None:

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from swarmstart.cases.kinds.close_formation.build import CloseFormationFlight, build
 from swarmstart.cases.kinds.close_formation.measures import best_saving, measure
 from swarmstart.cases.kinds.close_formation.names import MEASURES
+from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.ocp import Plant
 from swarmstart.tests.cases.kinds.close_formation.conftest import fly_by_hand
+from swarmstart.tests.cases.kinds.flights import build
 
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.close_formation.conftest import Array, Fly, Make

@@ -10,9 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.kinds.formation_flight.build import FormationFlight, build
+from swarmstart.cases.kinds.formation_flight.pose import FormationFlight
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.ocp import Decision, Mode, Plan, Source, Trajectory
+from swarmstart.tests.cases.kinds.flights import build
 
 Array = NDArray[np.float64]
 
@@ -67,7 +68,9 @@ def by_hand(flight: FormationFlight) -> Fly:
         substeps = flight.plant.substeps
         steps = (offsets.shape[2] - 1) // substeps
         dense_times = np.linspace(0.0, steps * flight.plant.dt, steps * substeps + 1)
-        dense = (flight.slots(dense_times) + offsets).reshape(-1, dense_times.size)
+        dense = (flight.posed.slots(dense_times) + offsets).reshape(
+            -1, dense_times.size
+        )
         flown = np.zeros((2 * flight.agents, steps)) if controls is None else controls
         decisions = []
         for step in range(steps):

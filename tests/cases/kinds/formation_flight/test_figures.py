@@ -15,7 +15,6 @@ from swarmstart.cases.kinds.formation_flight.animation import (
     animate,
     check_writer,
 )
-from swarmstart.cases.kinds.formation_flight.build import FormationFlight
 from swarmstart.cases.kinds.formation_flight.figures import (
     distances_figure,
     draw,
@@ -24,6 +23,7 @@ from swarmstart.cases.kinds.formation_flight.figures import (
     terminal_set_figure,
     tracks_figure,
 )
+from swarmstart.cases.kinds.formation_flight.pose import FormationFlight
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.record.files import RecordError
 from swarmstart.ocp import Trajectory
@@ -96,7 +96,7 @@ def test_the_level_of_the_terminal_set_is_marked(
 ) -> None:
     (axes,) = terminal_set_figure(flight, trajectory).axes
     levels = [np.asarray(line.get_ydata())[0] for line in axes.lines]
-    assert flight.terminal_set.alpha in levels
+    assert flight.posed.terminal_set.alpha in levels
 
 
 def test_seven_uavs_have_seven_colours() -> None:
@@ -141,7 +141,7 @@ def test_the_way_into_the_set_is_drawn_over_its_projections(
 ) -> None:
     panels = entering_figure(flight, trajectory).axes
     assert len(panels) == 3
-    extent = flight.terminal_set.ellipsoid.extent()
+    extent = flight.posed.terminal_set.ellipsoid.extent()
     (outline,) = (line for line in panels[0].lines if line.get_linestyle() == "--")
     assert np.max(np.asarray(outline.get_xdata())) == pytest.approx(extent[2], rel=1e-3)
     assert np.max(np.asarray(outline.get_ydata())) == pytest.approx(extent[3], rel=1e-3)

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from swarmstart.cases.kinds.formation_flight.build import FormationFlight, build
 from swarmstart.cases.kinds.formation_flight.measures import measure
 from swarmstart.cases.kinds.formation_flight.names import MEASURES
+from swarmstart.cases.kinds.formation_flight.pose import FormationFlight
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.ocp import Decision, Plan, Source, Trajectory
+from swarmstart.tests.cases.kinds.flights import build
 
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.formation_flight.conftest import Array, Fly
@@ -100,7 +101,7 @@ def test_distances_are_measured_between_the_samples_too(
 ) -> None:
     offsets, between = still(), 5 * SUBSTEPS + 2
     times = np.linspace(0.0, STEPS, DENSE)
-    slots = flight.slots(times)
+    slots = flight.posed.slots(times)
     # UAV 2 is 1 m beside UAV 1 between two samples only.
     beside = slots[0, :, between] - slots[1, :, between] + np.array([0, 0, 0.6, 0.8])
     offsets[1, :, between] = beside
@@ -119,7 +120,7 @@ def test_clearance_is_to_the_edge_and_negative_inside(
 ) -> None:
     (disc,) = scenario.obstacles
     offsets = np.zeros((UAVS, 4, DENSE))
-    slots = flight.slots(np.linspace(0.0, STEPS, DENSE))
+    slots = flight.posed.slots(np.linspace(0.0, STEPS, DENSE))
     offsets[:, Y] += 1000.0  # everybody far away
     offsets[3, 0] = -slots[3, 0]  # it stands at each step: so none passes nearer
     inside, outside = 3 * SUBSTEPS + 1, 6 * SUBSTEPS
@@ -154,7 +155,9 @@ def test_exits_and_the_fall_of_the_level_are_of_linear_steps(
     measured: Any, flight: FormationFlight
 ) -> None:
     offsets = still()
-    edge = math.sqrt(flight.terminal_set.alpha / flight.terminal_set.P[X, X])
+    edge = math.sqrt(
+        flight.posed.terminal_set.alpha / flight.posed.terminal_set.P[X, X]
+    )
     offsets[0, X, 3 * SUBSTEPS] = 0.5 * edge
     offsets[0, X, 4 * SUBSTEPS] = 0.25 * edge  # a quarter of the level
     offsets[0, X, 8 * SUBSTEPS] = 0.5 * edge
@@ -173,7 +176,7 @@ def test_what_belongs_to_the_set_does_not_depend_on_the_flight(
     measured: Any, flight: FormationFlight
 ) -> None:
     found = measured(still())
-    assert found["terminal_level"] == flight.terminal_set.alpha
+    assert found["terminal_level"] == flight.posed.terminal_set.alpha
     assert found["held_spectral_radius"] < 1.0
     assert found["input_excess_ratio"] <= 1.0 + 1e-9
 

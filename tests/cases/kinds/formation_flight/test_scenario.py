@@ -12,7 +12,6 @@ from swarmstart.cases.format.scenario import (
     shipped,
 )
 from swarmstart.cases.format.yaml_reader import parse_yaml
-from swarmstart.cases.kinds.formation_flight.build import build
 from swarmstart.cases.kinds.formation_flight.figures import (
     draw,
     planned_paths,
@@ -21,6 +20,7 @@ from swarmstart.cases.kinds.formation_flight.figures import (
 from swarmstart.cases.kinds.formation_flight.measures import measure
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.ocp import Source, simulate
+from swarmstart.tests.cases.kinds.flights import build
 
 NAME = "formation_obstacle_uav3"
 LAST_OF_UAV_4 = "      - [-0.123972, -pi/18]\n"

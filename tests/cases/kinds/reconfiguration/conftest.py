@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.cases.kinds.reconfiguration.build import ReconfigurationFlight, build
+from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.ocp import Decision, Plan, Source, Trajectory
+from swarmstart.tests.cases.kinds.flights import build
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import reconfiguration
 
 Array = NDArray[np.float64]

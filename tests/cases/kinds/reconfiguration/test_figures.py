@@ -13,11 +13,12 @@ from PIL import Image
 
 from swarmstart.cases.format.kind import NoAnimationError
 from swarmstart.cases.kinds.reconfiguration import figures
-from swarmstart.cases.kinds.reconfiguration.build import ReconfigurationFlight, build
 from swarmstart.cases.kinds.reconfiguration.figures import draw
 from swarmstart.cases.kinds.reconfiguration.kind import KIND
+from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.ocp import SearchReport, Trajectory, simulate
+from swarmstart.tests.cases.kinds.flights import build
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import slots_at, uavs_at
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def test_tracks_begin_at_the_starts_and_slots_lie_around_the_leaders_end(
     begun = [(line.get_xdata()[0], line.get_ydata()[0]) for line in named]  # type: ignore[index]
     assert begun == [(0, 20), (0, 10), (0, 0), (0, -10), (0, -20)]
     (slots,) = (line for line in axes.lines if line.get_label() == "slot")
-    wanted = trajectory.states[10:12, [-1]] + flight.slots.T
+    wanted = trajectory.states[10:12, [-1]] + flight.posed.slots.T
     assert np.asarray(slots.get_data()) == pytest.approx(wanted)
 
 
@@ -198,7 +199,8 @@ def test_of_many_uavs_only_the_nearest_and_the_farthest_pair_are_drawn(
     states[3, 2] = 1.0  # the first comes nearer to the second
     flown = by_hand(states)
     all_linked = drawn(crowd, flight, flown)
-    tree = drawn(crowd, replace(flight, links=((1, 0), (2, 1))), flown)
+    branches = replace(flight.posed, links=((1, 0), (2, 1)))
+    tree = drawn(crowd, replace(flight, posed=branches), flown)
     assert lines(all_linked["f_distances"]) == {
         "smallest": [4, 4, 3], "largest": [44, 44, 43],
         "safe, 1 m": [1, 1], "communication, 50 m": [50, 50],

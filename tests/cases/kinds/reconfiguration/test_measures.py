@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from swarmstart.cases.format.kind import Nearby
 from swarmstart.cases.kinds.planar import by_uav, pair_distances
-from swarmstart.cases.kinds.reconfiguration.build import ReconfigurationFlight, build
 from swarmstart.cases.kinds.reconfiguration.measures import measure
 from swarmstart.cases.kinds.reconfiguration.names import MEASURES
+from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.ocp import Source
+from swarmstart.tests.cases.kinds.flights import build
 
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.reconfiguration.conftest import Array, Fly, Make
@@ -104,7 +106,9 @@ def test_distances_do_not_depend_on_how_many_steps_are_kept(
     scenario = make("plant.substeps=80")
     flight = build(scenario)
     rng = np.random.default_rng(0)
-    controls = np.tile(flight.trim, UAVS)[:, None] + np.tile([[300], [0.3]], (UAVS, 1))
+    controls = np.tile(flight.posed.trim, UAVS)[:, None] + np.tile(
+        [[300], [0.3]], (UAVS, 1)
+    )
     controls = controls * rng.uniform(0.8, 1.2, (2 * UAVS, STEPS))
     dense = in_slots()[:, :1]
     for step, control in enumerate(controls.T):
@@ -125,7 +129,9 @@ def test_distances_do_not_depend_on_how_many_steps_are_kept(
 def test_the_distance_of_a_link_is_that_of_links_only(
     scenario: ReconfigurationScenario, flight: ReconfigurationFlight, by_hand: Fly
 ) -> None:
-    linked = replace(flight, links=((1, 2), (3, 2), (0, 1)))
+    linked = replace(
+        flight, posed=replace(flight.posed, links=((1, 2), (3, 2), (0, 1)))
+    )
     states = in_slots()
     by_uav(states, UAVS)[0, Y, 3] += 6.0
     found = measure(scenario, linked, by_hand(states))
@@ -142,7 +148,8 @@ def test_costs_and_their_rises(measured: Any) -> None:
 def test_costs_of_those_who_plan_alone_are_summed(
     scenario: ReconfigurationScenario, flight: ReconfigurationFlight, by_hand: Fly
 ) -> None:
-    alone = replace(flight, joint=None)
+    nearby = Nearby(problems={}, range=45.0, position=(2, 3), links=1)
+    alone = replace(flight, posed=replace(flight.posed, nearby=nearby))
     trajectory = by_hand(
         in_slots(), agents=UAVS, plan=lambda step, agent: {"cost": step + 10.0 * agent}
     )
@@ -158,12 +165,11 @@ def test_a_plan_worse_than_the_last_one_shifted_is_a_loss(
 ) -> None:
     scenario = make("prediction.intervals=2")
     flight = build(scenario)
-    assert flight.joint is not None
     rng = np.random.default_rng(0)
     banked = np.tile([[2500.0], [0.1]], (UAVS, 2)) + rng.uniform(-0.1, 0.1, (10, 2))
     held = banked[:, [1, 1]]  # its first interval is over, its last goes on
     states = in_slots()
-    value, broken = flight.joint.planner.fitness.value(held, states[:, 1])
+    value, broken = flight.loop.planner.fitness.value(held, states[:, 1])
     assert value > 0.01 and broken == 0.0
 
     def losses(second: float, states: Array = states) -> object:

@@ -12,19 +12,17 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swarmstart.cases.kinds.planar import by_uav, pair_distances
-from swarmstart.cases.kinds.reconfiguration.build import build
 from swarmstart.cases.kinds.reconfiguration.measures import measure
 from swarmstart.cases.kinds.reconfiguration.priority import (
     links_of,
     planning_order,
-    priority_team,
     rooms,
     uav_problem,
 )
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
-from swarmstart.cases.kinds.reconfiguration.target import assigned_slots
-from swarmstart.ocp import Fitness, Known, Trajectory, simulate
+from swarmstart.ocp import Fitness, Known, LocalTeam, Trajectory, simulate
 from swarmstart.ocp.local_team import FAR
+from swarmstart.tests.cases.kinds.flights import build
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import (
     reconfiguration,
     slots_at,
@@ -158,7 +156,6 @@ def test_the_parts_of_all_are_the_cost_and_the_penalty_of_the_whole() -> None:
     """With everybody in range, and a communication distance that nobody comes to."""
     posed = ("leader=straight", "distances.communication_m=1e4", "weights=[1, 2, 3, 4]")
     whole = build(reconfiguration(*posed, variant="corrected"))
-    assert whole.joint is not None
     scenario = priority(*posed)
     rng, order = np.random.default_rng(0), planning_order(scenario, V)
     fitness = {
@@ -180,7 +177,7 @@ def test_the_parts_of_all_are_the_cost_and_the_penalty_of_the_whole() -> None:
         known = Known([*V[i], 0], np.vstack([tracks[LEADER], nobody, *others]))
         spent, broken = fitness[place].value(controls[i][:, None], x0[i], known)
         cost, violation = cost + spent, violation + broken
-    expected = whole.joint.planner.fitness.value(
+    expected = whole.loop.planner.fitness.value(
         np.delete(controls, LEADER, axis=0).reshape(-1, 1), x0.ravel()
     )
     assert (cost, violation) == pytest.approx(expected, rel=1e-9)
@@ -265,7 +262,8 @@ def test_links_keep_the_communication_distance_where_others_do_not_have_to(
 
 def test_the_team_sees_as_far_and_links_as_the_scenario_says(make: Make) -> None:
     scenario = priority("planning.links=2", "planning.range_m=45.5")
-    team = priority_team(scenario, assigned_slots(scenario))
+    team = build(scenario).controller
+    assert isinstance(team, LocalTeam)
     assert (team.range, team.order) == (45.5, (2, 1, 3, 0, 4))
     assert [agent.links for agent in team.agents] == [(1, 2), (2,), (), (2, 1), (3, 2)]
     assert [np.asarray(agent.parameters).tolist() for agent in team.agents] == [

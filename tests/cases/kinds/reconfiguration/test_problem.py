@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swarmstart.cases.kinds.planar import by_uav
-from swarmstart.cases.kinds.reconfiguration.build import ReconfigurationFlight, build
+from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.problem import team_model, trim
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.ocp import Plant, Separation
+from swarmstart.tests.cases.kinds.flights import build
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import slots_at, uavs_at
 
 if TYPE_CHECKING:
@@ -108,8 +109,7 @@ def drawn(rng: np.random.Generator, intervals: int) -> Array:
 def evaluated(scenario: ReconfigurationScenario) -> Evaluate:
     """Return (x0 (uavs, 4), controls of the steered (N, m, 2)) -> cost, violation."""
     flight = build(scenario)
-    assert flight.joint is not None
-    fitness = flight.joint.planner.fitness
+    fitness = flight.loop.planner.fitness
     return lambda x0, controls: fitness.value(
         controls.reshape(len(controls), -1).T, x0.ravel()
     )
@@ -167,13 +167,12 @@ def test_weight_of_the_order_makes_violations_the_penalty_5_35(
 def test_within_the_distances_the_penalty_is_exactly_zero(
     flight: ReconfigurationFlight,
 ) -> None:
-    assert flight.joint is not None
     rng = np.random.default_rng(0)
     for _ in range(20):
         controls = drawn(rng, 1)
         states = flown(COLUMN, controls)
         assert printed_penalty(states) == 0.0
-        value = flight.joint.planner.fitness.value(controls.reshape(-1, 1), flight.x0)
+        value = flight.loop.planner.fitness.value(controls.reshape(-1, 1), flight.x0)
         assert value[1] == 0.0
 
 
@@ -181,11 +180,10 @@ def test_a_formation_that_flies_as_one_costs_nothing(
     flight: ReconfigurationFlight,
 ) -> None:
     """J = 0 is kept by any control that all have in common: the V drifts freely."""
-    assert flight.joint is not None
     in_slots = np.hstack([np.tile([7.0, 0.4], (UAVS, 1)), V + np.array([30.0, -40.0])])
     for thrust, bank in ((DRAG, 0.0), (6000.0, 1.0), (0.0, -np.pi / 3)):
         together = np.tile([thrust, bank], (UAVS, 1)).reshape(-1, 1)
-        cost, _ = flight.joint.planner.fitness.value(together, in_slots.ravel())
+        cost, _ = flight.loop.planner.fitness.value(together, in_slots.ravel())
         assert cost == pytest.approx(0.0, abs=1e-20)
 
 
@@ -197,8 +195,7 @@ def test_a_formation_that_flies_as_one_costs_nothing(
 def test_where_all_are_does_not_matter(
     flight: ReconfigurationFlight, shift: tuple[float, float], seed: int
 ) -> None:
-    assert flight.joint is not None
-    rng, fitness = np.random.default_rng(seed), flight.joint.planner.fitness
+    rng, fitness = np.random.default_rng(seed), flight.loop.planner.fitness
     controls = drawn(rng, 1).reshape(-1, 1)
     x0 = COLUMN + rng.uniform(-1, 1, (UAVS, 4)) * [1, 3, 20, 20]
     moved = x0 + np.array([0.0, 0.0, *shift])
@@ -242,8 +239,7 @@ def test_a_margin_is_kept_to_both_limits(make: Make) -> None:
 def test_the_polish_keeps_the_margin_that_the_search_keeps(make: Make) -> None:
     """Both see points; without it the polish would give back what was asked for."""
     flight = build(make("distances.margin_m=0.5", *PAIR))
-    assert flight.joint is not None
-    problem = flight.joint.planner.problem
+    problem = flight.loop.planner.problem
     apart = [c for c in problem.constraints if isinstance(c, Separation)]
     assert [(c.margin, c.smooth_margin) for c in apart] == [(0.5, 0.5)]
 
@@ -266,8 +262,7 @@ def test_speeds_out_of_their_limits_are_violations(make: Make) -> None:
 
 def test_bounds_are_the_scenarios_for_everybody(make: Make) -> None:
     flight = build(make("leader=straight", variant="corrected"))
-    assert flight.joint is not None
-    problem = flight.joint.planner.problem
+    problem = flight.loop.planner.problem
     lower, upper = problem.control_limits
     assert lower.reshape(4, 2) == pytest.approx(np.tile([0, -np.pi / 3], (4, 1)))
     assert upper.reshape(4, 2) == pytest.approx(np.tile([6000, np.pi / 3], (4, 1)))

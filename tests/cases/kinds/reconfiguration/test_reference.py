@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from swarmstart.cases.kinds.reconfiguration import reference
-from swarmstart.cases.kinds.reconfiguration.build import build
 from swarmstart.cases.kinds.reconfiguration.reference import best_costs, gaps
 from swarmstart.ocp import RecedingHorizon, Trajectory, simulate
+from swarmstart.tests.cases.kinds.flights import build
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import (
     reconfiguration,
     slots_at,
@@ -21,7 +21,7 @@ from swarmstart.tests.cases.kinds.reconfiguration.scenarios import (
 )
 
 if TYPE_CHECKING:
-    from swarmstart.cases.kinds.reconfiguration.build import ReconfigurationFlight
+    from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
     from swarmstart.tests.cases.kinds.reconfiguration.conftest import Fly
 
 Array = NDArray[np.float64]
@@ -48,13 +48,12 @@ def known(request: pytest.FixtureRequest) -> tuple[str, Best]:
     name: str = request.param
     size = "search={name: lshade, warm_start: half}"
     flight = build(reconfiguration(size, name=name))
-    assert flight.joint is not None
     trajectory = simulate(
         flight.plant, flight.controller, flight.x0, steps=len(EXPECTED[name]),
         rng=np.random.default_rng(0),
     )  # fmt: skip
-    best = best_costs(flight.joint, trajectory.states[:, :-1])
-    return name, Best(joint=flight.joint, trajectory=trajectory, best=best)
+    best = best_costs(flight.loop, trajectory.states[:, :-1])
+    return name, Best(joint=flight.loop, trajectory=trajectory, best=best)
 
 
 def test_the_best_costs_along_the_flight_are_those_expected(
@@ -75,7 +74,7 @@ def test_the_texts_search_finds_them_to_1_and_no_better(
     known: tuple[str, Best],
 ) -> None:
     name, found = known
-    text = build(reconfiguration(name=name)).joint
+    text = build(reconfiguration(name=name)).loop
     assert text is not None
     rng, costs, last = np.random.default_rng(0), [], None
     for state in found.trajectory.states[:, :-1].T:
@@ -135,8 +134,7 @@ def test_no_point_of_a_grid_is_better_and_the_best_is_near(
 
 def test_where_nothing_is_feasible_no_best_is_known() -> None:
     pair = uavs_at([(2, 0, 0, 0), (2, 0, 0, 20)]), slots_at([(0, 0), (0, 20)])
-    joint = build(reconfiguration(*pair, "leader_uav=1")).joint
-    assert joint is not None
+    joint = build(reconfiguration(*pair, "leader_uav=1")).loop
     too_near, fine = [2.0, 0, 0, 0, 2, 0, 0, 1], [2.0, 0, 0, 0, 2, 0, 0, 20]
     found = best_costs(joint, np.transpose([too_near, fine]))
     assert found[0] == np.inf
@@ -157,10 +155,9 @@ def test_a_gap_counts_from_the_best_that_is_feasible(
     by_hand: Fly,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert flight.joint is not None
     cost, feasible = flown
     trajectory = by_hand(
         np.zeros((20, 3)), costs=[cost] * 2, plan=lambda *_: {"feasible": feasible}
     )
     monkeypatch.setattr(reference, "best_costs", lambda *_: np.full(2, best))
-    assert gaps(flight.joint, trajectory).tolist() == [gap, gap]
+    assert gaps(flight.loop, trajectory).tolist() == [gap, gap]

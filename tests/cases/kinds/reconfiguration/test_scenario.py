@@ -13,7 +13,7 @@ from swarmstart.cases.format.scenario import (
     resolve,
     shipped,
 )
-from swarmstart.cases.kinds.reconfiguration.build import problems
+from swarmstart.cases.kinds.reconfiguration.pose import problems
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import slots_at, uavs_at
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import pytest
 
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.kinds.transfer.build import TransferFlight, build
+from swarmstart.cases.kinds.transfer.pose import TransferFlight
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
+from swarmstart.tests.cases.kinds.flights import build
 
 Make = Callable[..., TransferScenario]
 

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image
 
-from swarmstart.cases.kinds.transfer.build import TransferFlight, build
 from swarmstart.cases.kinds.transfer.figures import draw, evolution_figure
+from swarmstart.cases.kinds.transfer.pose import TransferFlight
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 from swarmstart.ocp import simulate
+from swarmstart.tests.cases.kinds.flights import build
 
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.transfer.conftest import Make

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from swarmstart.cases.kinds.transfer.build import TransferFlight, assigned_goals, build
 from swarmstart.cases.kinds.transfer.measures import measure
+from swarmstart.cases.kinds.transfer.pose import TransferFlight, assigned_goals
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 from swarmstart.ocp import InvalidProblemError, Source, simulate
+from swarmstart.tests.cases.kinds.flights import build
 
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.transfer.conftest import Make
@@ -27,7 +28,7 @@ def test_one_uav_with_the_right_speed_flies_straight_for_nothing(make: Make) -> 
     alone = make("swap_5", "uavs=[{start: {speed_m_s: 5, heading_rad: 0, x_m: 0, "
                  "y_m: 0}, goal: {x_m: 50, y_m: 0}}]")  # fmt: skip
     flight = build(alone)
-    plan = flight.planner.plan(flight.x0, rng=rng())
+    plan = flight.loop.planner.plan(flight.x0, rng=rng())
     assert plan.cost == pytest.approx(0.0, abs=1e-9)
     assert plan.feasible
 
@@ -36,11 +37,11 @@ def test_the_cost_is_the_integral_of_the_weighted_squares(
     flight: TransferFlight, scenario: TransferScenario
 ) -> None:
     """Controls are constant on the intervals, so the integral is a sum."""
-    problem = flight.planner.problem
+    problem = flight.loop.planner.problem
     lower, upper = problem.control_limits
     size = (lower.size, problem.intervals)
     controls = 0.1 * rng().uniform(lower[:, None], upper[:, None], size)
-    cost, _ = flight.planner.fitness.value(controls, flight.x0)
+    cost, _ = flight.loop.planner.fitness.value(controls, flight.x0)
     parts = controls.reshape(5, 2, -1)
     normalised = (parts[:, 0] / 2) ** 2 + (parts[:, 1] / np.radians(30)) ** 2
     assert cost == pytest.approx(normalised.sum() * problem.dt, rel=1e-12)
@@ -92,7 +93,7 @@ def test_goals_can_be_shared_out_by_the_least_squared_distances(make: Make) -> N
 def test_without_polish_a_member_counts_as_not_feasible(make: Make) -> None:
     """Its held controls miss the goals by centimetres."""
     flight = build(make("swap_5", "polish=none"))
-    plan = flight.planner.plan(flight.x0, rng=rng())
+    plan = flight.loop.planner.plan(flight.x0, rng=rng())
     assert plan.source is Source.SEARCH
     assert not plan.feasible
     assert plan.search.violation == pytest.approx(0.0, abs=1e-9)

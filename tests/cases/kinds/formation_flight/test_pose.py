@@ -9,10 +9,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import solve_discrete_are
 
 from swarmstart.cases.format.scenario import InvalidScenarioError
-from swarmstart.cases.kinds.formation_flight.build import (
+from swarmstart.cases.kinds.formation_flight.pose import (
     FormationFlight,
     NoTerminalSetError,
-    build,
     leader_positions,
     problems,
 )
@@ -20,6 +19,7 @@ from swarmstart.cases.kinds.formation_flight.problem import slot_states
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.models.unicycle import unicycle
 from swarmstart.ocp import DualMode, Team, right_hand_side
+from swarmstart.tests.cases.kinds.flights import build
 
 Make = Callable[..., FormationScenario]
 
@@ -51,7 +51,7 @@ def test_slots_move_with_the_leader_and_do_not_turn_with_it(
             way = 15.0 * time * np.sqrt(0.5)  # 15 m/s on a heading of pi/4
             where = [20.0 + uav.slot.x_m + way, 40.0 + uav.slot.y_m + way]
             assert states[:, k] == pytest.approx([15.0, np.pi / 4, *where])
-        assert np.array_equal(flight.slots(times)[number], states)
+        assert np.array_equal(flight.posed.slots(times)[number], states)
 
 
 def test_the_leader_obeys_the_model_of_the_uavs(scenario: FormationScenario) -> None:
@@ -103,18 +103,22 @@ def test_plans_start_at_the_last_one_as_printed_and_one_second_on_as_corrected(
 def test_the_corrected_terminal_set_is_the_published_one(
     corrected: FormationFlight, flight: FormationFlight
 ) -> None:
-    assert corrected.terminal_set.alpha == pytest.approx(4.322, abs=5e-4)
+    assert corrected.posed.terminal_set.alpha == pytest.approx(4.322, abs=5e-4)
     # A heading turns the set and leaves its level.
-    assert flight.terminal_set.alpha == pytest.approx(4.322, abs=5e-4)
-    assert np.linalg.eigvalsh(flight.terminal_set.P) == pytest.approx(
-        np.linalg.eigvalsh(corrected.terminal_set.P)
+    assert flight.posed.terminal_set.alpha == pytest.approx(4.322, abs=5e-4)
+    assert np.linalg.eigvalsh(flight.posed.terminal_set.P) == pytest.approx(
+        np.linalg.eigvalsh(corrected.posed.terminal_set.P)
     )
 
 
 def test_the_literal_terminal_set_is_as_printed(literal: FormationFlight) -> None:
-    assert literal.terminal_set.alpha == pytest.approx(0.0170, abs=5e-5)
-    assert literal.terminal_set.P[2, 2] == 0.0129
-    assert literal.terminal_set.P[0, 2] == literal.terminal_set.P[1, 3] == -0.0063
+    assert literal.posed.terminal_set.alpha == pytest.approx(0.0170, abs=5e-5)
+    assert literal.posed.terminal_set.P[2, 2] == 0.0129
+    assert (
+        literal.posed.terminal_set.P[0, 2]
+        == literal.posed.terminal_set.P[1, 3]
+        == -0.0063
+    )
 
 
 OFF = ("dual_mode.enabled=false", "prediction.dt_s=1e-9", "terminal_cost.design=given")
@@ -123,10 +127,10 @@ OFF = ("dual_mode.enabled=false", "prediction.dt_s=1e-9", "terminal_cost.design=
 def test_a_set_that_is_switched_off_need_not_exist(make: Make) -> None:
     P = "terminal_cost.P=[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
     off = build(make("formation_v", *OFF, P))
-    assert off.designed_set is None and not off.documents
+    assert off.posed.designed_set is None and not off.documents
     assert isinstance(off.controller, Team)
     with pytest.raises(NoTerminalSetError, match="the dual mode is off"):
-        _ = off.terminal_set
+        _ = off.posed.terminal_set
     with pytest.raises(InvalidScenarioError, match="law that can be designed"):
         make("formation_v", *OFF, P, "dual_mode.enabled=true")
 

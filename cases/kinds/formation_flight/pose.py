@@ -1,16 +1,23 @@
-"""A formation scenario -> planners, team, dual mode and plant.
+"""A formation scenario -> planning problems, linear laws and plant.
 
 UAV after UAV plans, or flies the plan that it is given.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.kind import Flight, Posed, SeveralPlansError
+from swarmstart.cases.format.kind import (
+    Flight,
+    LinearLaws,
+    Posed,
+    PosedAgent,
+    PosedPlant,
+)
 from swarmstart.cases.format.settings import Problem
 from swarmstart.cases.kinds.formation_flight.linear_law import terminal_set_of
 from swarmstart.cases.kinds.formation_flight.problem import (
@@ -24,19 +31,7 @@ from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.models.unicycle import unicycle
 from swarmstart.cases.kinds.planar import POSITION
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp import (
-    Agent,
-    Controller,
-    DualMode,
-    Known,
-    Model,
-    Planner,
-    Plant,
-    RecedingHorizon,
-    Team,
-    stack_models,
-)
-from swarmstart.ocp.fitness import replay
+from swarmstart.ocp import Model, stack_models
 from swarmstart.terminal_set import Reference, TerminalSet, certificate_text
 
 Array = NDArray[np.float64]
@@ -47,8 +42,8 @@ class NoTerminalSetError(SwarmstartError):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class FormationFlight(Flight):
-    """A formation flight ready to be flown.
+class PosedFormation(Posed):
+    """A formation flight.
 
     Attributes:
         names: What the UAVs are called.
@@ -77,90 +72,40 @@ class FormationFlight(Flight):
         return self.designed_set
 
 
-def build(scenario: FormationScenario) -> FormationFlight:
-    """Compile everything a flight needs.
+FormationFlight = Flight[PosedFormation]
+
+
+def pose(scenario: FormationScenario) -> PosedFormation:
+    """Return the planning problem of each UAV, and the plant.
 
     Args:
         scenario: The scenario, checked.
     """
-    model = unicycle()
+    model, uavs = unicycle(), range(len(scenario.uavs))
     dynamics, reference = dynamics_of(model), reference_of(scenario)
     terminal_cost = terminal_cost_of(scenario, dynamics, reference)
     designed_set = _designed_set(scenario, reference)
-    order = scenario.order_of_planning()
-    agents = [
-        _agent(scenario, model, terminal_cost, number, order)
-        for number in range(len(scenario.uavs))
-    ]
-    team = Team(agents, order=order)
-    controller: Controller = team
-    if scenario.dual_mode.enabled and designed_set is not None:
-        targets = [_target(scenario, number) for number in range(len(agents))]
-        controller = DualMode(
-            team,
-            sets=[designed_set] * len(agents),
-            targets=targets,
-            uncertified=not scenario.dual_mode.is_certified,
-        )
-    plant = Plant(
-        stack_models([model] * len(agents)),
-        dt=scenario.prediction.dt_s,
-        substeps=scenario.plant.substeps,
-    )
     certificate = None if designed_set is None else designed_set.certificate
-    return FormationFlight(
+    order = scenario.order_of_planning()
+    slots = [partial(slot_states, scenario, number) for number in uavs]
+    return PosedFormation(
+        agents=tuple(
+            _agent(scenario, model, terminal_cost, number, order) for number in uavs
+        ),
+        x0=np.concatenate([uav.start.vector() for uav in scenario.uavs]),
+        plant=PosedPlant(
+            model=stack_models([model] * len(uavs)), substeps=scenario.plant.substeps
+        ),
+        order=tuple(order),
+        dual_mode=_linear_laws(scenario, designed_set),
         documents={}
         if certificate is None
         else {"certificate.json": certificate_text(certificate)},
-        plant=plant,
-        controller=controller,
-        x0=np.concatenate([uav.start.vector() for uav in scenario.uavs]),
-        agents=len(agents),
         names=tuple(f"UAV {number}" for number in scenario.numbers),
-        slots=lambda times: np.stack(
-            [slot_states(scenario, number, times) for number in range(len(agents))]
-        ),
+        slots=lambda times: np.stack([slot(times) for slot in slots]),
         designed_set=designed_set,
         reference=reference,
         dynamics=dynamics,
-    )
-
-
-def pose(scenario: FormationScenario) -> Posed:
-    """Return the planning problem of the first step, of the one UAV that plans.
-
-    Args:
-        scenario: The scenario, checked.
-
-    Raises:
-        SeveralPlansError: If several UAVs plan.
-    """
-    planning = scenario.planning
-    if len(planning) > 1:
-        raise SeveralPlansError(
-            f"expected one UAV that plans, one planning problem a step; found "
-            f"{len(planning)} without the key 'plan'"
-        )
-    (number,) = planning
-    model, order = unicycle(), scenario.order_of_planning()
-    dynamics, reference = dynamics_of(model), reference_of(scenario)
-    terminal_cost = terminal_cost_of(scenario, dynamics, reference)
-    before = order[: order.index(number)]
-    problem = planning_problem(scenario, model, terminal_cost, others=len(before))
-    alone = planning_problem(scenario, model, terminal_cost, others=0)
-
-    def positions(other: int) -> Array:
-        """Where a given plan leads, shape (2, nodes)."""
-        uav = scenario.uavs[other]
-        known = Known(signals=slot_states(scenario, other, alone.times))
-        states, _, _ = replay(alone, np.array(uav.plan).T, uav.start.vector(), known)
-        return states[list(POSITION)]
-
-    own = slot_states(scenario, number, problem.times)
-    return Posed(
-        problem=problem,
-        x0=np.array(scenario.uavs[number].start.vector()),
-        known=Known(signals=np.vstack([own, *map(positions, before)])),
     )
 
 
@@ -201,6 +146,19 @@ def leader_positions(scenario: FormationScenario, times: Array) -> Array:
     return start[:, None] + leader.speed_m_s * direction[:, None] * times
 
 
+def _linear_laws(
+    scenario: FormationScenario, designed_set: TerminalSet | None
+) -> LinearLaws | None:
+    dual, uavs = scenario.dual_mode, range(len(scenario.uavs))
+    if not dual.enabled or designed_set is None:
+        return None
+    return LinearLaws(
+        sets=[designed_set] * len(uavs),
+        targets=[_target(scenario, number) for number in uavs],
+        uncertified=not dual.is_certified,
+    )
+
+
 def _target(scenario: FormationScenario, number: int) -> Callable[[float], Array]:
     return lambda time: slot_states(scenario, number, np.array([time]))[:, 0]
 
@@ -211,26 +169,16 @@ def _agent(
     terminal_cost: Array,
     number: int,
     order: list[int],
-) -> Agent:
-    """Return one UAV with its planner; it watches all that plan before it.
-
-    One with a given plan neither searches nor polishes: the plan is only evaluated.
-    """
+) -> PosedAgent:
+    """Return one UAV; it watches all that plan before it."""
     watches = tuple(order[: order.index(number)])
     given = scenario.uavs[number].plan
-    planner = Planner(
-        planning_problem(scenario, model, terminal_cost, others=len(watches)),
-        search=scenario.search_settings() if given is None else None,
-        polish=scenario.polish_options() if given is None else None,
-        backend=scenario.backend,
-    )
-    return Agent(
-        controller=RecedingHorizon(
-            planner=planner,
-            reference=lambda times: slot_states(scenario, number, times),
-            shift=scenario.last_plan == "shifted",
-            first=None if given is None else np.array(given).T,
-        ),
+    return PosedAgent(
+        problem=planning_problem(scenario, model, terminal_cost, others=len(watches)),
+        reference=partial(slot_states, scenario, number),
+        shift=scenario.last_plan == "shifted",
+        first=None if given is None else np.array(given).T,
+        is_given=given is not None,
         watches=watches,
         shows=POSITION,
     )

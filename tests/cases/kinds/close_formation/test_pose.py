@@ -5,13 +5,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from swarmstart.cases.kinds.close_formation.build import (
-    CloseFormationFlight,
-    build,
-    commanded,
-)
+from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight, commanded
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.ocp import Trajectory, simulate
+from swarmstart.tests.cases.kinds.flights import build
 
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.close_formation.conftest import Make

@@ -1,4 +1,4 @@
-"""A close formation scenario -> planning problem, controller and plant.
+"""A close formation scenario -> planning problem and plant.
 
     J = sum over the horizon of e'Q e at the ends of its steps                (5.21)
 
@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.kind import Flight, Posed
+from swarmstart.cases.format.kind import Flight, Posed, PosedAgent, PosedPlant
 from swarmstart.cases.format.settings import Problem, bounds_of
 from swarmstart.cases.kinds.close_formation.gusts import dryden
 from swarmstart.cases.kinds.close_formation.leader import leader_of
@@ -27,66 +27,59 @@ from swarmstart.cases.kinds.models.close_formation import (
     close_formation,
 )
 from swarmstart.cases.kinds.models.horseshoe_vortex import Aircraft
-from swarmstart.ocp import (
-    Bounds,
-    Known,
-    Model,
-    OptimalControlProblem,
-    Planner,
-    Plant,
-    RecedingHorizon,
-)
+from swarmstart.ocp import Bounds, Model, OptimalControlProblem
 
 Array = NDArray[np.float64]
 MOST_SUBSTEPS = 10_000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class CloseFormationFlight(Flight):
-    """A close formation flight ready to be flown.
+class PosedCloseFormation(Posed):
+    """A close formation.
 
     Attributes:
         aircraft: Both aircraft.
         leader: Times (n,) -> speed, heading and height of the leader, shape (3, n).
-        loop: The controller, for what is measured afterwards.
     """
 
     aircraft: Aircraft
     leader: Callable[[Array], Array]
-    loop: RecedingHorizon
 
 
-def build(scenario: CloseFormationScenario) -> CloseFormationFlight:
-    """Compile everything a flight needs.
+CloseFormationFlight = Flight[PosedCloseFormation]
+
+
+def pose(scenario: CloseFormationScenario) -> PosedCloseFormation:
+    """Return the wingman's planning problem, and the plant.
 
     Args:
         scenario: The scenario, checked.
     """
-    wingman, leader = _wingman(scenario), leader_of(scenario.leader)
-    loop = _controller(scenario, wingman, leader)
-    return CloseFormationFlight(
+    aircraft = Aircraft(**scenario.aircraft.model_dump())
+    wingman = Wingman(aircraft=aircraft, **scenario.autopilot.model_dump())
+    leader, believed = leader_of(scenario.leader), scenario.prediction
+
+    def now(time: float) -> Array:
+        return leader(np.array([time]))[:, 0]
+
+    def candidates(time: float) -> Array:
+        """The leader's own state as a command, held over the horizon (Step 1)."""
+        own = commanded(scenario, now(time))
+        return np.repeat(own[:, None], believed.intervals, axis=1)[:, :, None]
+
+    return PosedCloseFormation(
+        agents=(
+            PosedAgent(
+                problem=planning_problem(scenario, _model(scenario, wingman, believed)),
+                parameters=now,
+                candidates=candidates if scenario.leader_as_candidate else None,
+                append="last",
+            ),
+        ),
+        x0=np.array(scenario.start.vector()),
         plant=_plant(scenario, wingman, leader),
-        controller=loop,
-        x0=np.array(scenario.start.vector()),
-        agents=1,
-        aircraft=wingman.aircraft,
+        aircraft=aircraft,
         leader=leader,
-        loop=loop,
-    )
-
-
-def pose(scenario: CloseFormationScenario) -> Posed:
-    """Return the planning problem of the first step.
-
-    Args:
-        scenario: The scenario, checked.
-    """
-    leader = leader_of(scenario.leader)
-    model = _model(scenario, _wingman(scenario), scenario.prediction)
-    return Posed(
-        problem=planning_problem(scenario, model),
-        x0=np.array(scenario.start.vector()),
-        known=Known(parameters=leader(np.zeros(1))[:, 0]),
     )
 
 
@@ -133,13 +126,6 @@ def commanded(scenario: CloseFormationScenario, leader: Array) -> Array:
     return np.array([leader[0], 0.0 if relative else leader[1], leader[2]])
 
 
-def _wingman(scenario: CloseFormationScenario) -> Wingman:
-    return Wingman(
-        aircraft=Aircraft(**scenario.aircraft.model_dump()),
-        **scenario.autopilot.model_dump(),
-    )
-
-
 def _model(
     scenario: CloseFormationScenario,
     wingman: Wingman,
@@ -158,41 +144,11 @@ def _model(
     )
 
 
-def _controller(
-    scenario: CloseFormationScenario,
-    wingman: Wingman,
-    leader: Callable[[Array], Array],
-) -> RecedingHorizon:
-    believed = scenario.prediction
-    model = _model(scenario, wingman, believed)
-    planner = Planner(
-        planning_problem(scenario, model),
-        search=scenario.search_settings(),
-        polish=scenario.polish_options(),
-        backend=scenario.backend,
-    )
-
-    def now(time: float) -> Array:
-        return leader(np.array([time]))[:, 0]
-
-    def candidates(time: float) -> Array:
-        """The leader's own state as a command, held over the horizon (Step 1)."""
-        own = commanded(scenario, now(time))
-        return np.repeat(own[:, None], believed.intervals, axis=1)[:, :, None]
-
-    return RecedingHorizon(
-        planner=planner,
-        parameters=now,
-        candidates=candidates if scenario.leader_as_candidate else None,
-        append="last",
-    )
-
-
 def _plant(
     scenario: CloseFormationScenario,
     wingman: Wingman,
     leader: Callable[[Array], Array],
-) -> Plant:
+) -> PosedPlant:
     simulated, dt = scenario.plant, scenario.prediction.dt_s
     model = _model(scenario, wingman, simulated, gusts=True)
     substeps = max(1, round(dt / simulated.substep_s))
@@ -210,4 +166,4 @@ def _plant(
         index = np.minimum(np.rint(times / step).astype(int), blown.shape[1] - 1)
         return np.vstack([leader(times), blown[:, index]])
 
-    return Plant(model, dt=dt, substeps=substeps, parameters=parameters)
+    return PosedPlant(model=model, substeps=substeps, parameters=parameters)

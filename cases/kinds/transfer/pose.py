@@ -8,13 +8,13 @@ each UAV in its goal at the end, with any speed and heading
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.kind import Flight, Posed
+from swarmstart.cases.format.kind import Flight, Posed, PosedAgent, PosedPlant
 from swarmstart.cases.format.settings import Problem, bounds_of
 from swarmstart.cases.kinds.assignment import shortest_assignment
 from swarmstart.cases.kinds.models.bank_to_turn import bank_to_turn
@@ -23,19 +23,11 @@ from swarmstart.cases.kinds.transfer.paths import flat_paths
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario, goal_problems
 from swarmstart.ocp import (
     Bounds,
-    Known,
     Model,
-    OpenLoop,
     OptimalControlProblem,
-    Planner,
-    Plant,
     Separation,
-    Solution,
     TerminalConstraint,
-    Trajectory,
-    TrajectoryFamily,
     stack_models,
-    verified,
 )
 
 Array = NDArray[np.float64]
@@ -45,69 +37,39 @@ TOLERANCE_M = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class TransferFlight(Flight):
-    """A transfer ready to be flown.
+class PosedTransfer(Posed):
+    """A transfer with the goal of each UAV, shape (uavs, 2) [m]."""
 
-    Attributes:
-        planner: Search and polish of the problem.
-        family: The paths that the search chooses from.
-        goals: Of each UAV, shape (uavs, 2) [m].
-    """
-
-    planner: Planner
-    family: TrajectoryFamily
     goals: Array
 
-    def answer(self, trajectory: Trajectory) -> Solution:
-        """Return the plan that was flown, verified along its path; see Flight."""
-        plan = trajectory.decisions[0].plans[0]
-        if not plan.states.size:  # A record keeps none.
-            states = self.planner.fitness.states(plan.controls, self.x0)
-            plan = replace(plan, states=states)
-        return verified(self.planner.problem, plan, self.x0)
+
+TransferFlight = Flight[PosedTransfer]
 
 
-def build(scenario: TransferScenario) -> TransferFlight:
-    """Compile everything a flight needs.
+def pose(scenario: TransferScenario) -> PosedTransfer:
+    """Return the one planning problem, with the paths searched, and the plant.
 
     Args:
         scenario: The scenario, checked.
     """
     goals = assigned_goals(scenario)
-    model = _model(scenario)
+    uav = bank_to_turn(turn=scenario.vehicle.turn)
+    model = stack_models([uav] * len(scenario.uavs))
     problem = transfer_problem(scenario, model, goals)
-    family = _family(scenario, problem, goals)
-    planner = Planner(
+    family = flat_paths(
         problem,
-        search=scenario.search_settings(),
-        polish=scenario.polish_options(),
-        family=family,
-        backend=scenario.backend,
+        goals,
+        turn=scenario.vehicle.turn,
+        lateral=scenario.paths.lateral,
+        along=scenario.paths.along,
     )
-    return TransferFlight(
-        plant=Plant(model, dt=problem.dt, substeps=scenario.plant.substeps),
-        controller=OpenLoop(planner=planner, repair=scenario.repair),
-        x0=_start(scenario),
-        agents=1,
-        planner=planner,
-        family=family,
+    return PosedTransfer(
+        agents=(PosedAgent(problem=problem, family=family),),
+        x0=np.concatenate([uav.start.vector() for uav in scenario.uavs]),
+        plant=PosedPlant(model=model, substeps=scenario.plant.substeps),
+        open_loop=True,
+        repair=scenario.repair,
         goals=goals,
-    )
-
-
-def pose(scenario: TransferScenario) -> Posed:
-    """Return the one planning problem of the transfer, with the paths searched.
-
-    Args:
-        scenario: The scenario, checked.
-    """
-    goals = assigned_goals(scenario)
-    problem = transfer_problem(scenario, _model(scenario), goals)
-    return Posed(
-        problem=problem,
-        x0=_start(scenario),
-        known=Known(),
-        family=_family(scenario, problem, goals),
     )
 
 
@@ -177,26 +139,4 @@ def transfer_problem(
         substeps=prediction.substeps,
         tolerance=TOLERANCE_M,
         path_tolerance=scenario.path_tolerance_m,
-    )
-
-
-def _model(scenario: TransferScenario) -> Model:
-    """Return all UAVs as one model."""
-    return stack_models([bank_to_turn(turn=scenario.vehicle.turn)] * len(scenario.uavs))
-
-
-def _start(scenario: TransferScenario) -> Array:
-    """Return the states of all UAVs at the start, shape (uavs * 4,)."""
-    return np.concatenate([uav.start.vector() for uav in scenario.uavs])
-
-
-def _family(
-    scenario: TransferScenario, problem: OptimalControlProblem, goals: Array
-) -> TrajectoryFamily:
-    return flat_paths(
-        problem,
-        goals,
-        turn=scenario.vehicle.turn,
-        lateral=scenario.paths.lateral,
-        along=scenario.paths.along,
     )

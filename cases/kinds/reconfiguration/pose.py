@@ -1,4 +1,4 @@
-"""A reconfiguration scenario -> controller and plant.
+"""A reconfiguration scenario -> planning problems and plant.
 
 All controls are decided at once, the leader's too, unless it flies straight; or UAV
 after UAV plans (`planning: priority`).
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.kind import Flight, Posed, SeveralPlansError
+from swarmstart.cases.format.kind import Flight, Posed, PosedAgent, PosedPlant
 from swarmstart.cases.format.settings import Problem
 from swarmstart.cases.kinds.reconfiguration.priority import (
     links_of,
@@ -29,35 +29,25 @@ from swarmstart.cases.kinds.reconfiguration.scenario import (
     start_problems,
 )
 from swarmstart.cases.kinds.reconfiguration.target import assigned_slots
-from swarmstart.ocp import (
-    Controller,
-    Known,
-    OptimalControlProblem,
-    Planner,
-    Plant,
-    RecedingHorizon,
-)
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ReconfigurationFlight(Flight):
-    """A reconfiguration ready to be flown.
+class PosedReconfiguration(Posed):
+    """A reconfiguration.
 
     Attributes:
         slots: Of each UAV relative to the leader, shape (uavs, 2) [m].
         steered: Numbers from 0 of the UAVs whose controls are decided.
         trim: Controls of straight flight, shape (2,).
         links: Pairs of UAVs that keep the communication distance.
-        joint: The controller where all plan at once; None where each plans alone.
     """
 
     slots: Array
     steered: tuple[int, ...]
     trim: Array
     links: tuple[tuple[int, int], ...]
-    joint: RecedingHorizon | None
 
     def controls_by_uav(self, controls: Array) -> Array:
         """Return flown controls of all UAVs, shape (uavs, 2, T).
@@ -72,54 +62,35 @@ class ReconfigurationFlight(Flight):
         return stacked
 
 
-def build(scenario: ReconfigurationScenario) -> ReconfigurationFlight:
-    """Compile everything a flight needs.
+ReconfigurationFlight = Flight[PosedReconfiguration]
+
+
+def pose(scenario: ReconfigurationScenario) -> PosedReconfiguration:
+    """Return the planning problem of all UAVs, or one for each, and the plant.
 
     Args:
         scenario: The scenario, checked.
     """
     slots, steered = assigned_slots(scenario), _steered(scenario)
-    joint = None
-    controller: Controller
+    model = team_model(scenario, steered)
+    agents: tuple[PosedAgent, ...]
     if scenario.planning.name == "joint":
-        controller = joint = _joint_controller(scenario, slots)
+        problem = joint_problem(scenario, model, slots)
+        agents = (PosedAgent(problem=problem, append="last"),)
+        order, nearby = None, None
     else:
-        controller = priority_team(scenario, slots)
-    return ReconfigurationFlight(
-        plant=Plant(
-            team_model(scenario, steered),
-            dt=scenario.prediction.dt_s,
-            substeps=scenario.plant.substeps,
-        ),
-        controller=controller,
-        x0=_start(scenario),
-        agents=1 if joint else len(slots),
+        order = tuple(planning_order(scenario, slots))
+        agents, nearby = priority_team(scenario, slots, order)
+    return PosedReconfiguration(
+        agents=agents,
+        x0=np.concatenate([uav.vector() for uav in scenario.uavs]),
+        plant=PosedPlant(model=model, substeps=scenario.plant.substeps),
+        order=order,
+        nearby=nearby,
         slots=slots,
         steered=steered,
         trim=trim(scenario.vehicle),
         links=_links(scenario, slots),
-        joint=joint,
-    )
-
-
-def pose(scenario: ReconfigurationScenario) -> Posed:
-    """Return the planning problem of the first step, of all UAVs at once.
-
-    Args:
-        scenario: The scenario, checked.
-
-    Raises:
-        SeveralPlansError: If each UAV plans alone.
-    """
-    if scenario.planning.name != "joint":
-        raise SeveralPlansError(
-            "expected planning.name to be joint, one planning problem a step; found "
-            f"{scenario.planning.name}, one for each of {len(scenario.uavs)} UAVs"
-        )
-    return Posed(
-        problem=_joint_problem(scenario, assigned_slots(scenario)),
-        x0=_start(scenario),
-        known=Known(),
     )
 
 
@@ -162,26 +133,3 @@ def _steered(scenario: ReconfigurationScenario) -> tuple[int, ...]:
         or scenario.leader == "free"
         or i != scenario.leader_index
     )
-
-
-def _start(scenario: ReconfigurationScenario) -> Array:
-    """Return the states of all UAVs at the start, shape (uavs * 4,)."""
-    return np.concatenate([uav.vector() for uav in scenario.uavs])
-
-
-def _joint_problem(
-    scenario: ReconfigurationScenario, slots: Array
-) -> OptimalControlProblem:
-    return joint_problem(scenario, team_model(scenario, _steered(scenario)), slots)
-
-
-def _joint_controller(
-    scenario: ReconfigurationScenario, slots: Array
-) -> RecedingHorizon:
-    planner = Planner(
-        _joint_problem(scenario, slots),
-        search=scenario.search_settings(),
-        polish=scenario.polish_options(),
-        backend=scenario.backend,
-    )
-    return RecedingHorizon(planner=planner, append="last")

@@ -1,0 +1,166 @@
+"""What a kind poses -> planners, controller and plant, the same way for every kind."""
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.kind import (
+    Flight,
+    Nearby,
+    PlanningProblem,
+    Posed,
+    PosedAgent,
+    SeveralPlansError,
+)
+from swarmstart.cases.format.settings import Scenario
+from swarmstart.ocp import (
+    Agent,
+    Controller,
+    DualMode,
+    Known,
+    LocalAgent,
+    LocalTeam,
+    OpenLoop,
+    Planner,
+    Plant,
+    RecedingHorizon,
+    Team,
+)
+from swarmstart.ocp.controller import known_at
+from swarmstart.ocp.fitness import replay
+
+Array = NDArray[np.float64]
+P = TypeVar("P", bound=Posed)
+
+
+def flight_of(posed: P, scenario: Scenario) -> Flight[P]:
+    """Return the flight of what was posed; all of its problems are compiled here.
+
+    Kernels of a search that this machine has never run are compiled at the first step.
+
+    Args:
+        posed: What the scenario's kind poses.
+        scenario: The scenario: its search, polish and backend.
+    """
+    plant = posed.plant
+    return Flight(
+        posed=posed,
+        plant=Plant(
+            plant.model,
+            dt=posed.agents[0].problem.dt,
+            substeps=plant.substeps,
+            parameters=plant.parameters,
+        ),
+        controller=_controller(posed, scenario),
+    )
+
+
+def first_problem(posed: Posed) -> PlanningProblem:
+    """Return the planning problem of the first step, with nothing compiled.
+
+    Given plans that its agent watches are replayed.
+
+    Args:
+        posed: What the scenario's kind poses.
+
+    Raises:
+        SeveralPlansError: If not exactly one agent plans.
+    """
+    planning = [n for n, agent in enumerate(posed.agents) if not agent.is_given]
+    if len(planning) != 1 or posed.nearby is not None:
+        raise SeveralPlansError(
+            "expected one planning problem a step: all planned at once, or a given "
+            f"plan for all but one agent; found {len(planning)} that plan"
+        )
+    shown: dict[int, Array] = {}
+    sizes = [agent.problem.model.nx for agent in posed.agents]
+    starts = np.split(posed.x0, np.cumsum(sizes)[:-1])
+    for number in posed.order or (0,):
+        agent, x0 = posed.agents[number], starts[number]
+        known = _known(agent, tuple(shown[j] for j in agent.watches))
+        if not agent.is_given or agent.first is None:
+            break
+        states, _, _ = replay(agent.problem, agent.first, x0, known)
+        shown[number] = states[list(agent.shows)]
+    return PlanningProblem(
+        problem=agent.problem, x0=x0, known=known, family=agent.family
+    )
+
+
+def _controller(posed: Posed, scenario: Scenario) -> Controller:
+    if posed.nearby is not None:
+        return _local_team(posed, posed.nearby, scenario)
+    agents = posed.agents
+    if posed.order is None:
+        (agent,) = agents
+        loop = _receding_horizon(agent, scenario)
+        return OpenLoop(loop=loop, repair=posed.repair) if posed.open_loop else loop
+    team = Team(
+        [
+            Agent(
+                controller=_receding_horizon(agent, scenario),
+                watches=agent.watches,
+                shows=agent.shows,
+            )
+            for agent in agents
+        ],
+        order=posed.order,
+    )
+    laws = posed.dual_mode
+    if laws is None:
+        return team
+    return DualMode(
+        team, sets=laws.sets, targets=laws.targets, uncertified=laws.uncertified
+    )
+
+
+def _local_team(posed: Posed, nearby: Nearby, scenario: Scenario) -> LocalTeam:
+    return LocalTeam(
+        [
+            LocalAgent(
+                parameters=() if agent.parameters is None else agent.parameters(0.0),
+                links=agent.watches,
+                reference=agent.reference,
+                candidates=None if agent.candidates is None else agent.candidates(0.0),
+                held=agent.first if agent.is_given else None,
+            )
+            for agent in posed.agents
+        ],
+        planners={
+            others: _planner(PosedAgent(problem=problem), scenario)
+            for others, problem in nearby.problems.items()
+        },
+        order=posed.order or (),
+        range=nearby.range,
+        position=nearby.position,
+        links=nearby.links,
+    )
+
+
+def _receding_horizon(agent: PosedAgent, scenario: Scenario) -> RecedingHorizon:
+    return RecedingHorizon(
+        planner=_planner(agent, scenario),
+        reference=agent.reference,
+        parameters=agent.parameters,
+        candidates=agent.candidates,
+        append=agent.append,
+        shift=agent.shift,
+        first=agent.first,
+    )
+
+
+def _planner(agent: PosedAgent, scenario: Scenario) -> Planner:
+    """Return the planner of an agent; a given plan is only evaluated."""
+    return Planner(
+        agent.problem,
+        search=None if agent.is_given else scenario.search_settings(),
+        polish=None if agent.is_given else scenario.polish_options(),
+        family=agent.family,
+        backend=scenario.backend,
+    )
+
+
+def _known(agent: PosedAgent, seen: tuple[Array, ...] = ()) -> Known:
+    """Return parameters and signals of an agent's first plan."""
+    return known_at(agent.problem, 0.0, agent.reference, agent.parameters, seen)
