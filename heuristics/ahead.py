@@ -46,7 +46,7 @@ class Helper:
 
     Attributes:
         part: Which of the `preparations` of a search it does.
-        process: The process; None if there is none.
+        process: The process; None if it could not be started.
     """
 
     part: Part
@@ -77,7 +77,7 @@ def compiled_ahead(
         part: Which of the `preparations` of a search it does.
 
     Yields:
-        The helper; one that does nothing if there is none.
+        The helper; one that does nothing if none could be started.
     """
     running = _helper.get()
     if running is not None or not _is_possible():

@@ -1,4 +1,4 @@
-"""What every algorithm is made of, and what all of them share.
+"""Protocols of an algorithm's parts, and what all algorithms share.
 
 An algorithm is a frozen record of settings, a state of plain arrays, and two compiled
 kernels. One generation is
@@ -66,11 +66,11 @@ class Settings(Protocol):
 
     @property
     def order(self) -> RunningOrder:
-        """How individuals are ordered."""
+        """The order of individuals."""
 
     @property
     def bounds(self) -> int:
-        """What happens at the bounds, a code of `bounds`."""
+        """The rule at the bounds, a code of `bounds`."""
 
 
 class State(Protocol):
@@ -146,7 +146,7 @@ class Kernels(NamedTuple):
 
 
 class Algorithm(Protocol):
-    """What a search needs of an algorithm's settings, a frozen dataclass."""
+    """The interface of an algorithm's settings, a frozen dataclass."""
 
     @property
     def kernels(self) -> Kernels:
@@ -256,7 +256,7 @@ def require_bounds(name: str) -> None:
 
 
 def require_name(name: str, value: str, names: tuple[str, ...]) -> None:
-    """Refuse a setting that is none of the names.
+    """Refuse a setting that is not one of the names.
 
     Raises:
         InvalidSettingsError: If so.

@@ -1,4 +1,4 @@
-"""What a user may write in place of settings, a box and a generator.
+"""Short forms of arguments: for settings, a box and a generator.
 
 A name or a class stands for the default settings of an algorithm, pairs of bounds for a
 box, a seed for a generator.
@@ -48,7 +48,7 @@ def algorithm_of(
         evaluations: The budget, for the default; None where it is wall time.
 
     Raises:
-        InvalidSettingsError: If it is none of these.
+        InvalidSettingsError: If it is something else.
 
     Example:
         >>> algorithm_of("cma") == algorithm_of(CMAES) == CMAES()
@@ -81,7 +81,7 @@ def box_of(given: Box | ArrayLike | None, bounds: Box | ArrayLike | None = None)
         bounds: The same by another name; exactly one of both is not None.
 
     Raises:
-        InvalidBoxError: If the pairs are none, or no box.
+        InvalidBoxError: If they are not pairs, or no bounds of a box.
         InvalidSettingsError: If both are given, or neither.
 
     Example:

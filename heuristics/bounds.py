@@ -1,4 +1,4 @@
-"""What happens to a coordinate that leaves the box.
+"""Rules for a coordinate that leaves the box.
 
 clip      onto the bound it crossed; a particle keeps its velocity, as in the chapter
 absorb    onto the bound; a particle's velocity becomes zero (Clerc, SPSO 2007)

@@ -91,7 +91,7 @@ class Box:
         return free if free.size else np.arange(self.dim)
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Which points lie in the box, its boundary included.
+        """Return which points lie in the box, its boundary included.
 
         Args:
             points: One point, shape (dim,), or several as columns, shape (dim, k).
@@ -131,7 +131,7 @@ def between(lower: float, upper: float, fraction: float) -> float:
 
 
 def _problem(lower: Array, upper: Array) -> str:
-    """What is wrong with the bounds; empty if nothing is."""
+    """Return what is wrong with the bounds; empty if nothing is."""
     if lower.ndim != 1 or lower.shape != upper.shape or lower.size == 0:
         return (
             "lower and upper must be vectors of one length, at least 1, "

@@ -1,4 +1,4 @@
-"""How long a search may go on."""
+"""Budgets: how long a search may go on."""
 
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -14,8 +14,8 @@ class InvalidBudgetError(SwarmstartError, ValueError):
     """A budget that is no budget, or in which not one generation fits.
 
     Attributes:
-        evaluations: The evaluations given; None if there are none.
-        seconds: The seconds given; None if there are none.
+        evaluations: The evaluations given; None if not given.
+        seconds: The seconds given; None if not given.
     """
 
     def __init__(self, message: str, budget: object) -> None:
@@ -27,7 +27,7 @@ class InvalidBudgetError(SwarmstartError, ValueError):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Budget:
-    """When a search stops: at whichever limit comes first.
+    """Limits of a search, which stops at whichever comes first.
 
     Attributes:
         evaluations: Largest number of individuals evaluated, at least 1; None means no

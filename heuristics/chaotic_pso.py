@@ -54,7 +54,7 @@ RESEED_CODES: dict[str, int] = {"none": NONE, "uniform": UNIFORM, "logistic": LO
 
 
 class ChaoticPSOSettings(NamedTuple):
-    """What the kernels read; fields as in `ChaoticPSO` and `SwarmSettings`."""
+    """Settings for the kernels; fields as in `ChaoticPSO` and `SwarmSettings`."""
 
     lower: Array
     upper: Array
@@ -124,7 +124,7 @@ def inertia(settings: ChaoticPSOSettings, state: ChaoticPSOState) -> float:
 
 @kernel
 def has_converged(settings: ChaoticPSOSettings, state: ChaoticPSOState) -> bool:
-    """Whether D < eps (5.18)."""
+    """Return whether D < eps (5.18)."""
     distance = mean_distance(state.position, settings.scale)
     diversity = distance / settings.search_length
     return bool(diversity < settings.diversity_threshold)
@@ -183,7 +183,7 @@ def place_worse_half(
 
 @kernel
 def number_ahead(order: RunningOrder, state: ChaoticPSOState, i: int) -> int:
-    """How many particles have a better personal best than i, or an equal one first."""
+    """Count the personal bests better than that of i, or equal and of a lower index."""
     cost, violation = state.personal_cost, state.personal_violation
     ahead = 0
     for j in range(cost.size):

@@ -63,7 +63,7 @@ LENGTH_LEAST = 1e-150
 
 
 class CMAESSettings(NamedTuple):
-    """What the kernels read; fields as in `CMAES`."""
+    """Settings for the kernels; fields as in `CMAES`."""
 
     lower: Array
     upper: Array

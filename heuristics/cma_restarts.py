@@ -1,4 +1,4 @@
-"""When a CMA-ES has come to its end and begins anew.
+"""Restarts: criteria by which a CMA-ES has ended and begins anew.
 
 With n variables that are not fixed, lambda individuals, and g the generations since it
 last began:
@@ -115,7 +115,7 @@ def write_record(
 def has_ended(
     order: RunningOrder, state: Distribution, size: int, sigma_0: float
 ) -> bool:
-    """Whether any criterion of the module's head holds.
+    """Return whether any criterion of the module's head holds.
 
     Args:
         order: The order, for Stagnation.

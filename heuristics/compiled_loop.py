@@ -83,7 +83,7 @@ class CompiledObjective(Protocol):
 
 
 class Work(NamedTuple):
-    """What the loop writes.
+    """Arrays that the loop writes.
 
     Attributes:
         asked: Memory of the largest population, shape (dim, size); a generation of n
@@ -125,7 +125,7 @@ Call = tuple[Callable[..., None], tuple[object, ...]]
 
 
 class Entries(NamedTuple):
-    """Where the machine code of an algorithm's kernels is.
+    """Addresses of the machine code of an algorithm's kernels.
 
     Attributes:
         propose: Address of `propose`, for `call_at`.

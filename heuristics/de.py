@@ -64,7 +64,7 @@ F_MAX = 2.0
 
 
 class DifferentialEvolutionSettings(NamedTuple):
-    """What the kernels read; fields as in `DifferentialEvolution`."""
+    """Settings for the kernels; fields as in `DifferentialEvolution`."""
 
     lower: Array
     upper: Array

@@ -1,4 +1,4 @@
-"""Which algorithm and which order the library takes where the user names neither.
+"""The default algorithm for a given budget, and the default order.
 
 L-SHADE; below 400 evaluations, in which its population cannot shrink any more, the
 chaotic swarm with c1 = c2 = 1.496, its lengths taken from the box. Measured on this

@@ -43,7 +43,7 @@ from swarmstart.kernel import Array, Count, kernel
 
 
 class GeneticAlgorithmSettings(NamedTuple):
-    """What the kernels read; fields as in `GeneticAlgorithm`."""
+    """Settings for the kernels; fields as in `GeneticAlgorithm`."""
 
     lower: Array
     upper: Array

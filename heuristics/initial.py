@@ -14,7 +14,7 @@ from swarmstart.kernel import Array
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Initial:
-    """How an initial population is made.
+    """Options of an initial population.
 
     Attributes:
         sampling: How points are drawn, see `sampling`; None means half of them smooth
@@ -105,7 +105,7 @@ def _points(box: Box, size: int, given: ArrayLike) -> Array:
 
 
 def _values(initial: Initial, count: int) -> Values | None:
-    """Return copies of the known costs and violations; None where there are none."""
+    """Return copies of the known costs and violations; None if none are."""
     if initial.cost is None:
         return None
     cost = np.array(initial.cost, dtype=np.float64)

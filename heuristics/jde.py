@@ -49,7 +49,7 @@ FIRST_F, FIRST_CR = 0.5, 0.9
 
 
 class SelfAdaptiveDESettings(NamedTuple):
-    """What the kernels read; fields as in `SelfAdaptiveDE`."""
+    """Settings for the kernels; fields as in `SelfAdaptiveDE`."""
 
     lower: Array
     upper: Array

@@ -87,7 +87,7 @@ PUBLISHED_SIZE = 18
 
 
 class LSHADESettings(NamedTuple):
-    """What the kernels read; fields as in `LSHADE`."""
+    """Settings for the kernels; fields as in `LSHADE`."""
 
     lower: Array
     upper: Array

@@ -288,7 +288,7 @@ def values_of(
         Costs and violations, of any shape where they came as a tuple.
 
     Raises:
-        InvalidEvaluationError: If it is none of these.
+        InvalidEvaluationError: If it is something else.
     """
     if isinstance(returned, tuple):
         if len(returned) == len(("cost", "violation")):
@@ -335,7 +335,7 @@ def _progress(search: Search, budget: Budget, seconds: float) -> float:
 
 
 def _used_up(search: Search, budget: Budget, seconds: float) -> StopReason | None:
-    """Which limit forbids another generation; None if none does."""
+    """Return which limit forbids another generation; None if none does."""
     after_next = search.evaluations + search.size
     if budget.evaluations is not None and after_next > budget.evaluations:
         return StopReason.EVALUATIONS

@@ -1,4 +1,4 @@
-"""How two individuals are ordered by cost and violation.
+"""Orders of individuals by cost and violation.
 
 Static penalty, with the weight w:
 
@@ -68,7 +68,7 @@ class InvalidOrderError(SwarmstartError, ValueError):
 
 
 class Order(NamedTuple):
-    """How individuals are ordered.
+    """An order of individuals.
 
     Built by `static_penalty`, `feasibility_first` or `epsilon_level`.
 
@@ -268,7 +268,7 @@ def better(
     cost_b: float,
     violation_b: float,
 ) -> bool:
-    """Whether individual a is strictly better than individual b.
+    """Return whether individual a is strictly better than individual b.
 
     Args:
         order: The order.
@@ -292,7 +292,7 @@ def better_at(
     cost_b: float,
     violation_b: float,
 ) -> bool:
-    """Whether a is strictly better than b, up to `level` counting as feasible."""
+    """Return whether a is strictly better; violations up to `level` are feasible."""
     rule, weight = order.rule, order.weight
     return precedes(rule, weight, level, cost_a, violation_a, cost_b, violation_b)
 
@@ -437,7 +437,7 @@ def worst_index(order: RunningOrder, cost: Array, violation: Array) -> int:
 
 @kernel
 def is_finite(cost: float, violation: float) -> bool:
-    """Whether both numbers are finite."""
+    """Return whether both numbers are finite."""
     return math.isfinite(cost) and math.isfinite(violation)
 
 

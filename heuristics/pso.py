@@ -52,7 +52,7 @@ PHI_LEAST = 4.0
 
 
 class ParticleSwarmSettings(NamedTuple):
-    """What the kernels read; fields as in `ParticleSwarm` and `SwarmSettings`."""
+    """Settings for the kernels; fields as in `ParticleSwarm` and `SwarmSettings`."""
 
     lower: Array
     upper: Array

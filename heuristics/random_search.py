@@ -21,7 +21,7 @@ from swarmstart.kernel import Array, Count, kernel
 
 
 class RandomSearchSettings(NamedTuple):
-    """What the kernels read."""
+    """Settings for the kernels."""
 
     lower: Array
     upper: Array

@@ -1,4 +1,4 @@
-"""What a search tells: after a generation, at its end, and when it is interrupted."""
+"""Reports of a search: after a generation, at its end, when it is interrupted."""
 
 import enum
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class StopReason(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class GenerationEvent:
-    """What `on_generation` is told after each generation; arrays are read-only.
+    """A report for `on_generation` after each generation; arrays are read-only.
 
     Attributes:
         generation: Number of the generation; the initial population is 0.
@@ -50,7 +50,7 @@ class GenerationEvent:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SearchResult:
-    """What a search found; arrays are read-only.
+    """The outcome of a search; arrays are read-only.
 
     Attributes:
         x: Best point, shape (dim,), in the units of the variables.

@@ -45,8 +45,8 @@ from swarmstart.heuristics.stopping import GOES_ON, Limits, finished
 from swarmstart.kernel import Array, address_of, is_kept, prepare
 
 ROOM = 4
-"""An archive keeps this many times the basins asked for: members that a better point
-takes in leave room that nobody could fill later."""
+"""The archive holds this many times the requested basins, since merging basins frees
+places that cannot be refilled."""
 
 Snapshot = Mapping[str, NDArray[np.generic]]
 """All that a search knows, as arrays: np.savez(file, **snapshot) keeps it."""
@@ -57,7 +57,7 @@ class AskTellError(SwarmstartError, RuntimeError):
 
 
 class InvalidEvaluationError(SwarmstartError, ValueError):
-    """What an objective returned is no cost and violation of each individual.
+    """The objective did not return a cost and a violation of each individual.
 
     Attributes:
         name: "cost", "violation", or "objective" if it is no pair at all.
@@ -504,7 +504,7 @@ def _filled(template: Record, prefix: str, snapshot: Snapshot) -> Record:
 
 
 def _evaluations(name: str, values: ArrayLike, size: int) -> Array:
-    """Copy the costs or violations of a generation; refuse what is none."""
+    """Copy costs or violations; raise InvalidEvaluationError unless they are `size`."""
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:

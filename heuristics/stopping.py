@@ -1,4 +1,4 @@
-"""When a search has come to its end, as both loops see it after each generation.
+"""Criteria for the end of a search, judged by both loops after each generation.
 
 target      the best point is feasible and its cost at most the target
 stagnation  so many generations without a better point, those in which the level of the
@@ -19,7 +19,7 @@ UNLIMITED = np.iinfo(np.int64).max
 
 
 class Limits(NamedTuple):
-    """What ends a search, as plain numbers.
+    """Limits of a search, as plain numbers.
 
     Attributes:
         evaluations: Largest number of individuals.

@@ -38,7 +38,7 @@ LARGEST_FLOAT = float(np.finfo(np.float64).max)
 
 
 class Remembering(Protocol):
-    """What the kernels here read and change of an algorithm's state."""
+    """The part of an algorithm's state that the kernels here read and change."""
 
     @property
     def cost(self) -> Array:
@@ -120,7 +120,7 @@ def measure_improvements(
 
 @kernel
 def kind_of(order: RunningOrder, violation: float, old_violation: float) -> int:
-    """What a better trial improved: OF_COST or OF_VIOLATION."""
+    """Return what a better trial improved: OF_COST or OF_VIOLATION."""
     if order.rule == STATIC_PENALTY or max(violation, old_violation) <= order.level[0]:
         return OF_COST
     return OF_VIOLATION

@@ -1,4 +1,4 @@
-"""What the particle swarms share: how particles fly and what they remember.
+"""Common part of the particle swarms: velocities, positions and memories.
 
 With r1, r2 uniform in [0, 1), drawn anew for each coordinate of each particle,
 

@@ -28,7 +28,7 @@ Mask = NDArray[np.bool_]
 
 
 class Plan(NamedTuple):
-    """What was drawn for the trials of a generation.
+    """The random choices for the trials of a generation.
 
     Attributes:
         base: Index b of each trial, shape (size,).

@@ -1,4 +1,4 @@
-"""Certificates: on what grounds a terminal set stands, as a file anybody can check.
+"""Certificates: on what grounds a terminal set stands, as a file to be checked.
 
 The file is JSON with all that the statements need: the model as data (`tape.py`), the
 law, P, alpha, the margins. `python -m swarmstart.terminal_set.check FILE` proves it
@@ -30,7 +30,7 @@ BY_LIBRARY = "proven by the library"
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Weights:
-    """What a law is designed from; arrays copied and read-only.
+    """The weights of a design; arrays copied and read-only.
 
     Attributes:
         Q: State weight, (nx, nx), per second or, of a held input, per step.
@@ -55,7 +55,7 @@ class Weights:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class HeldMargins:
-    """What is added to the proof of a held input, which is of the integrator's map.
+    """Margins in the proof of a held input, which is of the integrator's map.
 
     Attributes:
         substeps: Runge-Kutta steps a hold.
@@ -76,7 +76,7 @@ class HeldMargins:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Certificate:
-    """What was shown of a law and an ellipsoid; arrays copied and read-only.
+    """The facts shown of a law and an ellipsoid; arrays copied and read-only.
 
     Attributes:
         dynamics: f(x, u) -> xdot.
@@ -187,7 +187,7 @@ class Certificate:
 def sealed(certificate: Certificate) -> Certificate:
     """Return a certificate that remembers its numbers: a changed copy does not pass.
 
-    Against mistakes, not against intent: a seal can be computed by anybody.
+    Against mistakes, not against intent: any program can compute a seal.
 
     Args:
         certificate: What was proven.

@@ -67,7 +67,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ProofOptions:
-    """What is to be proven, and how.
+    """Options of a proof: its margin, effort and parts.
 
     Attributes:
         Q_m: Margin, shape (nx, nx): e'Pe is to fall by e'Q_m e, per second or per hold;
@@ -223,7 +223,7 @@ def certify(
 
 
 class _Asked(NamedTuple):
-    """What is to be proven, and up to which level."""
+    """A decrease to be proven, and the level up to which it is."""
 
     change: Change
     top: float

@@ -50,7 +50,7 @@ class MovingCentreError(SwarmstartError, ValueError):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Change:
-    """How V(e) = e'Pe changes under a linear law.
+    """The change of V(e) = e'Pe under a linear law.
 
     Attributes:
         motion: e (nx, 1) -> the rate of e, or e after one step if held; 0 at 0.

@@ -60,7 +60,7 @@ class Undecided(NamedTuple):
 
 
 class DecreaseBounds:
-    """Whether c < 0 on boxes of (rho, w).
+    """Proofs that c < 0 on boxes of (rho, w).
 
     Attributes:
         T: e = T z, shape (nx, nx).
@@ -214,7 +214,7 @@ def _diagonalising(change: Change) -> Array:
 
 
 class _Rays:
-    """What the motion does along rays from the centre, (s, w) -> ...
+    """The motion along rays from the centre, (s, w) -> ...
 
     Attributes:
         kinks: Where it has kinks and cuts.

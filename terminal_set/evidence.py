@@ -10,7 +10,7 @@ from swarmstart.terminal_set.arrays import FloatArray, finite_array
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Proof:
-    """How a proof went.
+    """The outcome of a proof.
 
     Attributes:
         proven: Whether c < 0 everywhere in the ellipsoid but at its centre.

@@ -116,7 +116,7 @@ class Piece:
 
     @property
     def length(self) -> float:
-        """How long it is [s]."""
+        """Its length [s]."""
         return self.times[1] - self.times[0]
 
     def weight(self, earlier: Piece) -> float:

@@ -116,7 +116,7 @@ def prove_growth(
 
 
 class _GrowthBounds:
-    """Whether V(F_t) < g V on boxes of (rho, w), for an interval of times.
+    """Proofs that V(F_t) < g V on boxes of (rho, w), for an interval of times.
 
     Attributes:
         defect: A bound of |T'PT - I|.

@@ -50,7 +50,7 @@ SHRUNK = 1 - 1e-9
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HoldBounds:
-    """What limits a level beside the decrease.
+    """Limits of a level beside the decrease.
 
     Attributes:
         inputs: The level of the bounds of the inputs.
@@ -65,7 +65,7 @@ class HoldBounds:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ProvableHold:
-    """What is to be proven of a held input.
+    """A decrease to be proven of a held input, with its margins.
 
     Attributes:
         motion: The motion.

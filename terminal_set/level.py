@@ -67,8 +67,8 @@ def smaller_side(
     Args:
         name: What an error calls the reference.
         reference: Reference values, shape (n,).
-        lower: Lower bounds, shape (n,); -inf where there is none.
-        upper: Upper bounds, shape (n,); inf where there is none.
+        lower: Lower bounds, shape (n,); -inf if missing.
+        upper: Upper bounds, shape (n,); inf if missing.
 
     Returns:
         min(upper - reference, reference - lower) > 0, shape (n,), read-only.
@@ -170,7 +170,7 @@ def _ellipsoid_and_rows(P: ArrayLike, K: ArrayLike) -> tuple[FloatArray, FloatAr
 
 
 def _room(name: str, value: ArrayLike, size: int) -> FloatArray:
-    """Check bounds: positive, infinite where there is none; shape (size,)."""
+    """Check bounds: positive, infinite if missing; shape (size,)."""
     room = bound_array(name, value, (size,))
     if np.any(room <= 0):
         raise NotPositiveError(name, float(room.min()))

@@ -44,7 +44,7 @@ MOST_BOXES = 100_000_000
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ProvenLevel:
-    """How far up a level could be proven.
+    """The largest level that could be proven.
 
     Attributes:
         proof: Of the largest level that was proven, or the last try where none was.
@@ -108,7 +108,7 @@ class _LevelSearch:
 
     @property
     def level(self) -> ProvenLevel:
-        """What was found so far."""
+        """The result so far."""
         if self._proof is None:
             raise TypeError("expected a level that was tried")
         return ProvenLevel(proof=self._proof, refutation=self._refutation)

@@ -98,7 +98,7 @@ def radius_of(alpha: float, defect: float) -> float:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Limits:
-    """When a search is given up.
+    """Limits at which a search is given up.
 
     Attributes:
         max_boxes: After how many boxes.
@@ -111,7 +111,7 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Search:
-    """How a search of a ball went.
+    """The outcome of a search of a ball.
 
     Attributes:
         finished: Whether every box was decided.

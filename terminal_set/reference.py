@@ -18,10 +18,10 @@ class Reference:
         x_ref: Reference state, shape (nx,), SI units. Of a reference that moves (a
             leader), the entries the dynamics depend on must stay constant.
         u_ref: Reference input, shape (nu,).
-        u_lower: Lower bounds of the input, shape (nu,); -inf where there is none.
-        u_upper: Upper bounds of the input, shape (nu,); inf where there is none.
-        x_lower: Lower bounds of the state, shape (nx,); None if there are none.
-        x_upper: Upper bounds of the state, shape (nx,); None if there are none.
+        u_lower: Lower bounds of the input, shape (nu,); -inf if missing.
+        u_upper: Upper bounds of the input, shape (nu,); inf if missing.
+        x_lower: Lower bounds of the state, shape (nx,); None: unbounded.
+        x_upper: Upper bounds of the state, shape (nx,); None: unbounded.
 
     Raises:
         SaturatedReferenceError: x_ref or u_ref is on or outside a bound.

@@ -1,4 +1,4 @@
-"""Whether the solution of a matrix equation can be trusted.
+"""Checks of the solutions of matrix equations.
 
 SciPy's solvers return a matrix also where no useful one exists: for a unicycle at rest
 a "gain" that leaves a mode at modulus 1, for an unstable loop a negative definite P. So

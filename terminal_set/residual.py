@@ -44,7 +44,7 @@ ULPS = 4 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StepStart:
-    """Where a step of the curve begins, for a block of cells.
+    """The beginning of a step of the curve, for a block of cells.
 
     Attributes:
         lower: Lower corners of boxes of (x, u), shape (nx + nu, m).

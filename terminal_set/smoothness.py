@@ -81,7 +81,7 @@ class NotSmoothError(SwarmstartError, ValueError):
 
 
 class Kinks:
-    """Where a function has kinks and cuts."""
+    """The boxes in which a function has kinks and cuts."""
 
     def __init__(self, function: ca.Function) -> None:
         """Find the operations that have them.
@@ -157,7 +157,7 @@ def require_smooth(function: ca.Function, at: Array) -> None:
 
     Raises:
         NotSmoothError: With the operation that jumps there, or whose derivatives are
-            unbounded. A kink is none.
+            unbounded. A kink is no jump.
         UnknownIntervalOperationError: If it jumps, or has an operation without interval
             form.
     """

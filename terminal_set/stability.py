@@ -29,7 +29,7 @@ RANK_TOLERANCE = 1e-8
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TimeDomain:
-    """How decay is measured: by real parts, or by moduli.
+    """The measure of decay: real parts, or moduli.
 
     Attributes:
         name: "continuous" or "sampled".

@@ -1,4 +1,4 @@
-"""A model's right-hand side as data: instructions that anybody can evaluate.
+"""A model's right-hand side as data: instructions that any program can evaluate.
 
 A list [operation, operands...], one a value, whose number is its index:
 

@@ -29,7 +29,7 @@ from swarmstart.cases.format.scenario import Resolved
 
 NEAR = 0.01
 SAME = 1e-6
-"""Relative difference of costs that is none."""
+"""Costs within this relative difference count as equal."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

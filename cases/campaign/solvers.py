@@ -43,7 +43,7 @@ SEARCH_SHARE = 0.9
 """Of the budget, where a polish follows."""
 MOST_ITERATIONS = 300
 LARGEST = 1e12
-"""Budgets are below it."""
+"""Upper limit for a budget."""
 _BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m)")
 
 

@@ -151,7 +151,7 @@ def _carried_out(arguments: Sequence[str] | None, asked_to_stop: list[int]) -> i
     except KeyboardInterrupt as interrupt:
         say(f"interrupted{': ' if interrupt.args else ''}{interrupt}")
         return INTERRUPTED
-    except BrokenPipeError:  # The reader of our output has gone; nobody to tell.
+    except BrokenPipeError:  # The reader of our output has gone.
         return DONE
     except Exception as error:
         logger.debug("", exc_info=True)
@@ -231,8 +231,8 @@ def _add_run(run: _Parser) -> None:
         "scenario", metavar="SCENARIO", help="a name of `swarmstart list`, or a path"
     )
     run.add_argument("--variant", metavar="NAME", help="default: corrected")
-    run.add_argument("--search", choices=[*SEARCHES], help="instead of the scenario's")
-    run.add_argument("--polish", choices=[*POLISHES], help="instead of the scenario's")
+    run.add_argument("--search", choices=[*SEARCHES], help="default: the scenario's")
+    run.add_argument("--polish", choices=[*POLISHES], help="default: the scenario's")
     run.add_argument("--seed", type=_seed, default=0, metavar="N", help="default: 0")
     run.add_argument(
         "--set",
@@ -256,7 +256,7 @@ def _add_run(run: _Parser) -> None:
         action="append",
         default=[],
         metavar="'MEASURE > NUMBER'",
-        help="exit with 3 where this holds (== null: undefined); may be given again",
+        help="exit with 3 if this holds (== null: undefined); may be given again",
     )
     run.add_argument(
         "--print-config", action="store_true", help="print the resolved scenario"
@@ -267,17 +267,21 @@ def _add_run(run: _Parser) -> None:
 def _add_replicate(replicate: _Parser) -> None:
     several = replicate.add_mutually_exclusive_group()
     several.add_argument(
-        "--quick", action="store_true", help="one seed: 'not judged' where too few"
+        "--quick",
+        action="store_true",
+        help="one seed; claims that need more are 'not judged'",
     )
     several.add_argument(
-        "--seeds", type=_count, metavar="N", help="seeds where anything is random"
+        "--seeds", type=_count, metavar="N", help="seeds of each run that is random"
     )
     replicate.add_argument(
         "--only", type=_count, action="append", default=[], metavar="ID",
         help="one claim, by its number; may be given several times",
     )  # fmt: skip
     replicate.add_argument(
-        "--dry-run", action="store_true", help="say what is to be done, and how long"
+        "--dry-run",
+        action="store_true",
+        help="say how many runs there are to do, and how long they take",
     )
     replicate.add_argument("--out", metavar="DIR", help="default: results/replication")
     _add_campaign(replicate, markdown=True)
@@ -439,7 +443,7 @@ def _reported(error: Exception) -> int:
 
 
 def _reported_of_system(error: Exception) -> int:
-    """Tell an error that is none of this package's own and return its exit code."""
+    """Report an error from outside this package and return its exit code."""
     if isinstance(error, OSError):
         say(f"expected to read and write files, found: {error}")
         return FILE

@@ -1,4 +1,4 @@
-"""What a command says before it has anything to tell: that it is at work.
+"""First words of a command: that it is at work.
 
 Loading libraries takes a second or two, and compiling at the first use ten; both before
 any progress can be shown.

@@ -26,7 +26,7 @@ def listing(text: str = "") -> dict[str, dict[str, Any]]:
         text: Only entries that contain it, in name or title, or whose heading does.
 
     Raises:
-        NothingListedError: If there is none.
+        NothingListedError: If nothing has it.
     """
     everything = {
         "scenarios": {name: _title(path) for name, path in shipped().items()},

@@ -1,4 +1,4 @@
-"""What a command says: answers on standard output, all else on standard error.
+"""Output of a command: answers on standard output, all else on standard error.
 
 Characters that a terminal would obey are escaped, and those that it cannot show. A
 stream that is closed or full is no reason for a traceback, and never for an error to be

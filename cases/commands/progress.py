@@ -1,4 +1,4 @@
-"""What a long command tells its user while it works, on standard error.
+"""Progress of a long command, told on standard error.
 
 A bar where there is a terminal; elsewhere (a file, a pipe, CI) a plain line now and
 then. Nothing within the first two seconds.

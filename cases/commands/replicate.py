@@ -58,12 +58,12 @@ WORST_FIRST = (
 
 
 class UnknownClaimError(SwarmstartError, LookupError):
-    """What follows --only is no claim."""
+    """The number after --only is that of no claim."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Plan:
-    """What a call of the command does.
+    """The work that a call of the command does.
 
     Attributes:
         chapter: The chapter.
@@ -183,7 +183,7 @@ def _content(
     if options.quick:
         seeds = "one seed each"
     elif options.seeds:
-        seeds = f"{options.seeds} seeds where anything is random"
+        seeds = f"{options.seeds} seeds of each run that is random"
     else:
         seeds = "1 to 10 seeds each"
     only = "".join(f" --only {number}" for number in options.only)

@@ -31,7 +31,7 @@ _CONDITION = re.compile(r"\s*([a-z_0-9]+)\s*(<=|>=|==|<|>)\s*(\S+)\s*")
 
 
 class InvalidConditionError(SwarmstartError, ValueError):
-    """What follows --fail-on is no condition on a measure."""
+    """The text after --fail-on is no condition on a measure."""
 
 
 def run_command(options: argparse.Namespace) -> int:

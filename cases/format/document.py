@@ -1,4 +1,4 @@
-"""What a YAML text becomes: plain data, and the place of every value in it."""
+"""Documents: the plain data of a YAML text, and the place of every value in it."""
 
 import re
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ LINE_BREAK = re.compile(r"\r\n|\r|\n")
 
 @dataclass(frozen=True, slots=True, order=True)
 class Place:
-    """Where something stands in a text: "file:line:column", both from 1.
+    """A place in a text: "file:line:column", both from 1.
 
     In an option of the command line, whose name begins with "--", neither at its
     beginning, and else in words.
@@ -41,7 +41,7 @@ class YamlError(SwarmstartError):
     Attributes:
         what: What was expected and what was found, without the place.
         places: Where, the most important first; a key given twice has two.
-        frame: The offending line with a caret below, "" when there is none.
+        frame: The offending line with a caret below, "" if there is no line.
     """
 
     def __init__(self, what: str, *places: Place, frame: str = "") -> None:

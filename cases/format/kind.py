@@ -1,4 +1,4 @@
-"""What a kind of scenario must offer for the commands to run it."""
+"""Kinds of scenario: the parts of one that the commands need to run it."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -236,7 +236,7 @@ class NoAnimationError(SwarmstartError):
 
 
 def refuse_animation(writer: str) -> None:
-    """Say that there is none, in a kind that has none.
+    """Raise: this kind of scenario has no animation.
 
     Raises:
         NoAnimationError: Always.
@@ -249,7 +249,7 @@ def refuse_animation(writer: str) -> None:
 def animate_nothing(
     scenario: Scenario, flight: Flight[Posed], trajectory: Trajectory, file: Path
 ) -> None:
-    """Say that there is none; see `refuse_animation`."""
+    """Raise: this kind has no animation; see `refuse_animation`."""
     refuse_animation(file.suffix.removeprefix("."))
 
 

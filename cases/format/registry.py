@@ -1,4 +1,4 @@
-"""What a scenario can name, as "module:attribute" strings: imported when used.
+"""Registries of names in scenarios: "module:attribute" strings, imported when used.
 
 Nothing heavy is imported here, so that `swarmstart list` and `--help` stay quick.
 """

@@ -62,7 +62,7 @@ class Flaw:
     Attributes:
         place: Where.
         what: What was expected and what was found.
-        frame: The line with a caret; empty where there is none.
+        frame: The line with a caret; empty if there is no line.
     """
 
     place: Place
@@ -112,7 +112,7 @@ class Resolved:
     settings: Mapping[str, Any]
 
     def anonymous_settings(self) -> dict[str, Any]:
-        """Return the settings without what is only told: one cell under any name."""
+        """Return the settings without title, name and others that change no result."""
         told = {"claims": [], "title": "", "source": "", "name": "cell"}
         return {**self.settings, **told}
 
@@ -138,7 +138,7 @@ def read_document(name_or_path: str) -> Document:
             slash, or an existing file.
 
     Raises:
-        UnknownScenarioError: If it looks like a name and is none.
+        UnknownScenarioError: If it looks like a name, but no scenario has it.
         UnreadableFileError: If the file cannot be read.
         YamlError: If its content is not the format.
     """
@@ -266,7 +266,7 @@ def _with_variant(document: Document, variant: str | None) -> tuple[Document, st
 
 
 def _value(document: Document, path: Sequence[str]) -> object:
-    """Return the value at a path; None where there is none."""
+    """Return the value at a path; None if there is no such path."""
     value: Any = document.data
     for part in path:
         value = value.get(part) if isinstance(value, dict) else None
@@ -300,7 +300,7 @@ def _kind(document: Document) -> Kind:
 def _claim_problems(
     scenario: Scenario, kind: Kind
 ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Yield the claims about measures that there are not."""
+    """Yield place and flaw of each claim about a measure or a key that is missing."""
     for number, claim in enumerate(scenario.claims):
         if claim.measure not in kind.measures:
             what = f"expected a measure, found {_shown(claim.measure)}"

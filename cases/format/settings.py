@@ -135,7 +135,7 @@ def bounds_of(ranges: Sequence[Range]) -> tuple[Array, Array]:
 
 
 class BudgetPart(Part):
-    """What the search may spend on one planning problem; whichever comes first."""
+    """Budget of the search for one planning problem; whichever limit comes first."""
 
     evaluations: int | None = Field(default=None, ge=1, lt=2**62)
     seconds: Positive | None = None
@@ -154,7 +154,7 @@ class BudgetPart(Part):
 
 
 class OrderPart(Part):
-    """How two individuals are ordered."""
+    """The order of individuals."""
 
     name: Literal["static_penalty", "feasibility_first", "epsilon_level"]
     weight: Positive = 1e4
@@ -169,7 +169,7 @@ class OrderPart(Part):
 
 
 class IpoptPart(Part):
-    """What IPOPT is told where `polish: ipopt`."""
+    """Options of IPOPT if `polish: ipopt`."""
 
     max_iterations: int = Field(default=300, ge=1)
     tolerance: Positive = 1e-8
@@ -295,7 +295,7 @@ class Claim(Part):
 
 
 class Scenario(Part):
-    """What every kind of scenario has."""
+    """The keys that every kind of scenario has."""
 
     schema_version: Literal[1] = Field(alias="schema")
     name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")

@@ -1,1 +1,1 @@
-"""What a run leaves on disk."""
+"""Records: the files that a run leaves on disk."""

@@ -44,7 +44,7 @@ class RecordError(SwarmstartError):
 
 
 class ForeignFileError(SwarmstartError):
-    """A file that was to be written is there already, and is none of this package's."""
+    """A file to be written exists already, and this package has not written it."""
 
 
 class FolderInUseError(RecordError):

@@ -1,4 +1,4 @@
-"""What an interrupted run had finished, kept in its folder to go on from.
+"""Finished steps of an interrupted run, kept in its folder to go on from.
 
     partial.npz    the finished steps, as in trajectory.npz
     partial.json   their number and the random generator's state; the mark, written last

@@ -1,4 +1,4 @@
-"""What the plans of a flight cost: in J, and in evaluations and time to find them."""
+"""Costs of the plans of a flight: in J, and in evaluations and time to find them."""
 
 from collections.abc import Sequence
 

@@ -49,7 +49,7 @@ class OccupiedFolderError(SwarmstartError):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Recording:
-    """Where and how a run is recorded.
+    """A folder for the record of a run, and the manner of recording.
 
     Attributes:
         folder: The run's folder; made if it is missing.
@@ -115,7 +115,7 @@ def require_own(folder: Path, key: str, scenario: str) -> None:
 def withdraw(folder: Path) -> None:
     """Remove the record of another run: its mark, and what it says it wrote.
 
-    Files of other names stay: the folder may be anybody's.
+    Files of other names stay: the folder may hold the user's own.
     """
     files = [*_listed(folder, "figures"), *_listed(folder, "documents")]
     (folder / MARK).unlink(missing_ok=True)
@@ -125,7 +125,7 @@ def withdraw(folder: Path) -> None:
 
 
 def kept_figures(folder: Path, key: str) -> list[Path] | None:
-    """Return the figures of a finished record; None if there is none of the run."""
+    """Return the figures of a finished record; None if the run has no such record."""
     if _finished_key(folder) != key:
         return None
     return [file for file in _listed(folder, "figures") if file.exists()]
@@ -142,7 +142,7 @@ def _listed(folder: Path, what: str) -> list[Path]:
 
 
 def _finished_key(folder: Path) -> str | None:
-    """Return the key of the run whose record a folder holds; "" None: there is none."""
+    """Return the key of the record in a folder; "unknown" if damaged, None if missing."""
     try:
         text = (folder / MARK).read_text(encoding="utf-8")
     except OSError:

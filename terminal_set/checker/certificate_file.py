@@ -1,4 +1,4 @@
-"""What a certificate file states: its shape judged, entry by entry.
+"""Reader of certificate files: their shape is judged, entry by entry.
 
 Every entry is a number, a list or one of a few known words; nothing is run, and text
 that could say more than is proven (`statements.py`) is refused.
@@ -49,7 +49,7 @@ class Refuted:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Certificate:
-    """What a certificate states, as plain numbers.
+    """The statements of a certificate, as plain numbers.
 
     Attributes:
         tape: Instructions (operation, operands, constant); the number of an instruction
@@ -57,7 +57,7 @@ class Certificate:
         xdot: Indices into the tape, one a state.
         x_ref: Reference state, shape (nx,).
         u_ref: Reference input, shape (nu,).
-        bounds: "u_lower", "u_upper", "x_lower", "x_upper"; None where there is none.
+        bounds: "u_lower", "u_upper", "x_lower", "x_upper"; None if missing.
         K: Gain of u = u_ref - K e, shape (nu, nx).
         P: Matrix of V(e) = e'Pe, shape (nx, nx).
         alpha: Level: the set is V(e) <= alpha.
@@ -346,7 +346,7 @@ def _check_remarks(content: dict[str, object], *, nx: int, nu: int) -> None:
 
 
 def _check_statements(value: object, *, certificate: Certificate) -> None:
-    # Whoever reads "proven" in the file takes it for what the checker proved.
+    # A reader takes "proven" in the file for what the checker proved.
     known = expected_statements(
         held=certificate.dt is not None,
         integrator_proven=certificate.integrator_proven,

@@ -1,4 +1,4 @@
-"""What a certificate states in closed form: matrices and bounds.
+"""Checks of statements in closed form: matrices and bounds.
 
 The largest |K_i e| on e'Pe <= alpha is sqrt(alpha K_i P^-1 K_i'), the largest |e_j| is
 sqrt(alpha (P^-1)_jj). Between samples the set grows by sqrt(growth) + c at most, c the
@@ -96,7 +96,7 @@ def reserve(certificate: Certificate) -> arb_mat:
 
 
 def relative_error(certificate: Certificate) -> arb:
-    """How far a hold ends from the Runge-Kutta map, relative to |e|_P.
+    """Distance of a hold's end from the Runge-Kutta map's, relative to |e|_P.
 
     Args:
         certificate: What the file states; held.

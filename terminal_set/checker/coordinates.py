@@ -40,7 +40,7 @@ def identity(n: int) -> arb_mat:
 
 
 def is_positive_definite(matrix: arb_mat) -> bool:
-    """Whether a Cholesky factor with positive pivots exists for every matrix enclosed.
+    """Return whether every enclosed matrix has a Cholesky factor with positive pivots.
 
     Args:
         matrix: Symmetric, shape (n, n).

@@ -28,7 +28,7 @@ class Deadline:
 
     @property
     def has_passed(self) -> bool:
-        """Whether it is later."""
+        """Return whether it is later."""
         return time.monotonic() > self.at
 
     def check(self) -> None:

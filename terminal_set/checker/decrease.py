@@ -77,7 +77,7 @@ class Statement:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Outcome:
-    """How a search ended.
+    """The end of a search.
 
     Attributes:
         proven: Whether q < 0 everywhere.
@@ -94,7 +94,7 @@ class Outcome:
 
 @dataclass(slots=True)
 class _Linear:
-    """What holds at the origin for one interval of times."""
+    """Bounds at the origin for one interval of times."""
 
     A: arb_mat
     quadratic: QuadraticPart
@@ -102,7 +102,7 @@ class _Linear:
 
 @dataclass(slots=True)
 class _Ray:
-    """What one box says before gradients: directions and Taylor terms."""
+    """A box before gradients: directions and Taylor terms."""
 
     u: Balls
     point: Balls  # T u
@@ -186,7 +186,7 @@ class Search:
         return boxes
 
     def judge(self, box: Box) -> list[Box] | Outcome:
-        """What is left of a box.
+        """Return what is left of a box.
 
         Args:
             box: Intervals of time, rho and w.

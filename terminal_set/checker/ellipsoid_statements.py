@@ -97,16 +97,16 @@ class PointwiseChange:
         return self.level(moved) - growth * self.level(point)
 
     def is_inside(self, e: Vector) -> bool:
-        """Whether e != 0 is certainly in the set."""
+        """Return whether e != 0 is certainly in the set."""
         value = self.level([arb(entry) for entry in e])
         return bool(value > 0 and value <= self.certificate.alpha)
 
     def violates_decrease(self, e: Vector, time: float) -> bool:
-        """Whether the decrease certainly fails at e."""
+        """Return whether the decrease certainly fails at e."""
         return self.is_inside(e) and bool(self.change(e) >= 0)
 
     def violates_growth(self, e: Vector, time: float) -> bool:
-        """Whether the bound between samples certainly fails at e and time."""
+        """Return whether the bound between samples certainly fails at e and time."""
         return self.is_inside(e) and bool(self.excess(e, time) >= 0)
 
 

@@ -79,7 +79,7 @@ class SampledMotion:
         return [results[i] for i in self._program.outputs]
 
     def moved(self, e: Sequence[float], time: float, steps: int) -> Vector:
-        """Where e is after a time, by Runge-Kutta steps with the input held.
+        """Return e after a time, by Runge-Kutta steps with the input held.
 
         Args:
             e: State relative to the reference, shape (nx,).

@@ -1,4 +1,4 @@
-"""What the checker says of one statement of a certificate."""
+"""Findings of the checker: one for each statement of a certificate."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 class Verdict(enum.Enum):
-    """How a statement fared; the value is the word printed."""
+    """The verdict on a statement; the value is the word printed."""
 
     PROVED = "re-proved"
     SAMPLED = "sampled only"

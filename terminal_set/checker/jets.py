@@ -41,7 +41,7 @@ def whole_power(a: arb, n: int) -> arb:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Algebra:
-    """Which monomials there are and which of their products are not zero.
+    """The monomials there are, and those of their products that are not zero.
 
     Attributes:
         monomials: Number of monomials beside 1.

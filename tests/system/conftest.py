@@ -15,7 +15,7 @@ from swarmstart.cases.format.scenario import shipped
 
 @dataclass(frozen=True)
 class Said:
-    """What a command answered."""
+    """The answer of a command."""
 
     code: int
     out: str

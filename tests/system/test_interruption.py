@@ -310,7 +310,7 @@ def test_a_signal_keeps_the_steps_and_the_same_command_goes_on(
     number: int, command: Command, tmp_path: Path
 ) -> None:
     if signal.getsignal(number) is signal.SIG_IGN:
-        pytest.skip("whoever started the tests ignores it (nohup), and so do commands")
+        pytest.skip("the tests ignore it (nohup), so commands do too")
     folder, whole = tmp_path / "interrupted", tmp_path / "whole"
     process = started(TALKATIVE, *SLOW, "--out", folder)
     assert process.stderr is not None

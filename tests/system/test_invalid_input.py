@@ -188,7 +188,7 @@ FLAWS = {
         "[1, 1, 2",
         "expected the number of each of the 5 UAVs once, found [1, 1, 2, 3, 4]",
     ),
-    "a planning order that is none": (
+    "an invalid planning order": (
         "planning_order: highest_first",
         "planning_order: alphabetic",
         "alphabetic",

@@ -1,4 +1,4 @@
-"""What needs nothing heavy imports nothing heavy."""
+"""Commands that need no heavy library import none."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ CLAIMS, FIGURES = 25, 8
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What `replicate --quick` leaves."""
+    """The folder that `replicate --quick` leaves."""
     root = tmp_path_factory.mktemp("replication")
     assert main(["replicate", "--quick", "--quiet", "--out", str(root)]) == 0
     return root
@@ -118,7 +118,7 @@ def browser() -> str:
     return found
 
 
-def test_the_page_opens_without_an_error_and_asks_nobody(folder: Path) -> None:
+def test_the_page_opens_without_an_error_and_without_a_network(folder: Path) -> None:
     program = browser()
     api = pytest.importorskip("playwright.sync_api", reason="playwright not installed")
     said: list[str] = []
@@ -142,7 +142,7 @@ def test_the_page_opens_without_an_error_and_asks_nobody(folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def noted() -> Any:
-    """What the whole replication has found, every seed."""
+    """The results of the whole replication, every seed."""
     return json.loads(NOTED.read_text(encoding="utf-8"))
 
 
