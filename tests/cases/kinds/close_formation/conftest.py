@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
-from swarmstart.ocp import Decision, Plan, Source, Trajectory
-from swarmstart.tests.cases.kinds.flights import build
+from swarmstart.ocp import Trajectory
+from swarmstart.tests.cases.kinds.flights import build, flown_by_hand
 
 Array = NDArray[np.float64]
 Make = Callable[..., CloseFormationScenario]
@@ -49,36 +49,8 @@ def fly_by_hand(
     """Return a flight with offsets (6, T + 1) from the slot, 200 ft/s and heading 0."""
     at_rest = np.array([60.0, 23.6, 0.0, 200.0, 0.0, 0.0])
     states = at_rest[:, None] + offsets
-    steps = states.shape[1] - 1
-    flown = np.zeros((3, steps)) if controls is None else controls
-    spent = np.zeros(steps) if costs is None else costs
-    decisions = tuple(
-        Decision(
-            control=flown[:, k],
-            plans=(
-                Plan(
-                    controls=flown[:, [k]],
-                    states=np.empty((0, 0)),
-                    cost=float(spent[k]),
-                    violation=0.0,
-                    feasible=True,
-                    source=Source.SEARCH,
-                    evaluations=7,
-                ),
-            ),
-        )
-        for k in range(steps)
-    )
-    times = np.arange(steps + 1) * DT
-    return Trajectory(
-        times=times,
-        states=states,
-        controls=flown,
-        dense_times=times,
-        dense_states=states,
-        decisions=decisions,
-        step_seconds=np.arange(1.0, steps + 1.0),
-    )
+    flown = np.zeros((3, states.shape[1] - 1)) if controls is None else controls
+    return flown_by_hand(states, flown, costs=costs, dt=DT)
 
 
 @pytest.fixture(scope="session")
