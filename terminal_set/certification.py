@@ -258,8 +258,7 @@ def _asked_of_moving_input(
     top = min(bounds)
     change = continuous_change(dynamics, design, Q_m=Q_m)
     drift = bearable_drift(motion, motion.bound, change, top)
-    margin = Q_m + 2 * drift.relative * design.P
-    change = continuous_change(dynamics, design, Q_m=margin)
+    change = replace(change, Q_m=Q_m + 2 * drift.relative * design.P)
     return _Asked(change, top, drift, None)
 
 
@@ -278,7 +277,7 @@ def _asked_of_held_input(
     change = held_change(motion.step, motion.law, Q_m=Q_m)
     drift = bearable_drift(reference_motion, moved, change, min(bounds))
     limits = HoldBounds(inputs=inputs, states=states, drift=drift.relative)
-    hold = provable_hold(motion, Q_m, limits, rng=rng, until=until)
+    hold = provable_hold(motion, change, limits, rng=rng, until=until)
     return _Asked(hold.change, hold.top, drift, hold)
 
 

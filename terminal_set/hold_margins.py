@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swarmstart.terminal_set.arrays import FloatArray
 from swarmstart.terminal_set.certificate import HeldMargins
-from swarmstart.terminal_set.decrease import Change, held_change
+from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.drift import linear_decrease
 from swarmstart.terminal_set.evidence import (
     CoarseHoldError,
@@ -86,7 +85,7 @@ class ProvableHold:
 
 def provable_hold(
     motion: HeldMotion,
-    Q_m: FloatArray,
+    change: Change,
     bounds: HoldBounds,
     *,
     rng: np.random.Generator,
@@ -96,7 +95,7 @@ def provable_hold(
 
     Args:
         motion: The motion.
-        Q_m: Margin, shape (nx, nx).
+        change: c of its map, without the margins of integrator and drift.
         bounds: Levels of the bounds.
         rng: Of the samples and rays.
         until: When proofs of the integrator's error are given up, of
@@ -105,8 +104,7 @@ def provable_hold(
     Raises:
         UnprovenSetError: No level can be proven.
     """
-    law, top = motion.law, min(bounds.inputs, bounds.states)
-    change = held_change(motion.step, law, Q_m=Q_m)
+    top = min(bounds.inputs, bounds.states)
     growth, falls = motion.measured(top, rng)
     refutation = None
     if not falls:
@@ -132,7 +130,7 @@ def provable_hold(
     )
     return ProvableHold(
         motion=motion,
-        change=held_change(motion.step, law, Q_m=Q_m + (2 * c + c**2) * law.P),
+        change=replace(change, Q_m=change.Q_m + (2 * c + c**2) * change.P),
         top=top,
         margins=margins,
         refutation=refutation,
@@ -198,7 +196,9 @@ def _affordable_error(
     high = min(2 * low, top)
     while high > CLOSE * low and clock.perf_counter() < until:
         middle = (low * high) ** 0.5
-        found, will_do = error_at(middle)
-        low, high = (middle, high) if will_do else (low, middle)
-        error = found if will_do else error
+        found, is_affordable = error_at(middle)
+        if is_affordable:
+            low, error = middle, found
+        else:
+            high = middle
     return low, error

@@ -52,7 +52,8 @@ def held(
     f, law = pendulum()
     motion = HeldMotion(f, law, dt=dt, substeps=substeps)
     rng = np.random.default_rng(0)
-    return provable_hold(motion, Q_m * np.eye(2), bounds, rng=rng, until=until)
+    change = held_change(motion.step, law, Q_m=Q_m * np.eye(2))
+    return provable_hold(motion, change, bounds, rng=rng, until=until)
 
 
 @pytest.fixture(scope="module")
@@ -101,10 +102,11 @@ def test_stated_growth_is_more_than_any_hold_shows_and_roomy_where_it_can_be() -
         dt=None, design="own",
     )  # fmt: skip
     motion, rng = HeldMotion(f, law, dt=1.0, substeps=2), np.random.default_rng(0)
+    change = held_change(motion.step, law)
 
     def stated(states: float) -> ProvableHold:
         bounds = HoldBounds(inputs=1.0, states=states, drift=0.0)
-        return provable_hold(motion, np.zeros((2, 2)), bounds, rng=rng, until=np.inf)
+        return provable_hold(motion, change, bounds, rng=rng, until=np.inf)
 
     root = np.linalg.inv(np.linalg.cholesky(law.P)).T
     angle = np.linspace(0, 2 * np.pi, 2001)
@@ -141,7 +143,7 @@ def test_the_level_is_the_largest_whose_error_leaves_half_of_the_decrease(
     """With an error that rises with the level, half of the decrease at `edge`."""
     f, law = pendulum()
     motion = HeldMotion(f, law, dt=DT, substeps=1)
-    decrease = linear_decrease(held_change(motion.step, law, Q_m=np.zeros((2, 2))))
+    decrease = linear_decrease(held_change(motion.step, law))
     most = np.sqrt(1 + AFFORDABLE * decrease) - 1  # 2 c + c^2 is half the decrease.
 
     def rising(residual: object, alpha: float, **_: object) -> FlowError:
@@ -170,9 +172,12 @@ def test_steps_that_are_too_coarse_are_named() -> None:
     bounds = HoldBounds(inputs=1.0, states=np.inf, drift=0.0)
     rng = np.random.default_rng(0)
     with pytest.raises(CoarseHoldError, match="1 Runge-Kutta steps a hold"):
-        provable_hold(motion, np.zeros((1, 1)), bounds, rng=rng, until=np.inf)
+        provable_hold(
+            motion, held_change(motion.step, law), bounds, rng=rng, until=np.inf
+        )
     motion = HeldMotion(f, law, dt=2.5, substeps=4)
-    found = provable_hold(motion, np.zeros((1, 1)), bounds, rng=rng, until=np.inf)
+    change = held_change(motion.step, law)
+    found = provable_hold(motion, change, bounds, rng=rng, until=np.inf)
     assert found.top == 1.0
 
 
