@@ -45,7 +45,7 @@ class Usage:
         folder: Its folder, whether it exists or not.
         files: Number of files in it.
         bytes: Their size.
-        refused: Why the folder is not used; None if it is, or can be made.
+        refused: See `refusal`.
     """
 
     folder: Path
@@ -98,16 +98,20 @@ def store(key: str, code: bytes) -> None:
             _make_room(where)
 
 
+def refusal() -> str | None:
+    """Return why the folder of the cache is not used; None if it is, or can be made."""
+    where = folder()
+    if not where.is_absolute():
+        return "the user has no home folder"
+    if not os.path.lexists(where):
+        return None if _can_be_made(where) else "it cannot be created"
+    own = "it must be a folder of the user's own with mode 0700"
+    return None if _is_private(where) else own
+
+
 def usage() -> Usage:
     """Return where the cache is, and how large."""
-    where = folder()
-    refused = None
-    if not where.is_absolute():
-        refused = "the user has no home folder"
-    elif os.path.lexists(where) and not _is_private(where):
-        refused = "it must be a folder of the user's own with mode 0700"
-    elif not os.path.lexists(where) and not _can_be_made(where):
-        refused = "it cannot be created"
+    where, refused = folder(), refusal()
     kept = [] if refused else _files(where)
     return Usage(
         folder=where,

@@ -36,7 +36,7 @@ from numba.core.types import unliteral
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from swarmstart.code_cache import load, store, usage
+from swarmstart.code_cache import load, refusal, store
 from swarmstart.compile_time import announce, compiling
 from swarmstart.fingerprint import CALLED_FROM_PYTHON, UnknownValueError, fingerprint
 
@@ -221,7 +221,7 @@ class _KernelCache(_Cache):
         code = None if key is None else load(key)
         if code is None:
             what = _ANNOUNCED.get(_room_of(self._dispatcher), _OTHER)
-            announce(*what, is_kept=usage().refused is None)
+            announce(*what, is_kept=refusal() is None)
             return None
         return CompileResult._rebuild(target_context, *pickle.loads(code))
 

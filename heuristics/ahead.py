@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numba
 
-from swarmstart.code_cache import usage
+from swarmstart.code_cache import refusal
 from swarmstart.heuristics.algorithm import Algorithm
 
 log = logging.getLogger(__name__)
@@ -60,7 +60,7 @@ class Helper:
 
 
 NO_HELPER = Helper((), None)
-_helper: ContextVar[Helper | None] = ContextVar("_helper", default=None)
+_helper: ContextVar[Helper] = ContextVar("_helper", default=NO_HELPER)
 
 
 @contextlib.contextmanager
@@ -80,25 +80,23 @@ def compiled_ahead(
         The helper; one that does nothing if none could be started.
     """
     running = _helper.get()
-    if running is not None or not _is_possible():
-        yield running or NO_HELPER
+    if running.process is not None or not _is_possible():
+        yield running
         return
-    process = _started(algorithm, compiled, part)
-    helper = NO_HELPER if process is None else Helper(part, process)
+    helper = _started(algorithm, compiled, part)
     token = _helper.set(helper)
     try:
         yield helper
     finally:
         _helper.reset(token)
-        if process is not None:
-            process.kill()
-            process.wait()
+        if helper.process is not None:
+            helper.process.kill()
+            helper.process.wait()
 
 
 def helper_runs() -> bool:
     """Return whether a helper is at work: some kernels may be there, others to come."""
-    helper = _helper.get()
-    process = None if helper is None else helper.process
+    process = _helper.get().process
     return process is not None and process.poll() is None
 
 
@@ -107,16 +105,14 @@ def _is_possible() -> bool:
     here = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0)
     jit = not numba.config.DISABLE_JIT  # type: ignore[attr-defined, unused-ignore]
     fit = bool(sys.executable) and len(here) > 1 and _IN_HELPER not in os.environ
-    return jit and fit and usage().refused is None
+    return jit and fit and refusal() is None
 
 
-def _started(
-    algorithm: Algorithm, compiled: bool, part: Part
-) -> subprocess.Popen[bytes] | None:
-    """Return a new helper; None if there can be none."""
+def _started(algorithm: Algorithm, compiled: bool, part: Part) -> Helper:
+    """Return a new helper; `NO_HELPER` if it cannot be started."""
     try:
         given = pickle.dumps(sys.path) + pickle.dumps((algorithm, compiled, part))
-        helper = subprocess.Popen(
+        process = subprocess.Popen(
             [sys.executable, "-c", _CODE],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
@@ -125,9 +121,9 @@ def _started(
         )
     except (OSError, pickle.PicklingError, AttributeError, TypeError) as error:
         log.debug("no helper compiles ahead: %s", error)
-        return None
-    if helper.stdin is not None:
+        return NO_HELPER
+    if process.stdin is not None:
         with contextlib.suppress(OSError):  # It has ended already.
-            helper.stdin.write(given)
-            helper.stdin.close()
-    return helper
+            process.stdin.write(given)
+            process.stdin.close()
+    return Helper(part, process)

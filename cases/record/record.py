@@ -142,7 +142,7 @@ def _listed(folder: Path, what: str) -> list[Path]:
 
 
 def _finished_key(folder: Path) -> str | None:
-    """Return the key of the record in a folder; "unknown" if damaged, None if missing."""
+    """Return the key of the record in a folder; "unknown" if damaged, None if none."""
     try:
         text = (folder / MARK).read_text(encoding="utf-8")
     except OSError:
