@@ -73,11 +73,13 @@ def prepare(function: Callable[..., object], *arguments: object) -> None:
         function: A kernel; of another function nothing is prepared.
         arguments: Values of the types that it will be called with.
     """
-    if isinstance(function, _Kernel):
+    known = function, _key_of(arguments)
+    if isinstance(function, _Kernel) and known not in _PREPARED:
         kinds = _types_of(arguments)
         kept = function.overloads.get(kinds)
         if kept is None or _is_inner(kept):
             function.compile(kinds)
+        _PREPARED.add(known)
 
 
 def is_kept(
@@ -90,7 +92,8 @@ def is_kept(
         arguments: Values of the types that it will be called with.
         for_kernel: Whether for `address_of`, or for a call from Python.
     """
-    if not isinstance(function, _Kernel):
+    known = for_kernel and (function, _key_of(arguments)) in _ADDRESSES
+    if known or not isinstance(function, _Kernel):
         return True
     kinds = _types_of(arguments)
     if kinds in function.overloads:
@@ -111,28 +114,26 @@ def address_of(function: Callable[..., object], *arguments: object) -> int:
         function: A kernel that returns None.
         arguments: Values of the types that it will be called with.
     """
-    kinds = _types_of(arguments)
-    dispatcher = cast(Any, function)
-    if kinds not in dispatcher.overloads:
-        dispatcher.get_call_template(kinds, {})
-    compiled = dispatcher.overloads[kinds]
-    name = compiled.fndesc.llvm_func_name
-    return int(compiled.library.get_pointer_to_function(name))
+    known = function, _key_of(arguments)
+    if known not in _ADDRESSES:
+        kinds, dispatcher = _types_of(arguments), cast(Any, function)
+        if kinds not in dispatcher.overloads:
+            dispatcher.get_call_template(kinds, {})
+        compiled = dispatcher.overloads[kinds]
+        name = compiled.fndesc.llvm_func_name
+        _ADDRESSES[known] = int(compiled.library.get_pointer_to_function(name))
+    return _ADDRESSES[known]
 
 
 def _types_of(arguments: tuple[object, ...]) -> tuple[Any, ...]:
-    """Return Numba's types of values; asked for once, since that takes 0.1 ms each."""
-    kinds = []
-    for argument in arguments:
-        key = _key_of(argument)
-        if key not in _TYPES:
-            _TYPES[key] = numba.typeof(argument)
-        kinds.append(_TYPES[key])
-    return tuple(kinds)
+    return tuple(numba.typeof(argument) for argument in arguments)
 
 
-_TYPES: dict[object, Any] = {}
-"""Numba's types, by what determines them; nothing is ever forgotten."""
+_ADDRESSES: dict[object, int] = {}
+"""Kernel and key of its arguments -> address: each search asks again, and finding and
+hashing Numba's types takes 0.1 ms each."""
+_PREPARED: set[object] = set()
+"""Kernels and keys of arguments for which `prepare` has nothing left to do."""
 
 
 def _key_of(value: object) -> object:
