@@ -223,7 +223,7 @@ class Record(NamedTuple):
     number: object
 
 
-def test_types_are_remembered_by_what_determines_them() -> None:
+def test_arguments_of_one_key_are_of_one_type() -> None:
     plain = np.zeros((3, 4))
     locked = plain.copy()
     locked.setflags(write=False)
@@ -232,5 +232,29 @@ def test_types_are_remembered_by_what_determines_them() -> None:
     numbers = 1, 1.0, True, np.int64(1), np.random.default_rng(0)
     values = [*arrays, *numbers, *(Record(a, n) for a in arrays for n in numbers)]
     values += [(value, Record(value, 1)) for value in values]
+    types: dict[object, object] = {}
     for value in values * 2:
-        assert kernel_module._types_of((value,)) == (numba.typeof(value),)
+        kind = numba.typeof(value)
+        assert types.setdefault(kernel_module._key_of(value), kind) == kind
+    assert len(types) > len(arrays) * len(numbers)
+
+
+@kernel_module.kernel
+def put(into: kernel_module.Array, value: float) -> None:
+    into[0] = value
+
+
+@kernel_module.kernel
+def put_at(address: int, given: tuple[object, ...]) -> None:
+    kernel_module.call_at(address, given)
+
+
+def test_an_address_is_of_the_kernel_for_these_types() -> None:
+    reals, whole = np.zeros(1), np.zeros(1, dtype=np.int64)
+    for into, value in ((reals, 2.5), (whole, 3), (reals, 4.5)):
+        put_at(kernel_module.address_of(put, into, value), (into, value))
+        assert into[0] == value
+        assert kernel_module.is_kept(put, into, value, for_kernel=True)
+    assert kernel_module.address_of(put, reals, 2.5) != kernel_module.address_of(
+        put, whole, 3
+    )
