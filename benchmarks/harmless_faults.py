@@ -81,7 +81,7 @@ _ANY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "a figure, drawn with more or fewer points": {
         "terminal_set/ellipsoid.py": (
-            "def shadow(self, i: int, j: int, *, count: int = 201) -> FloatArray:",
+            "def shadow(self, i: int, j: int, *, count: int = 201) -> Array:",
         ),
     },
     "any number but 0 would do": {

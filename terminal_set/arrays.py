@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.errors import SwarmstartError
 
-FloatArray = NDArray[np.float64]
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 SYMMETRY_TOLERANCE = 1e-8
 """Largest |M - M'| / |M| (Frobenius norms) of a matrix taken as symmetric."""
@@ -117,9 +118,7 @@ class IndefiniteMatrixError(SwarmstartError, ValueError):
         )
 
 
-def finite_array(
-    name: str, value: ArrayLike, shape: tuple[int | None, ...]
-) -> FloatArray:
+def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Array:
     """Copy a value into a read-only float array of the shape given.
 
     Args:
@@ -140,9 +139,7 @@ def finite_array(
     return array
 
 
-def bound_array(
-    name: str, value: ArrayLike, shape: tuple[int | None, ...]
-) -> FloatArray:
+def bound_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Array:
     """Copy bounds into a read-only float array; an infinite one means "no bound".
 
     Args:
@@ -171,7 +168,7 @@ def bound_array(
     return read_only(array)
 
 
-def columns_of(name: str, value: ArrayLike, size: int) -> FloatArray:
+def columns_of(name: str, value: ArrayLike, size: int) -> Array:
     """Take a point, or many side by side, without a copy; NaN passes.
 
     Args:
@@ -192,13 +189,13 @@ def columns_of(name: str, value: ArrayLike, size: int) -> FloatArray:
     return columns
 
 
-def read_only(array: FloatArray) -> FloatArray:
+def read_only(array: Array) -> Array:
     """Lock an array of our own against writing and return it."""
     array.setflags(write=False)
     return array
 
 
-def square_matrix(name: str, value: ArrayLike, size: int | None = None) -> FloatArray:
+def square_matrix(name: str, value: ArrayLike, size: int | None = None) -> Array:
     """Copy a finite square matrix.
 
     Args:
@@ -219,9 +216,7 @@ def square_matrix(name: str, value: ArrayLike, size: int | None = None) -> Float
     return matrix
 
 
-def positive_definite(
-    name: str, value: ArrayLike, size: int | None = None
-) -> FloatArray:
+def positive_definite(name: str, value: ArrayLike, size: int | None = None) -> Array:
     """Copy a symmetric positive definite matrix.
 
     Args:
@@ -246,7 +241,7 @@ def positive_definite(
 
 def positive_semidefinite(
     name: str, value: ArrayLike, size: int | None = None
-) -> FloatArray:
+) -> Array:
     """Copy a symmetric positive semidefinite matrix.
 
     Args:
@@ -271,7 +266,7 @@ def positive_semidefinite(
 
 def _symmetric(
     name: str, value: ArrayLike, size: int | None
-) -> tuple[FloatArray, float, float]:
+) -> tuple[Array, float, float]:
     """Copy a symmetric matrix; return it, its smallest eigenvalue, its rounding."""
     matrix = square_matrix(name, value, size)
     asymmetry = float(np.linalg.norm(matrix - matrix.T))

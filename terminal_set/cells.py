@@ -9,9 +9,8 @@ which it is known here how far a cell reaches and what a linear function is at m
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swarmstart.terminal_set.arrays import Array
 
 PADDING = 1e-12
 """Of sums of products, relative to the sum of their sizes: more than their rounding."""

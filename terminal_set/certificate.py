@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from swarmstart.terminal_set.arrays import FloatArray, finite_array
+from swarmstart.terminal_set.arrays import Array, finite_array
 from swarmstart.terminal_set.evidence import Proof, Refutation
 from swarmstart.terminal_set.level import level_from_inputs, level_from_states
 from swarmstart.terminal_set.reference import Reference
@@ -42,8 +41,8 @@ class Weights:
         InvalidShapeError: Q or R is no matrix.
     """
 
-    Q: FloatArray
-    R: FloatArray
+    Q: Array
+    R: Array
     kappa: float = 0.0
 
     def __post_init__(self) -> None:
@@ -99,13 +98,13 @@ class Certificate:
 
     dynamics: ca.Function
     reference: Reference
-    K: FloatArray
-    P: FloatArray
+    K: Array
+    P: Array
     alpha: float
     core: float
     drift: float
     dt: float | None
-    Q_m: FloatArray
+    Q_m: Array
     held: HeldMargins | None
     proof: Proof
     refutation: Refutation | None
@@ -312,6 +311,6 @@ def _margins(held: HeldMargins | None) -> dict[str, object]:
     }
 
 
-def _or_null(bounds: NDArray[np.float64]) -> list[float | None]:
+def _or_null(bounds: Array) -> list[float | None]:
     """Return bounds with None in place of infinity, which JSON has not."""
     return [float(bound) if np.isfinite(bound) else None for bound in bounds]

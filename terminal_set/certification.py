@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.terminal_set.arrays import (
-    FloatArray,
+    Array,
     NotPositiveError,
     positive_semidefinite,
 )
@@ -251,7 +251,7 @@ def _asked_of_moving_input(
     dynamics: ca.Function,
     design: TerminalSet,
     motion: ReferenceMotion,
-    Q_m: FloatArray,
+    Q_m: Array,
     bounds: tuple[float, float],
 ) -> _Asked:
     """Return what is to be proven of an input that moves all the time."""
@@ -265,7 +265,7 @@ def _asked_of_moving_input(
 def _asked_of_held_input(
     motion: HeldMotion,
     reference_motion: ReferenceMotion,
-    Q_m: FloatArray,
+    Q_m: Array,
     bounds: tuple[float, float],
     *,
     rng: np.random.Generator,

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.arrays import (
-    FloatArray,
+    Array,
     InvalidShapeError,
     finite_array,
     positive_definite,
@@ -37,7 +37,7 @@ class MovingCentreError(SwarmstartError, ValueError):
         motion: The motion at e = 0.
     """
 
-    motion: FloatArray
+    motion: Array
 
     def __str__(self) -> str:
         """Say what the motion is there."""
@@ -68,8 +68,8 @@ class Change:
     """
 
     motion: ca.Function
-    P: FloatArray
-    Q_m: FloatArray
+    P: Array
+    Q_m: Array
     is_held: bool
     function: ca.Function = field(init=False, repr=False)
 

@@ -27,11 +27,12 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.arrays import (
-    FloatArray,
+    Array,
+    Mask,
     NotPositiveError,
     columns_of,
     finite_array,
@@ -110,11 +111,11 @@ class TerminalSet:
         ForeignCertificateError: The certificate is of another set or a smaller one.
     """
 
-    K: FloatArray
-    P: FloatArray
+    K: Array
+    P: Array
     alpha: float
-    x_ref: FloatArray
-    u_ref: FloatArray
+    x_ref: Array
+    u_ref: Array
     dt: float | None
     design: str
     certificate: Certificate | None = field(default=None, repr=False)
@@ -155,7 +156,7 @@ class TerminalSet:
         if self.alpha > certificate.alpha:
             raise ForeignCertificateError("alpha")
 
-    def feedback(self, e: ArrayLike) -> FloatArray:
+    def feedback(self, e: ArrayLike) -> Array:
         """Compute the law's input relative to u_ref, du = -K e.
 
         Args:
@@ -169,7 +170,7 @@ class TerminalSet:
         """
         return np.asarray(-self.K @ columns_of("e", e, len(self.P)))
 
-    def value(self, e: ArrayLike) -> FloatArray:
+    def value(self, e: ArrayLike) -> Array:
         """Compute e'Pe.
 
         Args:
@@ -183,7 +184,7 @@ class TerminalSet:
         """
         return self.ellipsoid.value(e)
 
-    def contains(self, e: ArrayLike) -> NDArray[np.bool_]:
+    def contains(self, e: ArrayLike) -> Mask:
         """Tell whether e'Pe <= alpha: whether the linear law may take over.
 
         Args:
@@ -301,7 +302,7 @@ def continuous_terminal_set(
     )
 
 
-def _level_from_bounds(K: FloatArray, P: FloatArray, reference: Reference) -> float:
+def _level_from_bounds(K: Array, P: Array, reference: Reference) -> float:
     """Compute the level of the nearest bound, of an input or of a state."""
     return min(
         level_from_inputs(K, P, reference.u_max),

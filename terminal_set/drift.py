@@ -25,16 +25,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.terminal_set.arrays import FloatArray, finite_array
+from swarmstart.terminal_set.arrays import Array, Mask, finite_array
 from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.intervals import interval_function
 from swarmstart.terminal_set.reference import Reference
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MOST_CORE = 1e-6
 """Of the level: a thousandth of the set's radius."""
@@ -240,5 +236,5 @@ def linear_decrease(change: Change) -> float:
     e = ca.SX.sym("e", len(change.P))
     hessian = ca.Function("hessian", [e], [ca.hessian(change.function(e), e)[0]])
     root = np.linalg.inv(np.linalg.cholesky(change.P))
-    form: FloatArray = root @ np.array(hessian(0)) @ root.T / 2
+    form: Array = root @ np.array(hessian(0)) @ root.T / 2
     return max(-float(np.linalg.eigvalsh((form + form.T) / 2)[-1]), 0.0)

@@ -10,11 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.arrays import (
-    FloatArray,
+    Array,
+    Mask,
     NotPositiveError,
     columns_of,
     positive_definite,
@@ -59,7 +60,7 @@ class Ellipsoid:
         NotPositiveError: alpha is not positive and finite.
     """
 
-    P: FloatArray
+    P: Array
     alpha: float
 
     def __post_init__(self) -> None:
@@ -68,7 +69,7 @@ class Ellipsoid:
         if not 0 < self.alpha < np.inf:
             raise NotPositiveError("alpha", self.alpha)
 
-    def value(self, e: ArrayLike) -> FloatArray:
+    def value(self, e: ArrayLike) -> Array:
         """Compute e'Pe.
 
         Args:
@@ -83,7 +84,7 @@ class Ellipsoid:
         columns = columns_of("e", e, len(self.P))
         return np.asarray(np.einsum("i...,ij,j...->...", columns, self.P, columns))
 
-    def contains(self, e: ArrayLike, *, tolerance: float = 0.0) -> NDArray[np.bool_]:
+    def contains(self, e: ArrayLike, *, tolerance: float = 0.0) -> Mask:
         """Tell whether e'Pe <= alpha (1 + tolerance).
 
         Args:
@@ -98,11 +99,11 @@ class Ellipsoid:
         """
         return np.asarray(self.value(e) <= self.alpha * (1 + tolerance))
 
-    def extent(self) -> FloatArray:
+    def extent(self) -> Array:
         """Compute the half widths sqrt(alpha (P^-1)_jj), shape (nx,)."""
         return np.asarray(np.sqrt(self.alpha * np.diag(np.linalg.inv(self.P))))
 
-    def boundary(self, directions: ArrayLike) -> FloatArray:
+    def boundary(self, directions: ArrayLike) -> Array:
         """Map directions onto the boundary, e'Pe = alpha.
 
         Directions that are uniform on the unit sphere cover the ellipsoid uniformly in
@@ -125,7 +126,7 @@ class Ellipsoid:
         on_ball = np.sqrt(self.alpha) * columns / lengths
         return np.asarray(np.linalg.solve(np.linalg.cholesky(self.P).T, on_ball))
 
-    def shadow(self, i: int, j: int, *, count: int = 201) -> FloatArray:
+    def shadow(self, i: int, j: int, *, count: int = 201) -> Array:
         """Outline the projection on the plane of two axes, as for a figure.
 
         Args:

@@ -31,8 +31,8 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.terminal_set.arrays import Array
 from swarmstart.terminal_set.cells import PADDING, Cells, added_up, squares
 from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.smoothness import (
@@ -41,8 +41,6 @@ from swarmstart.terminal_set.smoothness import (
     require_bounded,
 )
 from swarmstart.terminal_set.taylor import TaylorForm, evaluated
-
-Array = NDArray[np.float64]
 
 
 class Undecided(NamedTuple):

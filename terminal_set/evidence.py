@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.terminal_set.arrays import FloatArray, finite_array
+from swarmstart.terminal_set.arrays import Array, finite_array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -25,7 +25,7 @@ class Proof:
     alpha: float
     boxes: int
     seconds: float
-    counterexample: FloatArray | None = None
+    counterexample: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -39,7 +39,7 @@ class Refutation:
     """
 
     alpha: float
-    e: FloatArray
+    e: Array
     change: float
 
     def __post_init__(self) -> None:

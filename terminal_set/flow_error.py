@@ -31,14 +31,12 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.terminal_set.arrays import Array
 from swarmstart.terminal_set.cells import PADDING, Cells
 from swarmstart.terminal_set.enclosure import Undecided
 from swarmstart.terminal_set.proof import COVER, Limits, radius_of, search_ball
 from swarmstart.terminal_set.residual import Balls, Residual, Times
-
-Array = NDArray[np.float64]
 
 PIECES = 8
 """Pieces of time that a hold is cut into, at least."""

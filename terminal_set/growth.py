@@ -17,9 +17,8 @@ from itertools import pairwise
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from swarmstart.terminal_set.arrays import FloatArray
+from swarmstart.terminal_set.arrays import Array
 from swarmstart.terminal_set.cells import PADDING, TimedCells
 from swarmstart.terminal_set.enclosure import (
     Undecided,
@@ -31,8 +30,6 @@ from swarmstart.terminal_set.enclosure import (
 from swarmstart.terminal_set.evidence import Proof
 from swarmstart.terminal_set.proof import Limits, radius_of, search_ball
 from swarmstart.terminal_set.taylor import TaylorForm
-
-Array = NDArray[np.float64]
 
 PIECES = 16
 """Intervals that a whole hold is cut into, to begin with."""
@@ -54,7 +51,7 @@ class Hold:
     """
 
     motion: ca.Function
-    P: FloatArray
+    P: Array
     dt: float
     pieces: int = PIECES
 
@@ -122,9 +119,7 @@ class _GrowthBounds:
         defect: A bound of |T'PT - I|.
     """
 
-    def __init__(
-        self, form: TaylorForm, P: FloatArray, times: tuple[float, float]
-    ) -> None:
+    def __init__(self, form: TaylorForm, P: Array, times: tuple[float, float]) -> None:
         """Turn the coordinates so that the quadratic part is diagonal."""
         nx = len(P)
         root = np.linalg.inv(np.linalg.cholesky(P)).T

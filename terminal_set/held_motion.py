@@ -9,14 +9,11 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.terminal_set.design import TerminalSet
 from swarmstart.terminal_set.ellipsoid import Ellipsoid
 from swarmstart.terminal_set.growth import PIECES, Hold
 from swarmstart.terminal_set.residual import ORDER, Residual
-
-Array = NDArray[np.float64]
 
 SAMPLES = 500
 RADII = (0.01, 0.3, 0.6, 0.8, 0.9, 1.0)

@@ -23,11 +23,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.kernel import ieee_kernel
-
-Array = NDArray[np.float64]
 
 WIDER = 2.3e-16
 """Relative: half a unit of the operation and half a unit of moving its end."""

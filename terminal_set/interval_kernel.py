@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.kernel import ieee_kernel
+from swarmstart.terminal_set.arrays import Array
 from swarmstart.terminal_set.interval_functions import (
     FUNCTIONS,
     WIDER,
@@ -24,7 +25,6 @@ from swarmstart.terminal_set.interval_functions import (
     power,
 )
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
 BLOCK = 256

@@ -22,7 +22,6 @@ from typing import Protocol
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.tape import (
@@ -33,9 +32,8 @@ from swarmstart.tape import (
     expanded,
     read_tape,
 )
+from swarmstart.terminal_set.arrays import Array
 from swarmstart.terminal_set.interval_kernel import BLOCK, CODES, Codes, interpret
-
-Array = NDArray[np.float64]
 
 JUMPS = frozenset(
     "sign lt le eq ne not and or if_else_zero floor ceil fmod remainder copysign"

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.arrays import (
-    FloatArray,
+    Array,
     NotPositiveError,
     bound_array,
     finite_array,
@@ -59,7 +59,7 @@ class SaturatedReferenceError(SwarmstartError, ValueError):
 
 def smaller_side(
     name: str, reference: ArrayLike, *, lower: ArrayLike, upper: ArrayLike
-) -> FloatArray:
+) -> Array:
     """Measure the room between a reference and the nearer of its two bounds.
 
     For bounds that are already relative to the reference, the reference is zero.
@@ -134,9 +134,7 @@ def level_from_states(P: ArrayLike, e_max: ArrayLike) -> float:
     return _level(_squared_reach(P, np.eye(len(P))), _room("e_max", e_max, len(P)))
 
 
-def input_excess(
-    K: ArrayLike, P: ArrayLike, alpha: float, u_max: ArrayLike
-) -> FloatArray:
+def input_excess(K: ArrayLike, P: ArrayLike, alpha: float, u_max: ArrayLike) -> Array:
     """Compute how far each input reaches on an ellipsoid, in units of its bound.
 
     Args:
@@ -159,17 +157,17 @@ def input_excess(
     P, K = _ellipsoid_and_rows(P, K)
     if not 0 < alpha < np.inf:
         raise NotPositiveError("alpha", alpha)
-    reach: FloatArray = np.sqrt(alpha * _squared_reach(P, K))
+    reach: Array = np.sqrt(alpha * _squared_reach(P, K))
     return reach / _room("u_max", u_max, len(K))
 
 
-def _ellipsoid_and_rows(P: ArrayLike, K: ArrayLike) -> tuple[FloatArray, FloatArray]:
+def _ellipsoid_and_rows(P: ArrayLike, K: ArrayLike) -> tuple[Array, Array]:
     """Check P and K against each other."""
     P = positive_definite("P", P)
     return P, finite_array("K", K, (None, len(P)))
 
 
-def _room(name: str, value: ArrayLike, size: int) -> FloatArray:
+def _room(name: str, value: ArrayLike, size: int) -> Array:
     """Check bounds: positive, infinite if missing; shape (size,)."""
     room = bound_array(name, value, (size,))
     if np.any(room <= 0):
@@ -177,13 +175,13 @@ def _room(name: str, value: ArrayLike, size: int) -> FloatArray:
     return room
 
 
-def _squared_reach(P: FloatArray, F: FloatArray) -> FloatArray:
+def _squared_reach(P: Array, F: Array) -> Array:
     """Compute F_i P^-1 F_i' as |L^-1 F_i'|^2 with P = LL', shape (m,), >= 0."""
     columns = np.linalg.solve(np.linalg.cholesky(P), F.T)
     return np.asarray(np.sum(columns**2, axis=0))
 
 
-def _level(squared_reach: FloatArray, room: FloatArray) -> float:
+def _level(squared_reach: Array, room: Array) -> float:
     """Compute min room^2 / reach^2; a row that reaches nowhere leaves it infinite."""
     with np.errstate(divide="ignore", over="ignore"):
         return float(np.min(room**2 / squared_reach))

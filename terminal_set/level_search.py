@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmstart.terminal_set.arrays import FloatArray
+from swarmstart.terminal_set.arrays import Array
 from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.evidence import Proof, Refutation
 from swarmstart.terminal_set.proof import prove_level
@@ -160,7 +160,7 @@ class _LevelSearch:
     def _is_late(self) -> bool:
         return clock.perf_counter() > self._until
 
-    def _break(self, e: FloatArray) -> None:
+    def _break(self, e: Array) -> None:
         """Take a state into account at which c is not below 0, or is no number."""
         alpha, change = float(e @ self._change.P @ e), float(self._change.function(e))
         # It may lie a hair outside the ellipsoid that was tried.

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.arrays import (
-    FloatArray,
+    Array,
     NotPositiveError,
     finite_array,
     read_only,
@@ -54,7 +54,7 @@ class InvalidDynamicsError(SwarmstartError, ValueError):
 
 def linearise(
     dynamics: ca.Function, x_ref: ArrayLike, u_ref: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Array, Array]:
     """Linearise the motion relative to a reference (5.9).
 
     Args:
@@ -86,7 +86,7 @@ def linearise(
     )
 
 
-def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[FloatArray, FloatArray]:
+def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, Array]:
     """Sample a linear system whose input is held over each step (zero-order hold).
 
     Args:
@@ -109,7 +109,7 @@ def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[FloatArray, FloatArray]
 
 def runge_kutta_hold(
     A: ArrayLike, B: ArrayLike, dt: float, *, substeps: int
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Array, Array]:
     """Sample a linear system by the classic Runge-Kutta method.
 
     A step of it is the series of the exponential to fourth order.
@@ -139,7 +139,7 @@ def runge_kutta_hold(
     return read_only(whole[:, :nx].copy()), read_only(whole[:, nx:].copy())
 
 
-def _block(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[FloatArray, int]:
+def _block(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, int]:
     """Return ((A, B), (0, 0)) dt, the system with its input as a constant; and nx."""
     if not 0 < dt < np.inf:
         raise NotPositiveError("dt", dt)

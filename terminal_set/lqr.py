@@ -18,10 +18,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from swarmstart.terminal_set.arrays import (
-    FloatArray,
+    Array,
     finite_array,
     positive_definite,
     positive_semidefinite,
@@ -54,8 +54,8 @@ class Gain:
         eigenvalues: Of the closed loop A - B K, shape (nx,); 1/s if continuous.
     """
 
-    K: FloatArray
-    P: FloatArray
+    K: Array
+    P: Array
     eigenvalues: ComplexArray
 
 
@@ -141,9 +141,7 @@ def _design(
     )
 
 
-def _solve(
-    matrices: tuple[NDArray[np.float64], ...], domain: TimeDomain
-) -> tuple[FloatArray, FloatArray]:
+def _solve(matrices: tuple[Array, ...], domain: TimeDomain) -> tuple[Array, Array]:
     """Return K and P by SciPy's solvers, whose import takes a while."""
     from scipy import linalg
 

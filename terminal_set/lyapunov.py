@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.terminal_set.arrays import (
-    FloatArray,
+    Array,
     positive_semidefinite,
     square_matrix,
 )
@@ -22,7 +22,7 @@ from swarmstart.terminal_set.reliability import reliable_solution
 from swarmstart.terminal_set.stability import CONTINUOUS, SAMPLED, require_stable
 
 
-def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> FloatArray:
+def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
     """Solve F'P + PF = -Q, what (5.12) means.
 
     Args:
@@ -49,7 +49,7 @@ def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> FloatArray:
     return reliable_solution("continuous Lyapunov", P, F.T @ P + P @ F + Q)
 
 
-def sampled_lyapunov(F: ArrayLike, Q: ArrayLike) -> FloatArray:
+def sampled_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
     """Solve F'PF - P = -Q, the equation for a loop with held inputs.
 
     Args:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.terminal_set.arrays import FloatArray, NotFiniteError
+from swarmstart.terminal_set.arrays import Array, NotFiniteError
 from swarmstart.terminal_set.design import TerminalSet
 from swarmstart.terminal_set.linearisation import (
     held_spectral_radius,
@@ -73,7 +73,7 @@ class TooFewSubstepsError(SwarmstartError, ValueError):
 
 
 def require_enough_substeps(
-    A: FloatArray, B: FloatArray, law: TerminalSet, *, dt: float, substeps: int
+    A: Array, B: Array, law: TerminalSet, *, dt: float, substeps: int
 ) -> None:
     """Refuse a Runge-Kutta map with which no level can be proven, however small.
 
@@ -95,7 +95,7 @@ def require_enough_substeps(
     Ad, Bd = hold(A, B, dt)
     flow = Ad - Bd @ law.K
 
-    def length(matrix: FloatArray) -> float:
+    def length(matrix: Array) -> float:
         if not np.all(np.isfinite(matrix)):
             return float("inf")
         return float(np.linalg.norm(root @ np.linalg.solve(root.T, matrix.T).T, 2))
@@ -118,7 +118,7 @@ def require_enough_substeps(
     raise TooFewSubstepsError(substeps, factor, error, tried)
 
 
-def require_stable_hold(A: FloatArray, B: FloatArray, K: FloatArray, dt: float) -> None:
+def require_stable_hold(A: Array, B: Array, K: Array, dt: float) -> None:
     """Refuse a gain that is unstable when its input is held.
 
     Args:

@@ -19,17 +19,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from swarmstart.terminal_set.arrays import (
-    FloatArray,
-    NotPositiveError,
-)
+from swarmstart.terminal_set.arrays import Array, NotPositiveError
 from swarmstart.terminal_set.decrease import Change
 from swarmstart.terminal_set.enclosure import DecreaseBounds, Undecided
 from swarmstart.terminal_set.evidence import Proof
-
-Array = NDArray[np.float64]
 
 CHUNK = 8192
 COVER = 1e-9
@@ -67,7 +61,7 @@ def prove_level(
         seconds = clock.perf_counter() - began
         return Proof(proven=False, alpha=alpha, boxes=0, seconds=seconds)
 
-    def broken(left: Undecided) -> FloatArray | None:
+    def broken(left: Undecided) -> Array | None:
         return _counterexample(change.function, bounds.T, left)
 
     limits = Limits(max_boxes=max_boxes, until=began + max_seconds)
@@ -121,7 +115,7 @@ class Search:
 
     finished: bool
     boxes: int
-    counterexample: FloatArray | None = None
+    counterexample: Array | None = None
 
 
 def search_ball(
@@ -130,7 +124,7 @@ def search_ball(
     radius: float,
     *,
     limits: Limits,
-    broken: Callable[[Undecided], FloatArray | None] = lambda left: None,
+    broken: Callable[[Undecided], Array | None] = lambda left: None,
 ) -> Search:
     """Cut a ball into boxes until all are decided.
 
@@ -183,7 +177,7 @@ def _halves(boxes: Undecided) -> Boxes:
     return np.hstack([boxes.lower, above]), np.hstack([below, boxes.upper])
 
 
-def _counterexample(c: ca.Function, T: Array, boxes: Undecided) -> FloatArray | None:
+def _counterexample(c: ca.Function, T: Array, boxes: Undecided) -> Array | None:
     """Return the nearest of the boxes' ends where c is not below 0, or is no number."""
     w = (boxes.lower[1:] + boxes.upper[1:]) / 2
     e = T @ (boxes.upper[0] * w / np.linalg.norm(w, axis=0))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmstart.terminal_set.arrays import FloatArray, bound_array, finite_array
+from swarmstart.terminal_set.arrays import Array, bound_array, finite_array
 from swarmstart.terminal_set.level import smaller_side
 
 
@@ -29,12 +29,12 @@ class Reference:
         InvalidShapeError: An array is no vector, or sizes differ.
     """
 
-    x_ref: FloatArray
-    u_ref: FloatArray
-    u_lower: FloatArray
-    u_upper: FloatArray
-    x_lower: FloatArray | None = None
-    x_upper: FloatArray | None = None
+    x_ref: Array
+    u_ref: Array
+    u_lower: Array
+    u_upper: Array
+    x_lower: Array | None = None
+    x_upper: Array | None = None
 
     def __post_init__(self) -> None:
         """Check and copy; refuse a reference that leaves feedback no room."""
@@ -49,12 +49,12 @@ class Reference:
         _ = self.u_max, self.e_max  # Raises where there is no room.
 
     @property
-    def u_max(self) -> FloatArray:
+    def u_max(self) -> Array:
         """Room of each input around u_ref, the nearer bound, shape (nu,), > 0."""
         return smaller_side("u_ref", self.u_ref, lower=self.u_lower, upper=self.u_upper)
 
     @property
-    def e_max(self) -> FloatArray:
+    def e_max(self) -> Array:
         """Room of each state around x_ref, the nearer bound, shape (nx,), > 0."""
         nowhere = np.full(self.x_ref.shape, np.inf)
         lower = -nowhere if self.x_lower is None else self.x_lower

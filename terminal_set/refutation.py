@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.terminal_set.arrays import (
-    FloatArray,
+    Array,
     NotPositiveError,
 )
 from swarmstart.terminal_set.decrease import Change
@@ -74,12 +74,12 @@ def refuted_level(
     return min(points, key=lambda one: one.alpha, default=None)
 
 
-Start = tuple[float, FloatArray]
+Start = tuple[float, Array]
 """A radius and a direction, shape (nx,), of length 1."""
 
 
 def _on_rays(
-    c: ca.Function, T: FloatArray, radius: float, rng: np.random.Generator
+    c: ca.Function, T: Array, radius: float, rng: np.random.Generator
 ) -> list[Start]:
     """Return the rays' first radii at which c >= 0, the nearest first."""
     u = rng.normal(size=(len(T), RAYS))
@@ -94,8 +94,8 @@ def _on_rays(
 
 
 def _nearest(
-    c: ca.Function, T: FloatArray, starts: list[Start], radius: float
-) -> list[FloatArray]:
+    c: ca.Function, T: Array, starts: list[Start], radius: float
+) -> list[Array]:
     """Return z = rho u of the NLP's answers from each start."""
     nx = len(T)
     rho, u = ca.SX.sym("rho"), ca.SX.sym("u", nx)
@@ -120,7 +120,7 @@ def _nearest(
     return answers
 
 
-def _checked(c: ca.Function, P: FloatArray, e: FloatArray) -> Refutation | None:
+def _checked(c: ca.Function, P: Array, e: Array) -> Refutation | None:
     """Return a point as a counterexample, pushed outwards a little if needed."""
     if not np.isfinite(e).all():
         return None

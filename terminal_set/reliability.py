@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.terminal_set.arrays import FloatArray, read_only
+from swarmstart.terminal_set.arrays import Array, read_only
 
 CONDITION_LIMIT = 1e10
 RESIDUAL_LIMIT = 1e-8
@@ -43,7 +43,7 @@ class UnreliableSolutionError(SwarmstartError, ArithmeticError):
         )
 
 
-def reliable_solution(equation: str, P: FloatArray, residual: FloatArray) -> FloatArray:
+def reliable_solution(equation: str, P: Array, residual: Array) -> Array:
     """Check that P is symmetric, positive definite, well conditioned and a solution.
 
     Args:

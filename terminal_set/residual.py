@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.terminal_set.arrays import Array, Mask
 from swarmstart.terminal_set.cells import PADDING
 from swarmstart.terminal_set.design import TerminalSet
 from swarmstart.terminal_set.enclosure import defect
@@ -29,8 +29,6 @@ from swarmstart.terminal_set.intervals import IntervalEvaluation
 from swarmstart.terminal_set.smoothness import Kinks
 from swarmstart.terminal_set.taylor import evaluated, middle_and_radius
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Balls = tuple[Array, Array]
 """Middles and radii, of columns (nx, m) or of matrices (m, nx, nx)."""
 Times = tuple[float, float]

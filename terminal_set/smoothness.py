@@ -29,10 +29,10 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.tape import Node, Tape
+from swarmstart.terminal_set.arrays import Array, Mask
 from swarmstart.terminal_set.intervals import (
     IntervalEvaluation,
     expanded_tape,
@@ -40,9 +40,6 @@ from swarmstart.terminal_set.intervals import (
     interval_program,
     require_no_jumps,
 )
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 KINKS = ("fabs", "fmin", "fmax")
 NEIGHBOURHOOD = 1e-150

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.terminal_set.arrays import FloatArray, square_matrix
+from swarmstart.terminal_set.arrays import Array, square_matrix
 
 ComplexArray = NDArray[np.complex128]
 
@@ -41,7 +41,7 @@ class TimeDomain:
 
     name: str
     measure: str
-    growth: Callable[[ComplexArray], FloatArray]
+    growth: Callable[[ComplexArray], Array]
     boundary: float
     limit: float
 
@@ -147,7 +147,7 @@ def growth(F: ArrayLike, domain: TimeDomain) -> float:
     return float(np.max(domain.growth(_eigenvalues(square_matrix("F", F)))))
 
 
-def require_stable(F: FloatArray, domain: TimeDomain) -> None:
+def require_stable(F: Array, domain: TimeDomain) -> None:
     """Refuse a loop that does not decay.
 
     Args:
@@ -162,7 +162,7 @@ def require_stable(F: FloatArray, domain: TimeDomain) -> None:
         raise UnstableLoopError(_eigenvalues(F), domain.measure, value, domain.limit)
 
 
-def require_stabilisable(A: FloatArray, B: FloatArray, domain: TimeDomain) -> None:
+def require_stabilisable(A: Array, B: Array, domain: TimeDomain) -> None:
     """Refuse a pair with a mode that does not decay and that no input reaches.
 
     Args:
@@ -180,7 +180,7 @@ def require_stabilisable(A: FloatArray, B: FloatArray, domain: TimeDomain) -> No
         raise NotStabilisableError(modes, directions)
 
 
-def require_weighted(A: FloatArray, Q: FloatArray, domain: TimeDomain) -> None:
+def require_weighted(A: Array, Q: Array, domain: TimeDomain) -> None:
     """Refuse a weight that does not see a mode on the boundary of stability.
 
     Args:
@@ -200,7 +200,7 @@ def require_weighted(A: FloatArray, Q: FloatArray, domain: TimeDomain) -> None:
 
 
 def _deficient_modes(
-    A: FloatArray, B: FloatArray, candidates: ComplexArray
+    A: Array, B: Array, candidates: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """Find each mode lam and direction w with w'A = lam w' and w'B = 0.
 
@@ -225,7 +225,7 @@ def _deficient_modes(
     )
 
 
-def _eigenvalues(F: FloatArray) -> ComplexArray:
+def _eigenvalues(F: Array) -> ComplexArray:
     """Compute eigenvalues, complex even where all are real; shape (nx,)."""
     return np.linalg.eigvals(F).astype(np.complex128)
 

@@ -28,11 +28,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.terminal_set.arrays import Array, Mask
 from swarmstart.terminal_set.cells import PADDING, Cells, added_up
 from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
-from swarmstart.terminal_set.smoothness import Kinks, Mask
-
-Array = NDArray[np.float64]
+from swarmstart.terminal_set.smoothness import Kinks
 
 
 class TaylorForm:
