@@ -267,9 +267,7 @@ def _add_run(run: _Parser) -> None:
 def _add_replicate(replicate: _Parser) -> None:
     several = replicate.add_mutually_exclusive_group()
     several.add_argument(
-        "--quick",
-        action="store_true",
-        help="one seed; claims that need more are 'not judged'",
+        "--quick", action="store_true", help="one seed: 'not judged' if too few"
     )
     several.add_argument(
         "--seeds", type=_count, metavar="N", help="seeds of each run that is random"
@@ -279,9 +277,7 @@ def _add_replicate(replicate: _Parser) -> None:
         help="one claim, by its number; may be given several times",
     )  # fmt: skip
     replicate.add_argument(
-        "--dry-run",
-        action="store_true",
-        help="say how many runs there are to do, and how long they take",
+        "--dry-run", action="store_true", help="say how many runs, and how long"
     )
     replicate.add_argument("--out", metavar="DIR", help="default: results/replication")
     _add_campaign(replicate, markdown=True)

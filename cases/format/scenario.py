@@ -487,6 +487,9 @@ def _flaw(
     while at not in places and at:
         at, places = at[:-1], document.places
     place = places[at]
+    # The text of an option is its value alone: it has no key to point at.
+    if of_key and place.name.startswith("--"):
+        return Flaw(place, what)
     return Flaw(place, what, frame(document.sources.get(place.name, ""), place))
 
 

@@ -134,7 +134,14 @@ def test_a_flaw_of_an_assignment_is_placed_there() -> None:
     with pytest.raises(InvalidScenarioError) as caught:
         resolved(assignments=["steps=many"])
     (flaw,) = caught.value.flaws
-    assert str(flaw.place) == "--set steps"
+    assert str(flaw.place) == "--set steps" and "many" in flaw.frame
+
+
+def test_no_value_is_shown_for_a_wrong_key_of_an_assignment() -> None:
+    with pytest.raises(InvalidScenarioError, match="did you mean 'search'") as caught:
+        resolved(assignments=["serch.name=ga"])
+    (flaw,) = caught.value.flaws
+    assert str(flaw.place) == "--set serch.name" and not flaw.frame
 
 
 def test_a_scenario_without_variants_needs_none_and_has_none() -> None:
