@@ -16,6 +16,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -55,7 +56,7 @@ def prove_level(
     if not 0 < alpha < np.inf:
         raise NotPositiveError("alpha", alpha)
     began = clock.perf_counter()
-    bounds = DecreaseBounds(change)
+    bounds = _bounds_of(change)
     radius = radius_of(alpha, bounds.defect)
     if not np.isfinite(radius):
         seconds = clock.perf_counter() - began
@@ -73,6 +74,12 @@ def prove_level(
         seconds=clock.perf_counter() - began,
         counterexample=search.counterexample,
     )
+
+
+@lru_cache(maxsize=1)
+def _bounds_of(change: Change) -> DecreaseBounds:
+    """Return the bounds of a change; one level after another is tried with them."""
+    return DecreaseBounds(change)
 
 
 def radius_of(alpha: float, defect: float) -> float:
