@@ -172,7 +172,7 @@ class Flight(Generic[P_co]):
 
     @property
     def x0(self) -> Array:
-        """Where it starts, shape (nx,)."""
+        """Initial state, shape (nx,)."""
         return self.posed.x0
 
     @property
@@ -182,12 +182,12 @@ class Flight(Generic[P_co]):
 
     @property
     def documents(self) -> Mapping[str, str]:
-        """What else belongs into a run's folder: name of a file -> its text."""
+        """Further documents of a run's folder: name of a file -> its text."""
         return self.posed.documents
 
     @property
     def loop(self) -> RecedingHorizon:
-        """What makes the plans, where one agent does.
+        """The loop that makes the plans, if one agent does.
 
         Raises:
             SeveralPlansError: If several do.
