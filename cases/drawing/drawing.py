@@ -1,20 +1,25 @@
 """What the figures of all kinds share: colours, empty figures, how they are written."""
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.record.files import write_atomically
+from swarmstart.ocp import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 Array = NDArray[np.float64]
+S = TypeVar("S")
+F = TypeVar("F")
+Figures = Iterable[tuple[str, "Figure"]]
+"""Names without a suffix, and figures."""
 
 # Colours that people with colour-blindness can tell apart (Okabe and Ito, 2008).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -27,7 +32,25 @@ def new_figure(size: tuple[float, float] = (7.0, 4.0)) -> "Figure":
     return Figure(figsize=size, dpi=110, layout="constrained")
 
 
-def write_figures(figures: Iterable[tuple[str, "Figure"]], folder: Path) -> list[Path]:
+def into_folder(
+    figures: Callable[[S, F, Trajectory], Figures],
+) -> Callable[[S, F, Trajectory, Path], list[Path]]:
+    """Return a function that writes figures into a folder and returns the files.
+
+    Args:
+        figures: Scenario, flight and trajectory -> figures by name, in order.
+    """
+
+    @functools.wraps(figures)
+    def draw(
+        scenario: S, flight: F, trajectory: Trajectory, folder: Path
+    ) -> list[Path]:
+        return write_figures(figures(scenario, flight, trajectory), folder)
+
+    return draw
+
+
+def write_figures(figures: Figures, folder: Path) -> list[Path]:
     """Write figures as PNG files by name; return the files, in order.
 
     Args:

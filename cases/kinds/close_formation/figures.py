@@ -7,13 +7,12 @@ minimum is drawn in (a) to (d), and the exact minimum at the flown states in (e)
 """
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.drawing import new_figure, write_figures
+from swarmstart.cases.drawing.drawing import Figures, into_folder, new_figure
 from swarmstart.cases.format.settings import search_part
 from swarmstart.cases.kinds.close_formation.measures import (
     SETTLED_FT,
@@ -45,31 +44,20 @@ OUTLINE = np.array(
 )
 
 
+@into_folder
 def draw(
     scenario: CloseFormationScenario,
     flight: CloseFormationFlight,
     trajectory: Trajectory,
-    folder: Path,
-) -> list[Path]:
-    """Draw all figures of a flight.
-
-    Args:
-        scenario: The scenario.
-        flight: What was flown.
-        trajectory: The flight.
-        folder: Where the PNG files go; made where it is missing.
-
-    Returns:
-        The files, in the order of the chapter's panels.
-    """
+) -> Figures:
+    """Return all figures of a flight by name, in the order of the chapter's panels."""
     exact = exact_flight(scenario) if scenario.reference == "ipopt" else None
-    figures = [
+    return [
         *_state_figures(scenario, flight, trajectory, exact),
         ("e_cost", _cost_figure(scenario, flight, trajectory)),
         ("f_drag_saving", _saving_figure(flight, trajectory, exact)),
         ("g_map", map_figure(flight, trajectory)),
     ]
-    return write_figures(figures, folder)
 
 
 def exact_flight(scenario: CloseFormationScenario) -> Trajectory:

@@ -5,7 +5,6 @@ heading, x and y against time. Beside them what the chapter does not show: dista
 and obstacle clearance between the samples, and the terminal set.
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,10 +12,11 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
+    Figures,
     arrowhead,
     colour,
+    into_folder,
     new_figure,
-    write_figures,
 )
 from swarmstart.cases.kinds.formation_flight.measures import (
     clearances,
@@ -55,23 +55,13 @@ RELATIVE = (
 )
 
 
+@into_folder
 def draw(
     scenario: FormationScenario,
     flight: FormationFlight,
     trajectory: Trajectory,
-    folder: Path,
-) -> list[Path]:
-    """Draw all figures of a flight.
-
-    Args:
-        scenario: The scenario.
-        flight: What was flown.
-        trajectory: The flight.
-        folder: Where the PNG files go; made where it is missing.
-
-    Returns:
-        The files, in the order of the chapter's panels.
-    """
+) -> Figures:
+    """Return all figures of a flight by name, in the order of the chapter's panels."""
     figures = [
         ("a_tracks", tracks_figure(scenario, flight, trajectory)),
         *[
@@ -87,7 +77,7 @@ def draw(
             ("g_terminal_set", terminal_set_figure(flight, trajectory)),
             ("h_entering", entering_figure(flight, trajectory)),
         ]
-    return write_figures(figures, folder)
+    return figures
 
 
 def tracks_figure(

@@ -8,13 +8,12 @@ of each horizon (5.20, 5.25); (d) bank and (e) thrust of each UAV (5.21, 5.22, 5
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.drawing import COLOURS, new_figure, write_figures
+from swarmstart.cases.drawing.drawing import COLOURS, Figures, into_folder, new_figure
 from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances
 from swarmstart.cases.kinds.planar_figures import (
     distances_figure,
@@ -40,26 +39,16 @@ MOST_PANELS = 12
 WIDE = 4
 
 
+@into_folder
 def draw(
     scenario: ReconfigurationScenario,
     flight: ReconfigurationFlight,
     trajectory: Trajectory,
-    folder: Path,
-) -> list[Path]:
-    """Draw all figures of a flight.
-
-    Args:
-        scenario: The scenario.
-        flight: What was flown.
-        trajectory: The flight.
-        folder: Where the PNG files go; made where it is missing.
-
-    Returns:
-        The files, in the order of the chapter's figures.
-    """
+) -> Figures:
+    """Return all figures of a flight by name, in the order of the chapter's figures."""
     times = trajectory.times
     thrust, bank = np.moveaxis(flight.posed.controls_by_uav(trajectory.controls), 1, 0)
-    figures = [
+    return [
         ("a_trajectories", trajectories_figure(scenario, flight, trajectory)),
         ("b_evolution", evolution_figure(trajectory)),
         ("c_cost", cost_figure(scenario, flight, trajectory)),
@@ -67,7 +56,6 @@ def draw(
         ("e_thrust", held_controls_figure(times, thrust, "thrust [N]")),
         ("f_distances", pairs_figure(scenario, flight, trajectory)),
     ]
-    return write_figures(figures, folder)
 
 
 def trajectories_figure(

@@ -1,11 +1,10 @@
 """Figures of a transfer: tracks, the search's evolution, controls, distances."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmstart.cases.drawing.drawing import COLOURS, new_figure, write_figures
+from swarmstart.cases.drawing.drawing import COLOURS, Figures, into_folder, new_figure
 from swarmstart.cases.kinds.planar import by_uav, pair_distances
 from swarmstart.cases.kinds.planar_figures import (
     distances_figure,
@@ -20,23 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@into_folder
 def draw(
     scenario: TransferScenario,
     flight: TransferFlight,
     trajectory: Trajectory,
-    folder: Path,
-) -> list[Path]:
-    """Draw all figures of a flight.
-
-    Args:
-        scenario: The scenario.
-        flight: What was flown.
-        trajectory: The flight.
-        folder: Where the PNG files go; made where it is missing.
-
-    Returns:
-        The files, in order.
-    """
+) -> Figures:
+    """Return all figures of a flight by name, in order."""
     uavs, times = len(flight.posed.goals), trajectory.times
     tracks = by_uav(trajectory.dense_states, uavs)
     steps = trajectory.controls.shape[1]
@@ -58,7 +47,7 @@ def draw(
         limits = {"safe": scenario.safe_distance_m}
         distances = distances_figure(trajectory.dense_times, pairs, limits=limits)
         figures.append(("e_distances", distances))
-    return write_figures(figures, folder)
+    return figures
 
 
 def evolution_figure(trajectory: Trajectory) -> "Figure":

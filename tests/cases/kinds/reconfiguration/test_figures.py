@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from swarmstart.cases.drawing import drawing
 from swarmstart.cases.format.kind import NoAnimationError
-from swarmstart.cases.kinds.reconfiguration import figures
 from swarmstart.cases.kinds.reconfiguration.figures import draw
 from swarmstart.cases.kinds.reconfiguration.kind import KIND
 from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
@@ -50,7 +50,7 @@ def drawn(
         return []
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(figures, "write_figures", keep)
+        patched.setattr(drawing, "write_figures", keep)
         draw(scenario, flight, trajectory, Path("never"))
     return found
 
