@@ -61,10 +61,9 @@ class Checker:
     def __init__(self, problem: OptimalControlProblem) -> None:
         """Compile the rows of all constraints."""
         self._problem = problem
-        symbols = [*problem.symbols().values()]
         path, ends = problem.path_constraints, problem.terminal_constraints
-        self._path = _Rows(problem, path, 0, symbols)
-        self._end = _Rows(problem, ends, len(path), symbols)
+        self._path = ConstraintRows(problem, path)
+        self._end = ConstraintRows(problem, ends, first=len(path))
         controlled = [np.empty(0, dtype=bool)]
         for constraint in path:
             rows = constraint.rows(constraint.expression).lower.size
@@ -161,31 +160,52 @@ class Points:
     signals: Array
 
 
-class _Rows:
-    """The rows of some constraints, evaluated at many points in one call."""
+class ConstraintRows:
+    """The rows of some constraints, evaluated at many points in one call.
+
+    Attributes:
+        names: Of the rows.
+        lower: Their lower limits, shape (rows, 1).
+        upper: Their upper limits, shape (rows, 1).
+        places: (number of the constraint, row in it) of each.
+    """
 
     def __init__(
         self,
         problem: OptimalControlProblem,
         constraints: tuple[Constraint, ...],
-        first: int,
-        symbols: list[ca.SX],
+        *,
+        first: int = 0,
     ) -> None:
+        """Compile the rows.
+
+        Args:
+            problem: The problem.
+            constraints: Path or terminal constraints in its symbols.
+            first: Number of the first of them.
+        """
+        symbols = [*problem.symbols().values()]
         rows = [c.rows(c.expression) for c in constraints]
         values = ca.vertcat(ca.SX(0, 1), *[r.values for r in rows])
         self._values = ca.Function("rows", symbols, [values])
-        self._lower = np.concatenate([np.empty(0), *[r.lower for r in rows]])[:, None]
-        self._upper = np.concatenate([np.empty(0), *[r.upper for r in rows]])[:, None]
+        self.lower = np.concatenate([np.empty(0), *[r.lower for r in rows]])[:, None]
+        self.upper = np.concatenate([np.empty(0), *[r.upper for r in rows]])[:, None]
         self.places = [
             (first + number, row)
             for number, r in enumerate(rows)
             for row in range(r.lower.size)
         ]
-        self._names = [name for c in constraints for name in _row_names(problem, c)]
+        self.names = [name for c in constraints for name in _row_names(problem, c)]
 
     def number(self, excess: Excess) -> int:
         """Return the number of an excess's row among all rows."""
         return self.places.index((excess.constraint, excess.row))
+
+    def values(self, x: Array, u: Array, p: Array, s: Array) -> Array:
+        """Return the value of each row, shape (rows, n), at n columns of arguments."""
+        if not self.places:
+            return np.empty((0, x.shape[1]))
+        return np.array(self._values(x, u, p, s))
 
     def excess(
         self, x: Array, u: Array, p: Array, s: Array
@@ -195,14 +215,11 @@ class _Rows:
         Both of shape (rows, points). Negative inside; infinity if the row is not a
         finite number.
         """
-        count = x.shape[1]
-        if not self.places:
-            return np.empty((0, count)), np.empty((0, count), dtype=bool)
-        values = np.array(self._values(x, u, np.tile(p[:, None], (1, count)), s))
+        values = self.values(x, u, np.tile(p[:, None], (1, x.shape[1])), s)
         with np.errstate(invalid="ignore"):
-            below, above = self._lower - values, values - self._upper
+            below, above = self.lower - values, values - self.upper
             excess = np.maximum(below, above)
-        limited = np.isfinite(self._lower) | np.isfinite(self._upper)
+        limited = np.isfinite(self.lower) | np.isfinite(self.upper)
         lost = np.where(limited, np.inf, -np.inf)
         return np.where(np.isfinite(values), excess, lost), above > below
 
@@ -223,9 +240,7 @@ class _Rows:
                 row=place[1],
                 above=bool(above[i, where[i]]),
             )
-            for i, (name, place) in enumerate(
-                zip(self._names, self.places, strict=True)
-            )
+            for i, (name, place) in enumerate(zip(self.names, self.places, strict=True))
             if excess[i, where[i]] > 0
         ]
         return sorted(found, key=lambda e: -e.relative)

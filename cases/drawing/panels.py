@@ -1,0 +1,276 @@
+"""Small panels over time, one a quantity: lines, held steps, and bounds."""
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.drawing.drawing import colour, new_figure
+from swarmstart.ocp import OptimalControlProblem
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+MOST_PANELS = 24
+"""Panels of one kind in a figure; a sentence says that there are more."""
+MOST_NAMED = 10
+"""Vehicles up to which each is named in the legend."""
+FAR = 10.0
+"""Times the range of the values that a bound may lie beyond them to be in the axis."""
+_LINE_WIDTH, _MOST_LINES = 22, 3
+_SMALL = 16
+"""Characters of a line from which on a label is small."""
+_COLUMNS = ((3, 1), (8, 2), (15, 3))
+"""(panels, columns): up to so many panels in so many columns; four beyond."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Labels:
+    """Words on the axes, and how rows belong to vehicles.
+
+    Attributes:
+        states: Name of each state of one vehicle.
+        controls: Name of each control of one vehicle.
+        units: Unit by name, where there is one.
+        vehicles: Name of each vehicle; states and controls come vehicle after vehicle.
+        maximize: Whether the cost is what is maximised, times -1.
+    """
+
+    states: Sequence[str]
+    controls: Sequence[str]
+    units: Mapping[str, str] = field(default_factory=dict)
+    vehicles: Sequence[str] = ("",)
+    maximize: bool = False
+
+    def of(self, name: str) -> str:
+        """Return a name with its unit, as an axis shows it."""
+        unit = self.units.get(name, "")
+        return f"{name} [{unit}]" if unit else name
+
+    @property
+    def cost(self) -> str:
+        """What the cost is called."""
+        return "objective" if self.maximize else "cost"
+
+    @property
+    def sign(self) -> float:
+        """Factor of a cost as it is drawn."""
+        return -1.0 if self.maximize else 1.0
+
+    @property
+    def are_named(self) -> bool:
+        """Whether a legend names the vehicles."""
+        return 1 < len(self.vehicles) <= MOST_NAMED
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Panel:
+    """One quantity of all vehicles.
+
+    Attributes:
+        label: Of its axis.
+        times: Shape (n,) [s], or (n + 1,) where values are held from each to the next.
+        values: Shape (vehicles, n).
+        lower: Lower bounds, shape (vehicles,), -inf where there is none.
+        upper: Upper bounds, likewise.
+        beneath: Times and values of thin lines beneath.
+    """
+
+    label: str
+    times: Array
+    values: Array
+    lower: Array
+    upper: Array
+    beneath: Sequence[tuple[Array, Array]] = ()
+
+
+def panels_of(
+    names: Sequence[str],
+    labels: Labels,
+    times: Array,
+    values: Array,
+    limits: tuple[Array, Array] | None = None,
+) -> list[Panel]:
+    """Return a panel for each name.
+
+    Args:
+        names: Of the quantities of one vehicle.
+        labels: The words.
+        times: As in Panel.
+        values: Vehicle after vehicle, shape (vehicles * names, n).
+        limits: Lower and upper bounds, each (vehicles * names,); None: none.
+    """
+    if limits is None:
+        free = np.full(len(values), np.inf)
+        limits = -free, free
+    count = len(names)
+    lower, upper = limits
+    return [
+        Panel(
+            label=labels.of(name),
+            times=times,
+            values=values[row::count],
+            lower=lower[row::count],
+            upper=upper[row::count],
+        )
+        for row, name in enumerate(names)
+    ]
+
+
+def stacked_limits(
+    problems: Sequence[OptimalControlProblem],
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return (lower, upper) of the states, and of the controls, of all problems."""
+    states, controls = (
+        tuple(np.concatenate(side) for side in zip(*limits, strict=True))
+        for limits in (
+            [problem.state_limits for problem in problems],
+            [problem.control_limits for problem in problems],
+        )
+    )
+    return (states[0], states[1]), (controls[0], controls[1])
+
+
+def panels_figure(blocks: Mapping[str, Sequence[Panel]], labels: Labels) -> "Figure":
+    """Return a figure of blocks of panels below one another.
+
+    Args:
+        blocks: What the panels of a block are called ("states") -> its panels.
+        labels: The words.
+    """
+    shown = {name: panels[:MOST_PANELS] for name, panels in blocks.items() if panels}
+    figure, axes = grid([len(panels) for panels in shown.values()])
+    for block, panels in zip(axes, shown.values(), strict=True):
+        for place, panel in zip(block, panels, strict=True):
+            _draw_panel(place, panel, labels)
+    more = [
+        f"the first {MOST_PANELS} of {len(panels)} {name}"
+        for name, panels in blocks.items()
+        if len(panels) > MOST_PANELS
+    ]
+    if more:
+        figure.suptitle("; ".join(more), fontsize="medium")
+    name_lines(figure)
+    return figure
+
+
+def grid(counts: Sequence[int]) -> "tuple[Figure, list[list[Axes]]]":
+    """Return a figure with blocks of axes over one time, each block in its own rows.
+
+    Args:
+        counts: Panels of each block.
+    """
+    most = max(counts)
+    columns = next((c for least, c in _COLUMNS if most <= least), 4)
+    rows = [-(-count // columns) for count in counts]
+    width, height = (7.0, 4.2, 3.5, 3.2)[columns - 1] * columns, 1.75 * sum(rows)
+    figure = new_figure((width, max(height, 2.4) + 0.8))
+    blocks: list[list[Axes]] = []
+    first: Axes | None = None
+    for number, count in enumerate(counts):
+        block = []
+        for k in range(count):
+            place = sum(rows[:number]) * columns + k + 1
+            axes = figure.add_subplot(sum(rows), columns, place, sharex=first)
+            first = first or axes
+            axes.grid(alpha=0.3)
+            block.append(axes)
+        blocks.append(block)
+    _label_time(blocks, columns)
+    return figure, blocks
+
+
+def _label_time(blocks: "list[list[Axes]]", columns: int) -> None:
+    """Name the time below the last panel of each column."""
+    last = dict((k % columns, axes) for block in blocks for k, axes in enumerate(block))
+    for block in blocks:
+        for k, axes in enumerate(block):
+            if axes is last[k % columns]:
+                axes.set_xlabel("time [s]")
+            else:
+                axes.tick_params(labelbottom=False)
+
+
+def _draw_panel(axes: "Axes", panel: Panel, labels: Labels) -> None:
+    """Draw lines or held steps, and the bounds that are near."""
+    for times, values in panel.beneath:
+        axes.plot(times, values, color="0.6", lw=0.6, zorder=1, label="plans")
+    held = panel.times.size == panel.values.shape[1] + 1
+    for number, values in enumerate(panel.values):
+        own = colour(number)
+        name = escaped(labels.vehicles[number]) if labels.are_named else None
+        if held:
+            # Lines that coincide stay visible.
+            width = max(1.2, 1.2 + 0.6 * (min(len(panel.values), 4) - 1 - number))
+            axes.stairs(
+                values, panel.times, baseline=None, color=own, lw=width, label=name
+            )
+        else:
+            axes.plot(panel.times, values, color=own, lw=1.2, label=name)
+    label = wrapped(panel.label)
+    is_small = max(map(len, label.split("\n"))) > _SMALL
+    axes.set_ylabel(label, fontsize="small" if is_small else None)
+    _draw_bounds(axes, panel)
+
+
+def _draw_bounds(axes: "Axes", panel: Panel) -> None:
+    """Draw the bounds dashed; name those so far away that they would hide the rest."""
+    near, far = bounds_of(panel)
+    for bound, own in near:
+        axes.axhline(bound, color=own, ls="--", lw=1.0, label="bound")
+    if far:
+        text = f"bounds beyond the axis: {', '.join(f'{b:g}' for b in far)}"
+        axes.set_title(text, fontsize="x-small", loc="right", color="0.35")
+
+
+def bounds_of(panel: Panel) -> tuple[list[tuple[float, str]], list[float]]:
+    """Return the finite bounds near the values with their colours, and those far away.
+
+    A bound that all vehicles share is grey.
+    """
+    finite = panel.values[np.isfinite(panel.values)]
+    least, most = (finite.min(), finite.max()) if finite.size else (0.0, 0.0)
+    reach = FAR * (most - least) or np.inf
+    pairs = np.stack([panel.lower, panel.upper], axis=1)
+    if (pairs == pairs[0]).all():
+        every = [(float(bound), "0.25") for bound in np.unique(pairs)]
+    else:
+        every = [
+            (float(bound), colour(number))
+            for number, pair in enumerate(pairs)
+            for bound in np.unique(pair)
+        ]
+    every = [(bound, own) for bound, own in every if np.isfinite(bound)]
+    near = [(b, own) for b, own in every if least - reach <= b <= most + reach]
+    far = {b for b, _ in every} - {b for b, _ in near}
+    return near, sorted(far)
+
+
+def name_lines(figure: "Figure") -> None:
+    """Put one legend of all lines' names below a figure; the dashed bounds grey."""
+    named: dict[str, object] = {}
+    for axes in figure.axes:
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+            named.setdefault(name, handle)
+    if named:
+        figure.legend(
+            list(named.values()), list(named), loc="outside lower center",
+            ncols=min(len(named), 6), fontsize="small", frameon=False,
+        )  # type: ignore[call-overload] # fmt: skip
+
+
+def wrapped(label: str, *, width: int = _LINE_WIDTH) -> str:
+    """Return a label in at most a few lines, which fit beside or above a panel."""
+    lines = textwrap.wrap(label, width, max_lines=_MOST_LINES, placeholder="...")
+    return escaped("\n".join(lines))
+
+
+def escaped(text: str) -> str:
+    """Return a user's text, whose dollars are no formulas."""
+    return text.replace("$", r"\$")
