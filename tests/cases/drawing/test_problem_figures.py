@@ -1,0 +1,402 @@
+"""Figures of any problem: what they show is what was flown."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image
+
+from swarmstart.cases.drawing import plan_figures, problem_figures
+from swarmstart.cases.drawing.panels import Labels, panels_figure, panels_of
+from swarmstart.cases.drawing.problem_figures import (
+    draw_problem,
+    draw_solution,
+    draw_trajectory,
+    labels_of,
+)
+from swarmstart.ocp import (
+    Bounds,
+    Decision,
+    Known,
+    Model,
+    OptimalControlProblem,
+    PathConstraint,
+    Plan,
+    Planner,
+    Plant,
+    SearchReport,
+    Source,
+    TerminalConstraint,
+    Trajectory,
+    stack_models,
+    verified,
+)
+
+X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
+MODEL = Model(
+    states=X, controls=U, ode=ca.vertcat(X[1], U),
+    state_names=("place", "speed"), control_names=("force",),
+)  # fmt: skip
+STEPS, SUBSTEPS = 4, 2
+
+
+def posed(**changes: object) -> OptimalControlProblem:
+    """Return a double integrator over 2 s."""
+    settings: dict[str, object] = {
+        "horizon": 2.0, "intervals": STEPS, "stage_cost": U**2,
+        "bounds": Bounds(controls=(-2.0, 2.0), states=([-np.inf, -3], np.inf)),
+    }  # fmt: skip
+    return OptimalControlProblem(MODEL, **(settings | changes))  # type: ignore[arg-type]
+
+
+def plan_of(controls: np.ndarray, **changes: object) -> Plan:
+    """Return a plan without states, as a record keeps it."""
+    settings: dict[str, object] = {
+        "controls": controls, "states": np.empty((0, 0)), "cost": 3.0,
+        "violation": 0.0, "feasible": True, "source": Source.POLISH,
+    }  # fmt: skip
+    return Plan(**(settings | changes))  # type: ignore[arg-type]
+
+
+def flown(
+    problem: OptimalControlProblem,
+    controls: Sequence[Sequence[float]],
+    x0: Sequence[float],
+    *,
+    plans: Sequence[Sequence[Plan]] | None = None,
+) -> Trajectory:
+    """Return a flight with given controls (nu, T), and plans of each step."""
+    held = np.array(controls, dtype=float)
+    plant = Plant(problem.model, dt=problem.dt, substeps=SUBSTEPS)
+    state, dense = np.array(x0, dtype=float), [np.array(x0, dtype=float)[:, None]]
+    for control in held.T:
+        dense.append(plant(state, control))
+        state = dense[-1][:, -1]
+    steps, path = held.shape[1], np.hstack(dense)
+    if plans is None:
+        plans = [[plan_of(held)]] * steps
+    return Trajectory(
+        times=np.linspace(0.0, steps * problem.dt, steps + 1),
+        states=path[:, ::SUBSTEPS],
+        controls=held,
+        dense_times=np.linspace(0.0, steps * problem.dt, steps * SUBSTEPS + 1),
+        dense_states=path,
+        decisions=tuple(
+            Decision(control=held[:, k], plans=tuple(made))
+            for k, made in enumerate(plans)
+        ),
+        step_seconds=np.linspace(0.1, 0.2, steps),
+    )
+
+
+HELD = [[1.0, -2.0, 0.5, 0.0]]
+
+
+def drawn(
+    problem: OptimalControlProblem | Sequence[OptimalControlProblem],
+    trajectory: Trajectory,
+    **options: object,
+) -> dict[str, Figure]:
+    """Return the figures by name, not written."""
+    found: dict[str, Figure] = {}
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(
+            problem_figures, "write_figures", lambda named, _: found.update(named)
+        )
+        draw_problem(problem, trajectory, Path("never"), **options)  # type: ignore[arg-type]
+    return found
+
+
+def dashed(axes: Axes) -> list[float]:
+    """Return where dashed horizontal lines are."""
+    return sorted(
+        float(np.asarray(line.get_ydata())[0])
+        for line in axes.lines
+        if line.get_linestyle() == "--"
+    )
+
+
+def lines(axes: Axes) -> list[np.ndarray]:
+    """Return the values of the lines that are not dashed."""
+    return [np.asarray(x.get_ydata()) for x in axes.lines if x.get_linestyle() == "-"]
+
+
+def test_states_are_drawn_along_the_fine_path_with_names_units_and_finite_bounds() -> (
+    None
+):
+    problem, units = posed(), {"place": "m", "speed": "m/s"}
+    flight = flown(problem, HELD, [0, 0])
+    figure = drawn(problem, flight, labels=labels_of(problem, units=units))["a_states"]
+    place, speed = figure.axes
+    assert [axes.get_ylabel() for axes in figure.axes] == ["place [m]", "speed [m/s]"]
+    assert dashed(place) == [] and dashed(speed) == [-3.0]
+    for axes, values in zip(figure.axes, flight.dense_states, strict=True):
+        assert np.array_equal(lines(axes)[0], values)
+    assert [axes.get_xlabel() for axes in figure.axes] == ["", "time [s]"]
+
+
+def test_controls_are_held_over_their_steps_between_their_bounds() -> None:
+    flight = flown(posed(), HELD, [0, 0])
+    (axes,) = drawn(posed(), flight)["b_controls"].axes
+    (steps,) = axes.patches
+    values, edges, _ = steps.get_data()  # type: ignore[attr-defined]
+    assert values.tolist() == HELD[0] and edges.tolist() == flight.times.tolist()
+    assert dashed(axes) == [-2.0, 2.0] and axes.get_ylabel() == "force"
+
+
+def test_bounds_far_beyond_the_values_are_told_instead_of_drawn() -> None:
+    wide = posed(bounds=Bounds(controls=(-1e6, 4.0)))
+    (axes,) = drawn(wide, flown(wide, HELD, [0, 0]))["b_controls"].axes
+    assert dashed(axes) == [4.0]
+    assert axes.get_title(loc="right") == "bounds beyond the axis: -1e+06"
+
+
+def test_slack_is_the_distance_to_the_limit_before_and_after_each_control_jump() -> (
+    None
+):
+    # Along force 1, -2 from rest over 0.5 s each: speed 0.5 at 0.5 s, place 0.125.
+    limits = [
+        PathConstraint(expression=X[1] + U, upper=1.2, name="sum"),
+        PathConstraint(expression=X[0], lower=-1.0, upper=4.0, name="range"),
+    ]
+    ends = [TerminalConstraint(expression=X[0] - 7.0, name="goal")]
+    problem = posed(constraints=limits, terminal=ends)
+    above, between, goal = drawn(problem, flown(problem, HELD, [0, 0]))["c_slack"].axes
+    times = np.asarray(above.lines[1].get_xdata())
+    at = np.flatnonzero(times == 0.5)
+    assert lines(above)[0][at] == pytest.approx([1.2 - 1.5, 1.2 - (0.5 - 2.0)])
+    assert lines(between)[0][at] == pytest.approx([1.125, 1.125])
+    assert lines(goal)[0][at] == pytest.approx([0.125 - 7.0] * 2)
+    assert [axes.get_title(loc="left") for axes in (above, between, goal)] == [
+        "sum", "range", "goal",
+    ]  # fmt: skip
+    assert above.collections[0].get_label() == "broken"
+    assert str(between.collections[0].get_label()).startswith("_")
+    assert [x.get_label() for x in goal.lines][-1] == "broken at the end"
+
+
+def test_slack_counts_signals_from_when_the_plan_was_made() -> None:
+    # The limit is the time since the start: the plan of step k knows it from k dt on.
+    s = ca.SX.sym("s")
+    problem = posed(signals=s, constraints=[PathConstraint(expression=s, upper=9.0)])
+    plans = [[plan_of(np.zeros((1, STEPS)))] for _ in range(STEPS)]
+    plans[1] = plans[0]  # flown on for a step
+
+    def known(step: int, number: int) -> Known:
+        assert step != 1
+        return Known(signals=[step * problem.dt + problem.times])
+
+    flight = flown(problem, HELD, [0, 0], plans=plans)
+    (axes,) = drawn(problem, flight, known=known)["c_slack"].axes
+    times = np.asarray(axes.lines[1].get_xdata())
+    assert lines(axes)[0] == pytest.approx(9.0 - times)
+
+
+def test_the_phase_plane_is_of_two_states_only() -> None:
+    problem = posed()
+    flight = flown(problem, HELD, [0, 0])
+    (axes,) = drawn(problem, flight)["e_phase_plane"].axes
+    assert np.asarray(axes.lines[0].get_data()) == pytest.approx(flight.dense_states)
+    three = stack_models([MODEL, MODEL])
+    wide = OptimalControlProblem(three, horizon=2.0, intervals=STEPS)
+    still = flown(wide, [*HELD, *HELD], [0, 0, 1, 0])
+    assert "e_phase_plane" not in drawn(wide, still)
+
+
+def test_one_plan_has_its_search_and_its_cost_but_no_figures_of_plans() -> None:
+    searched = plan_of(
+        np.array(HELD), search=SearchReport(history=np.array([9.0, np.inf, 5.0]))
+    )
+    flight = flown(posed(), HELD, [0, 0], plans=[[searched]] * STEPS)
+    figures = drawn(posed(), flight)
+    assert list(figures) == ["a_states", "b_controls", "d_cost", "e_phase_plane"]
+    (axes,) = figures["d_cost"].axes
+    assert lines(axes)[0].tolist() == [9.0, np.inf, 5.0] and dashed(axes) == [3.0]
+    turned = replace(labels_of(posed()), maximize=True)
+    (axes,) = drawn(posed(), flight, labels=turned)["d_cost"].axes
+    assert dashed(axes) == [-3.0] and axes.get_ylabel() == "objective"
+
+
+def test_without_a_search_one_plan_has_no_figure_of_its_cost() -> None:
+    flight = flown(posed(), HELD, [0, 0])
+    assert "d_cost" not in drawn(posed(), flight)
+    assert "d_cost" not in drawn(posed(), replace(flight, decisions=()))
+
+
+def closed_loop(steps: int = STEPS) -> Trajectory:
+    """Return a flight with a new plan in every step, the second one infeasible."""
+    rng = np.random.default_rng(0)
+    plans = [
+        [plan_of(rng.uniform(-1, 1, (1, STEPS)), cost=float(k), feasible=k != 1)]
+        for k in range(steps)
+    ]
+    return flown(posed(), [[0.5] * steps], [0, 1], plans=plans)
+
+
+def test_plans_are_drawn_from_where_they_were_made_computed_again_from_a_record() -> (
+    None
+):
+    flight, problem = closed_loop(), posed()
+    place, speed = drawn(problem, flight)["f_plans"].axes
+    thin = [line for line in speed.lines if line.get_label() == "plans"]
+    assert len(thin) == STEPS
+    for k, line in enumerate(thin):
+        controls = flight.decisions[k].plans[0].controls[0]
+        ran = flight.states[1, k] + np.append(0, np.cumsum(controls * problem.dt))
+        assert np.asarray(line.get_ydata()) == pytest.approx(ran)
+        assert np.asarray(line.get_xdata()) == pytest.approx(
+            problem.dt * k + problem.times
+        )
+    assert np.array_equal(lines(place)[-1], flight.dense_states[0])
+
+
+def test_of_many_plans_a_part_is_drawn() -> None:
+    flight = closed_loop(100)
+    (axes, _) = drawn(posed(), flight)["f_plans"].axes
+    thin = [line for line in axes.lines if line.get_label() == "plans"]
+    assert len(thin) == plan_figures.MOST_PLANS
+    begins = [np.asarray(line.get_xdata())[0] for line in thin]
+    assert (begins[0], begins[-1]) == (0.0, pytest.approx(99 * 0.5))
+
+
+def test_costs_and_times_of_a_closed_loop_are_drawn_over_time() -> None:
+    flight = closed_loop()
+    figures = drawn(posed(), flight)
+    (axes,) = figures["d_cost"].axes
+    assert lines(axes)[0].tolist() == [0, 1, 2, 3]
+    (bad,) = (line for line in axes.lines if line.get_label() == "infeasible plan")
+    assert np.asarray(bad.get_data()).tolist() == [[0.5], [1.0]]
+    (axes,) = figures["g_step_time"].axes
+    values, edges, _ = axes.patches[0].get_data()  # type: ignore[attr-defined]
+    assert np.array_equal(values, flight.step_seconds)
+    assert np.array_equal(edges, flight.times) and dashed(axes) == [0.5]
+
+
+def test_vehicles_that_plan_alone_share_panels_and_keep_their_own_bounds() -> None:
+    fast = posed(bounds=Bounds(controls=(-2.0, 2.0), states=([-9, -5], [9, 5])))
+    slow = posed(
+        bounds=Bounds(controls=(-2.0, 2.0), states=([-9, -4], [9, 4])),
+        constraints=[PathConstraint(expression=X[1], upper=2.5, name="limit")],
+    )
+    both = OptimalControlProblem(
+        stack_models([MODEL] * 2), horizon=2.0, intervals=STEPS
+    )
+    plans = [[plan_of(np.zeros((1, STEPS))) for _ in range(2)] for _ in range(STEPS)]
+    flight = flown(both, [*HELD, [0.5] * STEPS], [0, 2, 1, 1], plans=plans)
+    figures = drawn([fast, slow], flight)
+    place, speed = figures["a_states"].axes
+    assert dashed(place) == [-9, 9] and dashed(speed) == [-5, -4, 4, 5]
+    own = [line for line in speed.lines if line.get_label() == "vehicle 2"]
+    assert np.array_equal(np.asarray(own[0].get_ydata()), flight.dense_states[3])
+    (slack,) = figures["c_slack"].axes
+    assert slack.get_title(loc="left") == "vehicle 2: limit"
+    assert lines(slack)[0][0] == pytest.approx(2.5 - 1.0)
+    _, speeds = figures["f_plans"].axes
+    thin = [line for line in speeds.lines if line.get_label() == "plans"]
+    begins = sorted(float(np.asarray(line.get_ydata())[0]) for line in thin)
+    assert begins == pytest.approx(sorted(flight.states[[1, 3], :-1].ravel()))
+
+
+def test_beyond_the_most_panels_a_sentence_says_how_many_there_are() -> None:
+    names = [f"state_{i}" for i in range(30)]
+    labels = Labels(states=names, controls=[])
+    panels = panels_of(names, labels, np.arange(3.0), np.zeros((30, 3)))
+    figure = panels_figure({"states": panels, "controls": []}, labels)
+    assert len(figure.axes) == 24
+    assert figure.get_suptitle() == "the first 24 of 30 states"
+
+
+def test_a_solution_shows_its_verified_path_and_its_bounds() -> None:
+    problem = posed()
+    plan = Planner(problem, search=None, backend="casadi").evaluated(
+        np.array(HELD), [0, 0], source=Source.GUESS
+    )
+    solution = verified(problem, plan, [0, 0])
+    place, speed, force = draw_solution(solution, units={"force": "N"}).axes
+    assert np.array_equal(lines(place)[0], solution.path.states[0])
+    assert dashed(speed) == [-3.0] and dashed(force) == [-2.0, 2.0]
+    assert force.get_ylabel() == "force [N]"
+    assert force.patches[0].get_data()[0].tolist() == HELD[0]  # type: ignore[attr-defined]
+
+
+def test_a_trajectory_is_drawn_without_bounds_and_numbered_without_names() -> None:
+    flight = flown(posed(), HELD, [0, 0])
+    figure = draw_trajectory(flight)
+    assert [axes.get_ylabel() for axes in figure.axes] == ["x_0", "x_1", "u_0"]
+    assert all(dashed(axes) == [] for axes in figure.axes)
+    named = draw_trajectory(flight, labels=labels_of(posed()))
+    assert [axes.get_ylabel() for axes in named.axes] == ["place", "speed", "force"]
+
+
+def overlaps(figure: Figure) -> list[tuple[str, str]]:
+    """Return pairs of texts of a figure that lie over one another."""
+    figure.draw_without_rendering()
+    texts = [*figure.texts, *([figure._suptitle] if figure._suptitle else [])]  # type: ignore[attr-defined]
+    for axes in figure.axes:
+        texts += [axes.title, axes._left_title, axes._right_title]  # type: ignore[attr-defined]
+        texts += [axes.xaxis.label, axes.yaxis.label]
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            texts += [
+                tick.label1
+                for tick in axis.get_major_ticks()
+                if low <= tick.get_loc() <= high
+            ]
+    for legend in figure.legends:
+        texts += legend.get_texts()
+    boxes = [
+        (text.get_text(), text.get_window_extent())
+        for text in {id(text): text for text in texts}.values()
+        if text.get_text() and text.get_visible()
+    ]
+    return [
+        (one, other)
+        for i, (one, box) in enumerate(boxes)
+        for other, second in boxes[i + 1 :]
+        if box.shrunk(0.9, 0.9).overlaps(second.shrunk(0.9, 0.9))
+    ]
+
+
+def test_long_names_and_many_panels_do_not_overlap() -> None:
+    names = tuple(f"temperature_of_the_tank_number_{i}" for i in range(12))
+    x, u = ca.SX.sym("x", 12), ca.SX.sym("u")
+    model = Model(
+        states=x, controls=u, ode=u - x, state_names=names, control_names=("$valve$",)
+    )
+    limits = [
+        PathConstraint(
+            expression=x[i] * ca.sin(x[i]) + u, upper=3, name=f"{name} is low"
+        )
+        for i, name in enumerate(names)
+    ]
+    problem = OptimalControlProblem(
+        model, horizon=2.0, intervals=STEPS, constraints=limits,
+        bounds=Bounds(controls=(-2, 2), states=(-1e9, 2)),
+    )  # fmt: skip
+    flight = flown(problem, HELD, np.linspace(0, 1, 12).tolist())
+    figures = drawn(problem, flight, labels=labels_of(problem, units={names[0]: "K"}))
+    assert list(figures) == ["a_states", "b_controls", "c_slack"]
+    assert {name: overlaps(figure) for name, figure in figures.items()} == {
+        name: [] for name in figures
+    }
+
+
+def test_states_that_are_not_finite_are_left_out_of_a_figure(tmp_path: Path) -> None:
+    flight = flown(posed(), HELD, [0, 0])
+    flight.dense_states[:, 5:] = np.inf
+    assert len(draw_problem(posed(), flight, tmp_path)) == 3
+
+
+def test_figures_are_written_in_order_and_not_blank(tmp_path: Path) -> None:
+    problem = posed(constraints=[X[1] <= 5.0])
+    files = draw_problem(problem, closed_loop(), tmp_path / "figures")
+    assert [file.stem[0] for file in files] == list("abcdefg")
+    assert sorted(files) == sorted((tmp_path / "figures").iterdir())
+    for file in files:
+        with Image.open(file) as image:
+            assert len(image.convert("RGB").getcolors(1 << 24) or ()) > 50, file.name
