@@ -92,6 +92,7 @@ class Work(NamedTuple):
         violation: Its violations, shape (size,).
         best_cost: Best cost after each generation, shape (generations,).
         best_violation: Its violation, shape (generations,).
+        evaluations: Of the whole search after each generation; int64, same shape.
         done: Generations run, and why no more: a code of `stopping`; int64, shape (2,).
     """
 
@@ -100,6 +101,7 @@ class Work(NamedTuple):
     violation: Array
     best_cost: Array
     best_violation: Array
+    evaluations: Count
     done: Count
 
 
@@ -111,6 +113,7 @@ def new_work(dim: int, size: int, generations: int) -> Work:
         np.empty(size),
         np.empty(generations),
         np.empty(generations),
+        np.empty(generations, dtype=np.int64),
         np.zeros(2, dtype=np.int64),
     )
 
@@ -194,6 +197,7 @@ def loop(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
         call_at(entries.collect, told)
         work.best_cost[k] = state.best_cost[0]
         work.best_violation[k] = state.best_violation[0]
+        work.evaluations[k] = state.evaluations[0]
         work.done[0] = k + 1
         work.done[1] = finished(settings.order, state, limits)
         if work.done[1] != GOES_ON:

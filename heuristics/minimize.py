@@ -30,7 +30,7 @@ from swarmstart.heuristics.result import (
 )
 from swarmstart.heuristics.search import InvalidEvaluationError, Search
 from swarmstart.heuristics.stopping import AT_TARGET, GOES_ON, STAGNANT, progress_of
-from swarmstart.kernel import Array
+from swarmstart.kernel import Array, Count
 
 Objective = Callable[[Array], ArrayLike | tuple[ArrayLike, ArrayLike]]
 """Population, shape (dim, size), read-only -> cost, or (cost, violation), each (size,).
@@ -187,6 +187,7 @@ class _Run:
         self._generations = CHUNK
         self._costs: list[Array] = []
         self._violations: list[Array] = []
+        self._evaluations: list[Count] = []
 
     def __call__(self, seconds: float) -> StopReason | None:
         """Advance by one generation, or by a chunk in compiled code.
@@ -220,6 +221,7 @@ class _Run:
             stopped=stopped,
             history_cost=locked(np.concatenate([none, *self._costs])),
             history_violation=locked(np.concatenate([none, *self._violations])),
+            history_evaluations=locked(np.concatenate([none, *self._evaluations])),
             nonfinite=search.nonfinite,
             basins=search.basins,
             seconds=watch.seconds,
@@ -249,6 +251,7 @@ class _Run:
             done = int(work.done[0])
             self._costs.append(work.best_cost[:done])
             self._violations.append(work.best_violation[:done])
+            self._evaluations.append(work.evaluations[:done])
         spent = time.perf_counter() - begin
         self._generations = next_chunk(max(done, 1), spent, left=left - spent)
         return True
@@ -265,6 +268,7 @@ class _Run:
             best = search.best
             self._costs.append(np.array([best.cost]))
             self._violations.append(np.array([best.violation]))
+            self._evaluations.append(np.array([search.evaluations]))
         if self._on_generation is not None:
             try:
                 event = _event(search, progress, population, cost, violation)

@@ -62,6 +62,8 @@ class SearchResult:
         history_cost: Cost of the best point after each generation of this call, shape
             (generations of this call,). It may rise where the violation falls.
         history_violation: Violation of that point, same shape.
+        history_evaluations: Evaluations after each generation, those before a
+            continuation included, same shape.
         nonfinite: Individuals whose cost or violation was not finite.
         basins: The best distinct basins met, the best first; see `archive`.
         seconds: Wall time of this call, without that of loading and compiling machine
@@ -80,6 +82,7 @@ class SearchResult:
     stopped: StopReason
     history_cost: Array
     history_violation: Array
+    history_evaluations: Array
     nonfinite: int
     basins: tuple[Individual, ...]
     seconds: float

@@ -338,7 +338,9 @@ class Search:
             return None
         memory, pointers = attached
         work = memory._replace(
-            best_cost=np.empty(generations), best_violation=np.empty(generations)
+            best_cost=np.empty(generations),
+            best_violation=np.empty(generations),
+            evaluations=np.empty(generations, dtype=np.int64),
         )
         self._state.progress[0] = progress
         given = self._looped()

@@ -97,11 +97,13 @@ class SearchReport:
         violation: Violation of that answer; NaN without a search.
         history: Cost of its best point after each generation, shape (generations,);
             empty without a search.
+        evaluations: Evaluations spent until then, same shape.
     """
 
     cost: float = np.nan
     violation: float = np.nan
     history: Array = field(default_factory=lambda: np.empty(0))
+    evaluations: Array = field(default_factory=lambda: np.empty(0))
 
 
 NO_SEARCH = SearchReport()
@@ -332,7 +334,12 @@ class Planner:
         plan = self.evaluated(starts[0].controls, x0, known=known, source=Source.SEARCH)
         searched = replace(
             plan,
-            search=SearchReport(result.cost, result.violation, result.history_cost),
+            search=SearchReport(
+                result.cost,
+                result.violation,
+                result.history_cost,
+                result.history_evaluations,
+            ),
             evaluations=result.evaluations,
         )
         return searched, starts

@@ -182,7 +182,7 @@ def _draw_searches(axes: "Axes", flown: Flown, *, alone: bool) -> None:
     for step in chosen(flown.fresh):
         for number, plan in enumerate(flown.trajectory.decisions[step].plans):
             own, history = colour(number), labels.sign * plan.search.history
-            spent = np.arange(history.size)
+            spent = plan.search.evaluations
             axes.plot(
                 spent, history, color=own, lw=1.4 if alone else 0.6,
                 drawstyle="steps-post", label=_searched(plan),
@@ -194,7 +194,7 @@ def _draw_searches(axes: "Axes", flown: Flown, *, alone: bool) -> None:
                     cost, color=COLOURS[1], ls="--", lw=1.0, label=f"plan, {cost:.5g}"
                 )
                 lines.append(np.array([cost]))
-    axes.set(xlabel="generation", ylabel=labels.cost)
+    axes.set(xlabel="evaluations", ylabel=labels.cost)
     _scale(axes, np.concatenate(lines))
     axes.grid(alpha=0.3)
 

@@ -44,7 +44,8 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "plan_start_excess": _of_plans(plans, lambda p: p.start_excess),
         "plan_evaluations": _of_plans(plans, lambda p: p.evaluations).astype(np.int64),
         "plan_is_new": new_plans(trajectory.decisions),
-        "search_history": _histories(plans),
+        "search_history": _histories(plans, lambda search: search.history),
+        "search_evaluations": _histories(plans, lambda search: search.evaluations),
     }
 
 
@@ -86,13 +87,16 @@ def _polish_name(plan: Plan) -> str:
     return plan.polish_status.name if plan.polish_status else ""
 
 
-def _histories(plans: Sequence[Sequence[Plan]]) -> Array:
+def _histories(
+    plans: Sequence[Sequence[Plan]], history: Callable[[SearchReport], Array]
+) -> Array:
     """Return the searches' histories, shape (T, agents, longest), NaN at the end."""
-    longest = max(plan.search.history.size for row in plans for plan in row)
+    longest = max(history(plan.search).size for row in plans for plan in row)
     padded = np.full((len(plans), len(plans[0]), longest), np.nan)
     for k, row in enumerate(plans):
         for agent, plan in enumerate(row):
-            padded[k, agent, : plan.search.history.size] = plan.search.history
+            values = history(plan.search)
+            padded[k, agent, : values.size] = values
     return padded
 
 
@@ -113,6 +117,7 @@ def _plan(arrays: Mapping[str, NDArray[Any]], number: int, agent: int) -> Plan:
             cost=float(arrays["search_cost"][number, agent]),
             violation=float(arrays["search_violation"][number, agent]),
             history=_unpadded(arrays["search_history"][number, agent]),
+            evaluations=_unpadded(arrays["search_evaluations"][number, agent]),
         ),
         evaluations=int(arrays["plan_evaluations"][number, agent]),
         polish_status=_polish_status(str(arrays["plan_polish"][number, agent])),

@@ -41,7 +41,7 @@ def values(population: Array) -> tuple[Array, Array]:
 
 
 def assert_same(one: SearchResult, other: SearchResult) -> None:
-    for name in ("x", "history_cost", "history_violation"):
+    for name in ("x", "history_cost", "history_violation", "history_evaluations"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     for name in ("cost", "violation", "evaluations", "generations", "nonfinite"):
         assert getattr(one, name) == getattr(other, name)

@@ -44,6 +44,7 @@ def test_last_generation_is_the_last_that_fits() -> None:
     assert (result.evaluations, result.generations) == (50, 5)
     assert result.history_cost.shape == result.history_violation.shape == (5,)
     assert (np.diff(result.history_cost) <= 0.0).all()
+    assert result.history_evaluations.tolist() == [10, 20, 30, 40, 50]
     assert result.cost == result.history_cost[-1] == sphere(result.x[:, None])[0][0]
 
 
@@ -82,6 +83,7 @@ def test_callback_stops_a_search_which_then_continues_as_if_it_had_not() -> None
     rest = run(search, sphere, budget=budget)
     np.testing.assert_array_equal(rest.x, whole.x)
     assert rest.evaluations == 200
+    assert rest.history_evaluations[0] == part.evaluations + 10
     np.testing.assert_array_equal(
         np.append(part.history_cost, rest.history_cost), whole.history_cost
     )

@@ -88,6 +88,8 @@ except SearchInterrupted as interrupted:
     assert found.stopped is StopReason.INTERRUPTED
     assert found.generations == found.history_cost.size == found.history_violation.size
     assert found.evaluations == 50 * found.generations
+    spent = 50 * np.arange(1, found.generations + 1)
+    assert (found.history_evaluations == spent).all()
     assert found.history_cost[-1] == found.cost
     cost, violation = (found.x**2).sum(), max(0.5 - found.x[0], 0.0)
     assert np.isclose(cost, found.cost) and violation == found.violation

@@ -131,6 +131,7 @@ def test_the_trajectory_has_the_documented_arrays(flown: tuple[Path, Any]) -> No
         "search_cost": (2, UAVS),
         "search_violation": (2, UAVS),
         "search_history": (2, UAVS, GENERATIONS),
+        "search_evaluations": (2, UAVS, GENERATIONS),
     }
 
 

@@ -209,14 +209,15 @@ def test_the_phase_plane_is_of_two_states_only() -> None:
 
 
 def test_one_plan_has_its_search_and_its_cost_but_no_figures_of_plans() -> None:
-    searched = plan_of(
-        np.array(HELD), search=SearchReport(history=np.array([9.0, np.inf, 5.0]))
-    )
+    history, spent = np.array([9.0, np.inf, 5.0]), np.array([50.0, 90.0, 120.0])
+    report = SearchReport(history=history, evaluations=spent)
+    searched = plan_of(np.array(HELD), search=report)
     flight = flown(posed(), HELD, [0, 0], plans=[[searched]] * STEPS)
     figures = drawn(posed(), flight)
     assert list(figures) == ["a_states", "b_controls", "d_cost", "e_phase_plane"]
     (axes,) = figures["d_cost"].axes
-    assert lines(axes)[0].tolist() == [9.0, np.inf, 5.0] and dashed(axes) == [3.0]
+    assert lines(axes)[0].tolist() == history.tolist() and dashed(axes) == [3.0]
+    assert np.asarray(axes.lines[0].get_xdata()).tolist() == spent.tolist()
     turned = replace(labels_of(posed()), maximize=True)
     (axes,) = drawn(posed(), flight, labels=turned)["d_cost"].axes
     assert dashed(axes) == [-3.0] and axes.get_ylabel() == "objective"

@@ -48,7 +48,8 @@ def flight(count: int) -> Trajectory:
                     source=list(Source)[rng.integers(len(Source))],
                     search=ocp.SearchReport(
                         cost=np.nan if number else rng.normal(),
-                        history=rng.random(int(rng.integers(4))),
+                        history=rng.random(searched := int(rng.integers(4))),
+                        evaluations=np.arange(1.0, searched + 1.0),
                     ),
                     evaluations=int(rng.integers(100)),
                 )
