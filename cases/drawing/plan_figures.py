@@ -94,19 +94,17 @@ class PlanPath:
 
     Attributes:
         times: Since the start of the flight, shape (nodes,) [s].
-        states: Shape (nx, nodes).
-        first: Row of the flight's states that its first row belongs to.
+        states: Of one vehicle, or of several one after another, shape (nx, nodes).
     """
 
     times: Array
     states: Array
-    first: int
 
 
 def plan_paths(flown: Flown) -> list[PlanPath]:
     """Return the paths of at most MOST_PLANS steps; those not kept are computed."""
     steps = chosen(flown.fresh)
-    paths, first = [], 0
+    paths = []
     for problem, flight, known in flown.parts():
         again: Fitness | None = None
         made = made_at(flight)
@@ -121,8 +119,7 @@ def plan_paths(flown: Flown) -> list[PlanPath]:
                     plan.controls, flight.states[:, step], known(int(step))
                 )
             times = flight.times[step] + problem.times
-            paths.append(PlanPath(times=times, states=states, first=first))
-        first += problem.model.nx
+            paths.append(PlanPath(times=times, states=states))
     return paths
 
 
@@ -146,7 +143,7 @@ def plans_figure(
     count = len(panels)
     beneath: list[list[tuple[Array, Array]]] = [[] for _ in panels]
     for path in paths:
-        for row, values in enumerate(path.states, start=path.first):
+        for row, values in enumerate(path.states):
             beneath[row % count].append((path.times, values))
     drawn = [
         replace(panel, beneath=lines)

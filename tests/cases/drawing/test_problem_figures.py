@@ -159,25 +159,30 @@ def test_bounds_far_beyond_the_values_are_told_instead_of_drawn() -> None:
 def test_slack_is_the_distance_to_the_limit_before_and_after_each_control_jump() -> (
     None
 ):
-    # Along force 1, -2 from rest over 0.5 s each: speed 0.5 at 0.5 s, place 0.125.
+    # From rest: at 0.5 s speed 0.5, place 0.125; at the end place -0.1875.
     limits = [
         PathConstraint(expression=X[1] + U, upper=1.2, name="sum"),
         PathConstraint(expression=X[0], lower=-1.0, upper=4.0, name="range"),
     ]
-    ends = [TerminalConstraint(expression=X[0] - 7.0, name="goal")]
+    ends = [
+        TerminalConstraint(expression=X[0] - 7.0, name="goal"),
+        TerminalConstraint(expression=X[0], lower=-np.inf, upper=-0.1875, name="wall"),
+    ]
     problem = posed(constraints=limits, terminal=ends)
-    above, between, goal = drawn(problem, flown(problem, HELD, [0, 0]))["c_slack"].axes
+    figure = drawn(problem, flown(problem, HELD, [0, 0]))["c_slack"]
+    above, between, goal, wall = figure.axes
     times = np.asarray(above.lines[1].get_xdata())
     at = np.flatnonzero(times == 0.5)
     assert lines(above)[0][at] == pytest.approx([1.2 - 1.5, 1.2 - (0.5 - 2.0)])
     assert lines(between)[0][at] == pytest.approx([1.125, 1.125])
     assert lines(goal)[0][at] == pytest.approx([0.125 - 7.0] * 2)
-    assert [axes.get_title(loc="left") for axes in (above, between, goal)] == [
-        "sum", "range", "goal",
+    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+        "sum", "range", "goal", "wall",
     ]  # fmt: skip
     assert above.collections[0].get_label() == "broken"
     assert str(between.collections[0].get_label()).startswith("_")
-    assert [x.get_label() for x in goal.lines][-1] == "broken at the end"
+    assert goal.lines[-1].get_label() == "broken at the end"
+    assert wall.lines[-1].get_label() == "kept at the end"
 
 
 def test_slack_counts_signals_from_when_the_plan_was_made() -> None:
@@ -279,28 +284,46 @@ def test_costs_and_times_of_a_closed_loop_are_drawn_over_time() -> None:
 
 
 def test_vehicles_that_plan_alone_share_panels_and_keep_their_own_bounds() -> None:
-    fast = posed(bounds=Bounds(controls=(-2.0, 2.0), states=([-9, -5], [9, 5])))
-    slow = posed(
-        bounds=Bounds(controls=(-2.0, 2.0), states=([-9, -4], [9, 4])),
-        constraints=[PathConstraint(expression=X[1], upper=2.5, name="limit")],
-    )
-    both = OptimalControlProblem(
-        stack_models([MODEL] * 2), horizon=2.0, intervals=STEPS
-    )
-    plans = [[plan_of(np.zeros((1, STEPS))) for _ in range(2)] for _ in range(STEPS)]
-    flight = flown(both, [*HELD, [0.5] * STEPS], [0, 2, 1, 1], plans=plans)
-    figures = drawn([fast, slow], flight)
+    flight, figures = team()
     place, speed = figures["a_states"].axes
     assert dashed(place) == [-9, 9] and dashed(speed) == [-5, -4, 4, 5]
     own = [line for line in speed.lines if line.get_label() == "vehicle 2"]
     assert np.array_equal(np.asarray(own[0].get_ydata()), flight.dense_states[3])
+
+
+def test_each_vehicle_has_the_slack_and_the_plans_of_its_own_problem() -> None:
+    flight, figures = team()
     (slack,) = figures["c_slack"].axes
     assert slack.get_title(loc="left") == "vehicle 2: limit"
-    assert lines(slack)[0][0] == pytest.approx(2.5 - 1.0)
-    _, speeds = figures["f_plans"].axes
+    # Its speed is 1 at the start, its force 0.5, and it knows of 0.25.
+    assert lines(slack)[0][0] == pytest.approx(2.5 - 1.0 - 0.5 - 0.25)
+    speeds = figures["f_plans"].axes[1]
     thin = [line for line in speeds.lines if line.get_label() == "plans"]
     begins = sorted(float(np.asarray(line.get_ydata())[0]) for line in thin)
-    assert begins == pytest.approx(sorted(flight.states[[1, 3], :-1].ravel()))
+    rises = sorted(float(np.ptp(np.asarray(line.get_ydata()))) for line in thin)
+    made = [*flight.states[1, :-1], *flight.states[3, [0, 2, 3]]]
+    assert begins == pytest.approx(sorted(made))
+    assert rises == pytest.approx([0.0] * 4 + [2.0] * 3)
+
+
+def team() -> tuple[Trajectory, dict[str, Figure]]:
+    """Return a flight of two vehicles, the second of which plans in 3 of 4 steps."""
+    s = ca.SX.sym("s")
+    fast = posed(bounds=Bounds(controls=(-2.0, 2.0), states=([-9, -5], [9, 5])))
+    slow = posed(
+        bounds=Bounds(controls=(-2.0, 2.0), states=([-9, -4], [9, 4])),
+        signals=s,
+        constraints=[PathConstraint(expression=X[1] + U + s, upper=2.5, name="limit")],
+    )
+    both = OptimalControlProblem(
+        stack_models([MODEL] * 2), horizon=2.0, intervals=STEPS
+    )
+    plans = [[plan_of(k * np.ones((1, STEPS))) for k in range(2)] for _ in range(STEPS)]
+    plans[1][1] = plans[0][1]
+    flight = flown(both, [*HELD, [0.5] * STEPS], [0, 2, 1, 1], plans=plans)
+    seen = Known(signals=np.full((1, slow.nodes), 0.25))
+    known = {0: Known(), 1: seen}
+    return flight, drawn([fast, slow], flight, known=lambda step, k: known[k])
 
 
 def test_beyond_the_most_panels_a_sentence_says_how_many_there_are() -> None:
@@ -382,6 +405,7 @@ def test_long_names_and_many_panels_do_not_overlap() -> None:
     flight = flown(problem, HELD, np.linspace(0, 1, 12).tolist())
     figures = drawn(problem, flight, labels=labels_of(problem, units={names[0]: "K"}))
     assert list(figures) == ["a_states", "b_controls", "c_slack"]
+    assert figures["b_controls"].axes[0].get_ylabel() == r"\$valve\$"
     assert {name: overlaps(figure) for name, figure in figures.items()} == {
         name: [] for name in figures
     }
