@@ -18,7 +18,7 @@ from swarmstart.cases.drawing.panels import (
 )
 from swarmstart.cases.drawing.slack import KnownAt, made_at
 from swarmstart.cases.record.plans import new_plans
-from swarmstart.ocp import Fitness, Known, OptimalControlProblem, Plan, Trajectory
+from swarmstart.ocp import Fitness, Known, OptimalControlProblem, Trajectory
 from swarmstart.ocp.fitness import NOTHING
 
 if TYPE_CHECKING:
@@ -175,31 +175,32 @@ def cost_figure(flown: Flown) -> "Figure | None":
 
 def _draw_searches(axes: "Axes", flown: Flown, *, alone: bool) -> None:
     """Draw the cost of each search's best point; of a plan alone its cost, too."""
-    labels, lines = flown.labels, []
-    for step in chosen(flown.fresh):
-        for number, plan in enumerate(flown.trajectory.decisions[step].plans):
-            own, history = colour(number), labels.sign * plan.search.history
-            spent = plan.search.evaluations
-            axes.plot(
-                spent, history, color=own, lw=1.4 if alone else 0.6,
-                drawstyle="steps-post", label=_searched(plan),
-            )  # fmt: skip
-            lines.append(history)
-            if alone:
-                cost = labels.sign * plan.cost
-                axes.axhline(
-                    cost, color=COLOURS[1], ls="--", lw=1.0, label=f"plan, {cost:.5g}"
-                )
-                lines.append(np.array([cost]))
+    labels, decisions = flown.labels, flown.trajectory.decisions
+    plans = [
+        (number, plan)
+        for step in chosen(flown.fresh)
+        for number, plan in enumerate(decisions[step].plans)
+    ]
+    histories = [plan.search.history for _, plan in plans]
+    name = "best of the search"
+    if any((costs[1:] > costs[:-1]).any() for costs in histories):
+        name += ", rising where it breaks less"
+    values = []
+    for number, plan in plans:
+        values.append(labels.sign * plan.search.history)
+        axes.plot(
+            plan.search.evaluations, values[-1], color=colour(number), label=name,
+            lw=1.4 if alone else 0.6, drawstyle="steps-post",
+        )  # fmt: skip
+        if alone:
+            cost = labels.sign * plan.cost
+            axes.axhline(
+                cost, color=COLOURS[1], ls="--", lw=1.0, label=f"plan, {cost:.5g}"
+            )
+            values.append(np.array([cost]))
     axes.set(xlabel="evaluations", ylabel=labels.cost)
-    _scale(axes, np.concatenate(lines))
+    _scale(axes, np.concatenate(values))
     axes.grid(alpha=0.3)
-
-
-def _searched(plan: Plan) -> str:
-    """Return how the line of a search is called: a cost that rises is explained."""
-    rises = (np.diff(plan.search.history) > 0).any()
-    return "best of the search" + (", rising where it breaks less" if rises else "")
 
 
 def _draw_costs(axes: "Axes", flown: Flown) -> None:

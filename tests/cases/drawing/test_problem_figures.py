@@ -223,6 +223,8 @@ def test_one_plan_has_its_search_and_its_cost_but_no_figures_of_plans() -> None:
     (axes,) = figures["d_cost"].axes
     assert lines(axes)[0].tolist() == history.tolist() and dashed(axes) == [3.0]
     assert np.asarray(axes.lines[0].get_xdata()).tolist() == spent.tolist()
+    rises = "best of the search, rising where it breaks less"
+    assert axes.lines[0].get_label() == rises
     turned = replace(labels_of(posed()), maximize=True)
     (axes,) = drawn(posed(), flight, labels=turned)["d_cost"].axes
     assert dashed(axes) == [-3.0] and axes.get_ylabel() == "objective"
