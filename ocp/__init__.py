@@ -35,6 +35,7 @@ from swarmstart.ocp.planner import (
 from swarmstart.ocp.polish import Polished, Polisher, PolishStatus
 from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.search_space import Start
 from swarmstart.ocp.separation import Connection, Separation, disc
 from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.solving import SolveInterrupted, solve
@@ -84,6 +85,7 @@ __all__ = [
     "SolveError",
     "SolveInterrupted",
     "Source",
+    "Start",
     "Step",
     "Team",
     "TerminalConstraint",

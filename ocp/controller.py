@@ -25,6 +25,7 @@ from swarmstart.ocp.guess import Appended, shifted_controls
 from swarmstart.ocp.planner import Plan, Planner, Source
 from swarmstart.ocp.polish import is_better
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.search_space import Start
 
 Array = NDArray[np.float64]
 Reference = Callable[[Array], Array]
@@ -120,8 +121,8 @@ class RecedingHorizon:
         append: What the last plan, shifted, ends with.
         shift: Whether planning starts at the last plan shifted by one interval; else at
             the last plan as it is, one interval late.
-        first: Controls (nu, N) that the plan at the start begins from; None: none are
-            known. Without search and polish they are that plan.
+        first: Controls (nu, N), or a Start with states, that the first plan begins
+            from; None: none are known. Without search and polish they are that plan.
     """
 
     planner: Planner
@@ -130,7 +131,7 @@ class RecedingHorizon:
     candidates: Callable[[float], Array] | None = None
     append: Appended = "zero"
     shift: bool = True
-    first: Array | None = None
+    first: Array | Start | None = None
 
     @property
     def dt(self) -> float:

@@ -217,7 +217,7 @@ class Planner:
         x0: ArrayLike,
         *,
         known: Known = NOTHING,
-        guess: Array | None = None,
+        guess: Array | Start | None = None,
         candidates: Array | None = None,
         near: bool = False,
         rng: np.random.Generator,
@@ -229,7 +229,7 @@ class Planner:
             known: Parameters and signals.
             guess: Controls to start from, shape (nu, N), clipped to the bounds; None
                 means none is known: the search starts at random, the polish alone at
-                zero controls.
+                zero controls. A Start has states as well: the polish begins there, too.
             candidates: Controls that the search looks at besides, shape (nu, N, k),
                 clipped to the bounds; None means none. First in its first population.
             near: Whether the guess is an earlier answer, which a polish without a
@@ -240,15 +240,19 @@ class Planner:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
             PlanningInterrupted: On Ctrl-C, with the best plan so far, if there is one.
         """
-        if guess is not None:
-            guess = bounded_controls(self.problem, guess)
+        controls, states = guess if isinstance(guess, Start) else (guess, None)
+        if controls is not None:
+            controls = bounded_controls(self.problem, controls)
         first = []
         if candidates is not None:
             columns = np.moveaxis(candidates, -1, 0)
             first = [bounded_controls(self.problem, one) for one in columns]
-        plan, starts = self._searched(x0, guess, first, known, rng)
+        plan, starts = self._searched(x0, controls, first, known, rng)
         if self.polisher is None:
             return plan
+        if controls is not None and states is not None:
+            found = starts if self.search is not None else []
+            starts = [*found, Start(controls, states)]
         try:
             with heeded():
                 polished, evaluations = polish_basins(

@@ -214,7 +214,7 @@ def _planned_part(
         part=part,
         claim=claim,
         variant=base.variant,
-        reason=base.kind.undefined.get(claim.measure, ""),
+        reason=base.kind.undefined_of(base.scenario).get(claim.measure, ""),
         cells=tuple(cells),
         commands=tuple(_command(part.scenario, variant, given) for given in sets),
     )

@@ -256,7 +256,7 @@ def _measured(
             resolved.settings,
             measures,
             variant=resolved.variant,
-            undefined=resolved.kind.undefined,
+            undefined=resolved.kind.undefined_of(scenario),
         ),
         status=status,
         feasible=feasible,

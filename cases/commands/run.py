@@ -83,7 +83,7 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
 
 def _condition(text: str, resolved: Resolved) -> Condition:
     """Return (measure, relation, bound) of a --fail-on; null is a bound too."""
-    known = resolved.kind.measures
+    known = resolved.kind.measures_of(resolved.scenario)
     match = _CONDITION.fullmatch(text)
     expected = "expected --fail-on 'MEASURE RELATION NUMBER'"
     if match is None:
@@ -137,7 +137,8 @@ def _exit_code(finished: Run, conditions: list[Condition]) -> int:
     ]
     for condition in conditions:
         measure, relation, bound = condition
-        why = finished.resolved.kind.undefined.get(measure, "")
+        resolved = finished.resolved
+        why = resolved.kind.undefined_of(resolved.scenario).get(measure, "")
         met = _met(condition, finished.measures[measure], why)
         if met is None:
             reason = why or "it is not a number"

@@ -4,9 +4,11 @@
 
 The tree knows no arithmetic: `interpret` walks it with a table of operations, floats
 here (`FLOAT_OPERATIONS`), symbols elsewhere. Allowed: decimal numbers, names, pi,
-+ - * / **, parentheses and `FUNCTIONS`; an exponent is a constant of at most
++ - * / **, parentheses and `FUNCTIONS`; an exponent without names is at most
 `MAX_EXPONENT` in magnitude. Everything else Python's grammar knows is refused, from
 attributes to 1_000, 0x10, 1j and line breaks.
+
+Measures of a path may use a few more: `x.start`, `x.end` and `REDUCTIONS`.
 """
 
 import ast
@@ -40,6 +42,9 @@ FUNCTIONS: Mapping[str, int] = MappingProxyType(  # number of arguments
         "asin": 1,
         "acos": 1,
         "atan": 1,
+        "sinh": 1,
+        "cosh": 1,
+        "tanh": 1,
         "exp": 1,
         "log": 1,
         "abs": 1,
@@ -49,6 +54,11 @@ FUNCTIONS: Mapping[str, int] = MappingProxyType(  # number of arguments
         "max": 2,  # or more
     }
 )
+REDUCTIONS: Mapping[str, int] = MappingProxyType(  # of a path to a number
+    {"integral": 1, "mean": 1, "settling": 3, "overshoot": 2}
+)
+ENDS = ("start", "end")
+"""Of a path, written behind it: `x.end`."""
 FLOAT_OPERATIONS: Mapping[str, Callable[..., float]] = MappingProxyType(
     {
         **{name: getattr(math, name) for name in FUNCTIONS if hasattr(math, name)},
@@ -75,6 +85,7 @@ _TOKEN = re.compile(
     r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?(?![A-Za-z0-9_.])"
     r"|[A-Za-z_][A-Za-z0-9_]*|[-+*/(),]|[ \t]+"
 )
+_TOKEN_OF_PATHS = re.compile(_TOKEN.pattern + r"|\.(?:start|end)(?![A-Za-z0-9_])")
 _ALLOWED = "numbers, names, pi, + - * / **, parentheses and " + ", ".join(FUNCTIONS)
 
 
@@ -143,7 +154,12 @@ class Expression:
     @property
     def names(self) -> frozenset[str]:
         """The names used, constants included."""
-        return frozenset(_names(self.tree))
+        return frozenset(name.name for name in self.name_places)
+
+    @property
+    def name_places(self) -> tuple[Name, ...]:
+        """Every use of a name, from left to right."""
+        return tuple(_names(self.tree))
 
 
 def evaluate(text: str, names: Mapping[str, float] = MappingProxyType({})) -> float:
@@ -167,11 +183,13 @@ def evaluate(text: str, names: Mapping[str, float] = MappingProxyType({})) -> fl
     return value
 
 
-def parse(text: str) -> Expression:
+def parse(text: str, *, of_paths: bool = False) -> Expression:
     """Check a text and turn it into a tree; nothing is computed but exponents.
 
     Args:
         text: At most `MAX_CHARACTERS` long.
+        of_paths: Whether `REDUCTIONS`, `ENDS`, and min and max of one path are
+            allowed, too.
 
     Returns:
         The tree; its names are not looked up yet.
@@ -184,7 +202,8 @@ def parse(text: str) -> Expression:
         raise ExpressionError(what, text, MAX_CHARACTERS + 1)
     body = text.strip(" \t\r\n")
     offset = text.find(body)
-    _check_tokens(text, offset, offset + len(body))
+    token = _TOKEN_OF_PATHS if of_paths else _TOKEN
+    _check_tokens(text, offset, offset + len(body), token)
     try:
         root = ast.parse(body, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -197,7 +216,7 @@ def parse(text: str) -> Expression:
     if count > MAX_NODES:
         what = f"expected at most {MAX_NODES} numbers, names and operations"
         raise ExpressionError(f"{what}, found {count}", text, 1)
-    return Expression(text, _Converter(text, offset).tree(root, 0))
+    return Expression(text, _Converter(text, offset, of_paths).tree(root, 0))
 
 
 def interpret(
@@ -250,9 +269,11 @@ def interpret(
 class _Converter:
     """Turns Python's ast into a Tree, and refuses what is not listed here."""
 
-    def __init__(self, text: str, offset: int) -> None:
+    def __init__(self, text: str, offset: int, of_paths: bool) -> None:
         self._text = text
         self._offset = offset  # of the ast's columns in the text
+        self._of_paths = of_paths
+        self._functions = {**FUNCTIONS, **(REDUCTIONS if of_paths else {})}
 
     def tree(self, node: ast.expr, depth: int) -> Tree:
         """Convert one node and those below it."""
@@ -263,14 +284,14 @@ class _Converter:
                 return self._number(node)
             case ast.Name():
                 return Name(node.id, self._column(node))
-            case ast.UnaryOp(op=ast.UAdd()):
-                return self.tree(node.operand, depth + 1)
-            case ast.UnaryOp(op=ast.USub()):
+            case ast.UnaryOp(op=ast.UAdd() | ast.USub()):
+                if isinstance(node.op, ast.UAdd):
+                    return self.tree(node.operand, depth + 1)
                 return self._operation("neg", [node.operand], node, depth)
             case ast.BinOp() if type(node.op) in _SYMBOLS:
                 symbol = _SYMBOLS[type(node.op)]
                 return self._operation(symbol, [node.left, node.right], node, depth)
-            case ast.Call():
+            case ast.Call() | ast.Attribute():
                 return self._call(node, depth)
         self._refuse(node, f"found {self._source(node)!r}; allowed are {_ALLOWED}")
 
@@ -289,30 +310,37 @@ class _Converter:
         arguments = [self.tree(operand, depth + 1) for operand in operands]
         if name == "**":
             arguments[1] = self._exponent(arguments[1], operands[1])
-        result = Operation(name, tuple(arguments[:2]), column)
-        for argument in arguments[2:]:
+        together = 2 if name in ("min", "max") else len(arguments)
+        result = Operation(name, tuple(arguments[:together]), column)
+        for argument in arguments[together:]:
             result = Operation(name, (result, argument), column)
         return result
 
-    def _exponent(self, tree: Tree, node: ast.expr) -> Number:
+    def _exponent(self, tree: Tree, node: ast.expr) -> Tree:
         what = f"expected a constant from -{MAX_EXPONENT} to {MAX_EXPONENT} as exponent"
-        if set(_names(tree)) - CONSTANTS.keys():
-            self._refuse(node, f"{what}, found a name")
+        if any(name.name not in CONSTANTS for name in _names(tree)):
+            return tree
         expression = Expression(self._text, tree)
         value = interpret(expression, operations=FLOAT_OPERATIONS, names={})
         if abs(value) > MAX_EXPONENT:
             self._refuse(node, f"{what}, found {value}")
         return Number(value)
 
-    def _call(self, node: ast.Call, depth: int) -> Operation:
+    def _call(self, node: ast.Call | ast.Attribute, depth: int) -> Operation:
+        if isinstance(node, ast.Attribute):
+            if self._of_paths and node.attr in ENDS:
+                return self._operation(node.attr, [node.value], node, depth)
+            self._refuse(node, f"found {self._source(node)!r}; allowed are {_ALLOWED}")
         if not isinstance(node.func, ast.Name):
             self._refuse(node, f"found {self._source(node)!r}; allowed are {_ALLOWED}")
         name = node.func.id
-        if name not in FUNCTIONS:
-            what = f"unknown function {name!r}{_suggested(name, FUNCTIONS)}"
+        if name not in self._functions:
+            what = f"unknown function {name!r}{_suggested(name, self._functions)}"
             self._refuse(node, what)
-        wanted, given = FUNCTIONS[name], len(node.args)
-        more = name in ("min", "max") and given > wanted
+        wanted, given = self._functions[name], len(node.args)
+        more = name in ("min", "max") and (
+            given > wanted or (self._of_paths and given == 1)
+        )
         starred = node.keywords or any(isinstance(a, ast.Starred) for a in node.args)
         if starred or (given != wanted and not more):
             what = f"expected {name} with {wanted} plain argument(s)"
@@ -330,10 +358,10 @@ class _Converter:
         raise ExpressionError(what, self._text, self._column(node))
 
 
-def _check_tokens(text: str, start: int, end: int) -> None:
+def _check_tokens(text: str, start: int, end: int, allowed: re.Pattern[str]) -> None:
     """Refuse every character and number that no allowed expression holds."""
     while start < end:
-        token = _TOKEN.match(text, start, end)
+        token = allowed.match(text, start, end)
         if token is None:
             found = ascii(text[start : min(end, start + 12)])
             what = f"expected an expression, found {found}; allowed are {_ALLOWED}"
@@ -343,9 +371,9 @@ def _check_tokens(text: str, start: int, end: int) -> None:
         raise ExpressionError("expected an expression, found nothing", text, 1)
 
 
-def _names(tree: Tree) -> Iterable[str]:
+def _names(tree: Tree) -> Iterable[Name]:
     if isinstance(tree, Name):
-        yield tree.name
+        yield tree
     elif isinstance(tree, Operation):
         for argument in tree.arguments:
             yield from _names(argument)

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.settings import Scenario
+from swarmstart.cases.format.settings import Problem, Scenario
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import (
     Controller,
@@ -19,6 +19,7 @@ from swarmstart.ocp import (
     Plant,
     RecedingHorizon,
     Solution,
+    Start,
     Trajectory,
     TrajectoryFamily,
     verified,
@@ -48,8 +49,10 @@ class PosedAgent:
         append: What the last plan, shifted, ends with.
         shift: Whether planning starts at the last plan shifted by one interval; else at
             the last plan as it is, one interval late.
-        first: Controls (nu, N) that the first plan begins from; None: none are known.
-        is_given: Whether `first` is flown as it is, neither searched nor polished.
+        first: Controls (nu, N), or a Start with states, that the first plan begins
+            from; None: none are known.
+        given: Controls (nu, N) that are flown as they are, neither searched nor
+            polished; None: the agent plans.
         watches: Numbers of the agents whose plans it sees; each plans before it.
         shows: Rows of its own states that others see: its position.
     """
@@ -61,8 +64,8 @@ class PosedAgent:
     candidates: Callable[[float], Array] | None = None
     append: Appended = "zero"
     shift: bool = True
-    first: Array | None = None
-    is_given: bool = False
+    first: Array | Start | None = None
+    given: Array | None = None
     watches: tuple[int, ...] = ()
     shows: tuple[int, ...] = ()
 
@@ -253,6 +256,12 @@ def animate_nothing(
     refuse_animation(file.suffix.removeprefix("."))
 
 
+def no_measures(scenario: Scenario) -> dict[str, str]:
+    """Return no measures of its own, for a kind whose scenarios define none."""
+    del scenario
+    return {}
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Kind:
     """A kind of scenario.
@@ -264,7 +273,10 @@ class Kind:
         measure: (scenario, flight, trajectory) -> measures by name.
         measures: Name -> what it is, for the list.
         undefined: Name of a measure that may be null -> why; NEVER for a time.
-        problems: Scenario -> what is wrong across its parts, with the place.
+        own_measures: Scenario -> measures that it defines itself: name -> why one may
+            be null.
+        problems: Scenario -> what is wrong across its parts, with the place: text, or
+            the error of an expression.
         figures: (scenario, flight, trajectory, folder) -> files written.
         animate: (scenario, flight, trajectory, file) -> None; by default a kind has no
             animation.
@@ -277,7 +289,16 @@ class Kind:
     measure: Callable[..., Mapping[str, Measure]]
     measures: Mapping[str, str]
     undefined: Mapping[str, str]
-    problems: Callable[..., Iterator[tuple[tuple[str | int, ...], str]]]
+    problems: Callable[..., Iterator[Problem]]
     figures: Callable[..., list[Path]]
+    own_measures: Callable[..., Mapping[str, str]] = no_measures
     animate: Callable[..., None] = animate_nothing
     check_animation: Callable[[str], None] = refuse_animation
+
+    def measures_of(self, scenario: Scenario) -> list[str]:
+        """Return the names of all measures of a scenario."""
+        return [*self.own_measures(scenario), *self.measures]
+
+    def undefined_of(self, scenario: Scenario) -> dict[str, str]:
+        """Return why measures of a scenario may be null, by name."""
+        return {**self.own_measures(scenario), **self.undefined}

@@ -82,6 +82,10 @@ class KindEntry(NamedTuple):
 
 
 KINDS = {
+    "problem": KindEntry(
+        "swarmstart.cases.kinds.problem.kind:KIND",
+        "swarmstart.cases.kinds.problem.names:MEASURES",
+    ),
     "formation_flight": KindEntry(
         "swarmstart.cases.kinds.formation_flight.kind:KIND",
         "swarmstart.cases.kinds.formation_flight.names:MEASURES",

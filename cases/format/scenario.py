@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import importlib.resources
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from swarmstart.cases.format.settings import Scenario
 
 DEFAULT_VARIANT = "corrected"
+LONGEST_NAME = 64
 _SHOWN = 40  # characters of a value in a message
 
 _EXPECTED = {  # pydantic's type of an error -> what was expected, with its context
@@ -191,7 +193,7 @@ def resolve(
         InvalidScenarioError: With everything that is wrong.
     """
     document, name = _with_variant(document, variant)
-    document = _without(document, "variants")
+    document = _with_name(_without(document, "variants"))
     steps = _value(document, ("steps",))
     if search is not None and _value(document, ("search", "name")) != search:
         document = assign(document, "search", f"{{name: {search}}}", name="--search")
@@ -203,7 +205,7 @@ def resolve(
     scenario = _claiming(_validated(document, kind), steps)
     valid(scenario)
     problems = [*_claim_problems(scenario, kind), *kind.problems(scenario)]
-    flaws = [_flaw(document, path, what) for path, what in problems]
+    flaws = [_problem(document, path, what) for path, what in problems]
     if flaws:
         raise InvalidScenarioError(flaws)
     return Resolved(
@@ -265,6 +267,14 @@ def _with_variant(document: Document, variant: str | None) -> tuple[Document, st
     return overlay(document, ("variants", name)), name
 
 
+def _with_name(document: Document) -> Document:
+    """Return the document with a name: that of its file, if it has none."""
+    stem = re.sub(r"[^A-Za-z0-9_-]", "_", Path(document.name).stem)[:LONGEST_NAME]
+    if "name" in document.data or not stem:
+        return document
+    return assign(document, "name", repr(stem), name="the file's name")
+
+
 def _value(document: Document, path: Sequence[str]) -> object:
     """Return the value at a path; None if there is no such path."""
     value: Any = document.data
@@ -302,9 +312,10 @@ def _claim_problems(
 ) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Yield place and flaw of each claim about a measure or a key that is missing."""
     for number, claim in enumerate(scenario.claims):
-        if claim.measure not in kind.measures:
+        known = kind.measures_of(scenario)
+        if claim.measure not in known:
             what = f"expected a measure, found {_shown(claim.measure)}"
-            near = difflib.get_close_matches(claim.measure, kind.measures, n=1)
+            near = difflib.get_close_matches(claim.measure, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near else "see swarmstart list"
             yield ("claims", number, "measure"), f"{what}; {hint}"
         for key in claim.when:
@@ -382,6 +393,15 @@ def _described(
     expected = " or ".join(dict.fromkeys(map(_expected, group)))
     found = _shown(details["input"])
     return _flaw(document, path, f"expected {dotted} to be {expected}; found {found}")
+
+
+def _problem(
+    document: Document, path: tuple[str | int, ...], what: str | SwarmstartError
+) -> Flaw:
+    """Return what is wrong across parts; an expression's error has its own column."""
+    if isinstance(what, str):
+        return _flaw(document, path, what)
+    return _refused(document, path, what)
 
 
 def _expected(details: pydantic_core.ErrorDetails) -> str:
@@ -466,12 +486,16 @@ def _resolved(schema: Any, node: Any, data: Any) -> Any:
     """Return the schema of a node behind references and choices by name."""
     if "discriminator" in node and isinstance(data, dict):
         node = {"$ref": node["discriminator"]["mapping"].get(data.get("name"), "")}
-    for choice in node.get("anyOf", ()):
-        if "$ref" in choice:
-            node = choice
-    if node.get("$ref"):
-        node = schema["$defs"].get(node["$ref"].rpartition("/")[2], {})
-    return node
+    choices = [*node.get("anyOf", ()), *node.get("oneOf", ()), node]
+    parts = [
+        schema["$defs"].get(choice["$ref"].rpartition("/")[2], {})
+        for choice in choices
+        if choice.get("$ref")
+    ]
+    given = set(data) if isinstance(data, dict) else set()
+    return max(
+        parts, key=lambda one: len(given & {*one.get("properties", ())}), default=node
+    )
 
 
 def _flaw(

@@ -50,8 +50,9 @@ from swarmstart.heuristics import (
 from swarmstart.ocp import Backend, IpoptOptions, SearchSettings, WarmStart
 
 Array = NDArray[np.float64]
-Problem = tuple[tuple[str | int, ...], str]
-"""Where in the scenario something is wrong, and what."""
+Problem = tuple[tuple[str | int, ...], str | SwarmstartError]
+"""Where in the scenario something is wrong, and what; an expression's error has a
+column of its own."""
 
 
 LARGEST = 1e30

@@ -67,7 +67,7 @@ def first_problem(posed: Posed) -> PlanningProblem:
     Raises:
         SeveralPlansError: If not exactly one agent plans.
     """
-    planning = [n for n, agent in enumerate(posed.agents) if not agent.is_given]
+    planning = [n for n, agent in enumerate(posed.agents) if agent.given is None]
     if len(planning) != 1 or posed.nearby is not None:
         raise SeveralPlansError(
             "expected one planning problem a step: all planned at once, or a given "
@@ -79,9 +79,9 @@ def first_problem(posed: Posed) -> PlanningProblem:
     for number in posed.order or (0,):
         agent, x0 = posed.agents[number], starts[number]
         known = _known(agent, tuple(shown[j] for j in agent.watches))
-        if not agent.is_given or agent.first is None:
+        if agent.given is None:
             break
-        states, _, _ = replay(agent.problem, agent.first, x0, known)
+        states, _, _ = replay(agent.problem, agent.given, x0, known)
         shown[number] = states[list(agent.shows)]
     return PlanningProblem(
         problem=agent.problem, x0=x0, known=known, family=agent.family
@@ -123,7 +123,7 @@ def _local_team(posed: Posed, nearby: Nearby, scenario: Scenario) -> LocalTeam:
                 links=agent.watches,
                 reference=agent.reference,
                 candidates=None if agent.candidates is None else agent.candidates(0.0),
-                held=agent.first if agent.is_given else None,
+                held=agent.given,
             )
             for agent in posed.agents
         ],
@@ -146,7 +146,7 @@ def _receding_horizon(agent: PosedAgent, scenario: Scenario) -> RecedingHorizon:
         candidates=agent.candidates,
         append=agent.append,
         shift=agent.shift,
-        first=agent.first,
+        first=agent.first if agent.given is None else agent.given,
     )
 
 
@@ -154,8 +154,8 @@ def _planner(agent: PosedAgent, scenario: Scenario) -> Planner:
     """Return the planner of an agent; a given plan is only evaluated."""
     return Planner(
         agent.problem,
-        search=None if agent.is_given else scenario.search_settings(),
-        polish=None if agent.is_given else scenario.polish_options(),
+        search=scenario.search_settings() if agent.given is None else None,
+        polish=scenario.polish_options() if agent.given is None else None,
         family=agent.family,
         backend=scenario.backend,
     )

@@ -33,6 +33,7 @@ from swarmstart.ocp import (
     SearchSettings,
     Separation,
     Source,
+    Start,
     Team,
     simulate,
     stack_models,
@@ -66,7 +67,7 @@ class Recorded(Planner):
         x0: ArrayLike,
         *,
         known: Known = NOTHING,
-        guess: Array | None = None,
+        guess: Array | Start | None = None,
         candidates: Array | None = None,
         near: bool = False,
         rng: np.random.Generator,
@@ -74,7 +75,7 @@ class Recorded(Planner):
         del near
         start, parameters, rows = (np.asarray(part).tolist() for part in (x0, *known))
         self.told.append(Told(start, parameters, rows, candidates))
-        controls = np.zeros((1, 2)) if guess is None else guess
+        controls = guess if isinstance(guess, np.ndarray) else np.zeros((1, 2))
         return self.evaluated(
             controls + self.push, x0, known=known, source=Source.GUESS
         )

@@ -177,8 +177,7 @@ def _agent(
         problem=planning_problem(scenario, model, terminal_cost, others=len(watches)),
         reference=partial(slot_states, scenario, number),
         shift=scenario.last_plan == "shifted",
-        first=None if given is None else np.array(given).T,
-        is_given=given is not None,
+        given=None if given is None else np.array(given).T,
         watches=watches,
         shows=POSITION,
     )

@@ -90,8 +90,7 @@ def priority_team(
             watches=links[number],
             reference=_straight_flight(scenario) if number == leader else None,
             candidates=_constant(straight[:, :, None]),
-            first=straight if number == leader else None,
-            is_given=number == leader,
+            given=straight if number == leader else None,
             append="last",
         )
         for number, slot in enumerate(slots)

@@ -136,10 +136,10 @@ def test_the_first_problem_sees_the_given_plans_that_a_flight_sees() -> None:
     def plan(number: int, state: np.ndarray, seen: tuple[np.ndarray, ...]) -> Plan:
         agent, controller = flight.posed.agents[number], team.agents[number].controller
         known = controller.known(0.0, seen)
-        if not agent.is_given:
+        if agent.given is None:
             seen_first.append(known.signals)
         controls = np.zeros((2, agent.problem.intervals))
-        flown = controls if agent.first is None else agent.first
+        flown = controls if agent.given is None else agent.given
         return controller.planner.evaluated(
             flown, state, known=known, source=Source.GUESS
         )
@@ -155,7 +155,7 @@ def test_a_given_plan_is_neither_searched_nor_polished() -> None:
     assert isinstance(team, Team)
     planners = [agent.controller.planner for agent in team.agents]
     assert [p.search is None and p.polish is None for p in planners] == [
-        agent.is_given for agent in flight.posed.agents
+        agent.given is not None for agent in flight.posed.agents
     ]
 
 
@@ -176,8 +176,7 @@ def test_an_open_loop_knows_its_signals_and_begins_at_its_guess() -> None:
             PosedAgent(
                 problem=problem,
                 reference=lambda times: 10.0 + times[None],
-                first=controls,
-                is_given=True,
+                given=controls,
             ),
         ),
         x0=np.zeros(1),
@@ -196,9 +195,7 @@ def test_an_open_loop_knows_its_signals_and_begins_at_its_guess() -> None:
     cost = (1.0 - 11.0) ** 2 + (-2.0 - 12.0) ** 2  # against 10 + t
     assert flown.decisions[0].plans[0].cost == pytest.approx(cost)
     assert flight.answer(flown).plan.cost == pytest.approx(cost)
-    one = first_problem(
-        replace(posed, agents=(replace(posed.agents[0], is_given=False),))
-    )
+    one = first_problem(replace(posed, agents=(replace(posed.agents[0], given=None),)))
     assert replay(problem, controls, one.x0, one.known)[1] == pytest.approx(cost)
 
 

@@ -185,4 +185,4 @@ def test_a_design_that_is_impossible_is_a_problem_with_its_place(
     )
     ((path, what),) = problems(standing)
     assert path == ("weights",)
-    assert "cannot be stabilised" in what
+    assert "cannot be stabilised" in str(what)

@@ -1,0 +1,1 @@
+"""Problems that a user states in YAML: any model, costs and constraints."""

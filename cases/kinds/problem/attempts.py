@@ -1,0 +1,159 @@
+"""How each expression of a problem gets its value: to try them one by one.
+
+An attempt is a place in the scenario and a call that raises what is wrong there.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+
+from swarmstart.cases.format.settings import Problem
+from swarmstart.cases.kinds.problem.model import (
+    Member,
+    members_of,
+    path_constraint,
+    shared_of,
+    terminal_constraint,
+)
+from swarmstart.cases.kinds.problem.scenario import (
+    Constraint,
+    Distance,
+    Noise,
+    OverTime,
+    ProblemScenario,
+)
+from swarmstart.cases.kinds.problem.symbols import (
+    constants_of,
+    number,
+    over_time,
+)
+from swarmstart.errors import SwarmstartError
+
+Place = tuple[str | int, ...]
+Attempt = tuple[Place, Callable[[], object]]
+Members = tuple[Member, ...]
+
+
+def tried(attempts: Iterable[Attempt]) -> Iterator[Problem]:
+    """Yield the error of each attempt that fails, of a whole only if no part does."""
+    failed: set[Place] = set()
+    for place, attempt in attempts:
+        try:
+            attempt()
+        except SwarmstartError as error:
+            if not any(one[: len(place)] == place for one in failed):
+                yield place, error
+            failed.add(place)
+
+
+def constants(scenario: ProblemScenario) -> Iterator[Attempt]:
+    """Yield how each constant gets its value, from those before it."""
+    known: dict[str, float] = {}
+    for name, text in scenario.constants.items():
+        yield ("constants", name), partial(_add, name, text, known)
+    members = scenario.vehicles.members if scenario.vehicles else []
+    for index, vehicle in enumerate(members):
+        own, place = dict(known), ("vehicles", "members", index, "constants")
+        for name, text in vehicle.constants.items():
+            yield (*place, name), partial(_add, name, text, own)
+        yield place, partial(constants_of, scenario, vehicle.constants)
+
+
+def _add(name: str, text: str, known: dict[str, float]) -> None:
+    known[name] = number(text, known)
+
+
+def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
+    """Yield how the definitions get their values, one more at a time."""
+    names, shared = list(scenario.definitions), shared_of(scenario)
+    for count in range(len(names) + 1):
+        some = {name: scenario.definitions[name] for name in names[:count]}
+        part = scenario.model_copy(update={"definitions": some})
+        place: Place = ("definitions", names[count - 1]) if count else ()
+        yield place, partial(members_of, part, shared)
+
+
+def expressions(scenario: ProblemScenario) -> Iterator[Attempt]:
+    """Yield how every other expression gets its value."""
+    members, fixed = members_of(scenario, shared_of(scenario)), constants_of(scenario)
+    for place, scope, text in _symbolic(scenario):
+        yield place, _in_all(members, scope, text)
+    for part in ("path", "terminal"):
+        for index, one in enumerate(getattr(scenario, part)):
+            yield from _of_constraint((part, index), one, members)
+    for place, given in _over_time(scenario):
+        if isinstance(given, Noise):
+            yield (*place, "deviation"), partial(number, given.deviation, fixed)
+        else:
+            yield place, partial(over_time, given, members[0].constants)
+    for place, text in _quantities(scenario):
+        yield place, partial(number, text, fixed)
+
+
+def _symbolic(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
+    """Yield (place, scope, text) of rates, costs and positions."""
+    for name, state in scenario.states.items():
+        yield ("states", name, "rate"), "rate", state.rate
+    for cost in ("stage_cost", "terminal_cost"):
+        yield (cost,), cost, getattr(scenario, cost)
+    separation = scenario.vehicles.separation if scenario.vehicles else None
+    for index, text in enumerate(separation.of if separation else ()):
+        yield ("vehicles", "separation", "of", index), "path", text
+
+
+def _over_time(scenario: ProblemScenario) -> Iterator[tuple[Place, OverTime | Noise]]:
+    """Yield everything that has values over time."""
+    parts: dict[Place, Mapping[str, OverTime | Noise]] = {
+        ("parameters",): scenario.parameters,
+        ("signals",): scenario.signals,
+        ("guess", "controls"): scenario.guess.controls,
+        ("guess", "states"): scenario.guess.states,
+        ("plant", "parameters"): scenario.plant.parameters,
+        ("plant", "disturbance"): scenario.plant.disturbance,
+    }
+    for place, given in parts.items():
+        yield from (((*place, name), one) for name, one in given.items())
+
+
+def _quantities(scenario: ProblemScenario) -> Iterator[tuple[Place, str]]:
+    """Yield the numbers of the dual mode and of the separation."""
+    if scenario.dual_mode is not None:
+        for key in ("at", "Q", "R"):
+            for name, text in getattr(scenario.dual_mode, key).items():
+                yield ("dual_mode", key, name), text
+    separation = scenario.vehicles.separation if scenario.vehicles else None
+    for key in ("distance", "margin", "scale"):
+        text = getattr(separation, key, None)
+        if text is not None:
+            yield ("vehicles", "separation", key), text
+
+
+def _in_all(members: Members, place: str, text: str) -> Callable[[], object]:
+    return lambda: [member.scopes[place].symbol(text) for member in members]
+
+
+def _of_constraint(
+    path: Place, given: Constraint | Distance, members: Members
+) -> Iterator[Attempt]:
+    """Yield how the parts of a constraint get their values, then the whole."""
+    where, fixed = str(path[0]), members[0].constants
+    inner = (
+        {(*path, "expression"): given.expression}
+        if isinstance(given, Constraint)
+        else {
+            (*path, "distance", index): text
+            for index, text in enumerate(given.distance)
+        }
+    )
+    for place, text in inner.items():
+        yield place, _in_all(members, where, text)
+    for key in ("at_least", "at_most", "margin", "lower", "upper", "equals", "scale"):
+        limit = getattr(given, key, None)
+        if limit is not None:
+            yield (*path, key), partial(number, limit, fixed)
+    make = path_constraint if where == "path" else terminal_constraint
+    yield path, partial(_made, make, given, members)
+
+
+def _made(make: Callable[..., object], given: object, members: Members) -> None:
+    for member in members:
+        make(given, member)

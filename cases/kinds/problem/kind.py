@@ -1,0 +1,20 @@
+"""A problem of the user's own, as the commands run it."""
+
+from swarmstart.cases.format.kind import Kind
+from swarmstart.cases.kinds.problem.figures import draw
+from swarmstart.cases.kinds.problem.measures import measure, own_measures
+from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
+from swarmstart.cases.kinds.problem.pose import pose
+from swarmstart.cases.kinds.problem.problems import problems
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario
+
+KIND = Kind(
+    scenario=ProblemScenario,
+    pose=pose,
+    measure=measure,
+    measures=MEASURES,
+    own_measures=own_measures,
+    undefined=UNDEFINED,
+    problems=problems,
+    figures=draw,
+)

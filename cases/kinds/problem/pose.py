@@ -1,0 +1,280 @@
+"""A problem scenario -> its agents and its plant."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.expressions import FLOAT_OPERATIONS
+from swarmstart.cases.format.kind import LinearLaws, Posed, PosedAgent, PosedPlant
+from swarmstart.cases.kinds.problem.model import (
+    Member,
+    members_of,
+    model_of,
+    planning_problem,
+    positions_of,
+    shared_of,
+)
+from swarmstart.cases.kinds.problem.scenario import (
+    DualMode,
+    Noise,
+    OverTime,
+    ProblemScenario,
+)
+from swarmstart.cases.kinds.problem.symbols import (
+    Scope,
+    constants_of,
+    number,
+    over_time,
+    rows_over_time,
+)
+from swarmstart.ocp import (
+    OptimalControlProblem,
+    Start,
+    terminal_set_of,
+    zero_controls,
+)
+from swarmstart.terminal_set import TerminalSet, Weights, certificate_text
+
+Array = NDArray[np.float64]
+Signal = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ProblemPosed(Posed):
+    """A problem as posed, with what measures and figures need.
+
+    Attributes:
+        known: Name of a parameter of the plant, or of a signal -> its values over time.
+        members: The vehicles, or the one system.
+    """
+
+    known: Mapping[str, Signal]
+    members: tuple[Member, ...]
+
+
+def pose(scenario: ProblemScenario) -> ProblemPosed:
+    """Return the agents of a problem and its plant.
+
+    Args:
+        scenario: The scenario, checked.
+
+    Raises:
+        SwarmstartError: If a guess cannot be read, or the dual mode has no certified
+            terminal set.
+    """
+    shared = shared_of(scenario)
+    members, constants = members_of(scenario, shared), constants_of(scenario)
+    together = scenario.vehicles is None or scenario.vehicles.planning == "joint"
+    groups = [members] if together else [(member,) for member in members]
+    agents = tuple(
+        _agent(scenario, constants, group, before=() if together else range(number))
+        for number, group in enumerate(groups)
+    )
+    laws = _linear_laws(scenario, groups, agents)
+    sets = laws.sets if laws is not None else ()
+    in_order = tuple(range(len(agents)))
+    truly = {**scenario.parameters, **scenario.plant.parameters}
+    known = {**truly, **scenario.signals}
+    return ProblemPosed(
+        agents=agents,
+        x0=np.concatenate([member.start for member in members]),
+        plant=_plant(scenario, members, constants),
+        order=None if len(agents) == 1 and laws is None else in_order,
+        open_loop=scenario.feedback.law == "open_loop",
+        repair=scenario.feedback.repair,
+        dual_mode=laws,
+        documents={
+            f"certificate{number or ''}.json": certificate_text(one.certificate)
+            for number, one in enumerate(sets)
+            if one.certificate is not None
+        },
+        known={name: over_time(given, constants) for name, given in known.items()},
+        members=members,
+    )
+
+
+def _agent(
+    scenario: ProblemScenario,
+    constants: Mapping[str, float],
+    group: Sequence[Member],
+    *,
+    before: Sequence[int],
+) -> PosedAgent:
+    """Return members that are planned together as one agent."""
+    problem = planning_problem(scenario, group, seen=len(before))
+    parameters = rows_over_time(scenario.parameters, constants)
+    feedback = scenario.feedback
+    return PosedAgent(
+        problem=problem,
+        reference=rows_over_time(scenario.signals, constants),
+        parameters=None if parameters is None else _at(parameters),
+        candidates=_candidates(scenario, group, problem, constants),
+        append=feedback.append,
+        shift=feedback.last_plan == "shifted",
+        first=_guessed(scenario, group, problem, constants),
+        watches=tuple(before),
+        shows=positions_of(scenario),
+    )
+
+
+def _at(rows: Signal) -> Callable[[float], Array]:
+    """Return time [s] -> one column, of times (n,) -> columns."""
+    return lambda time: rows(np.array([time]))[:, 0]
+
+
+def _candidates(
+    scenario: ProblemScenario,
+    group: Sequence[Member],
+    problem: OptimalControlProblem,
+    constants: Mapping[str, float],
+) -> Callable[[float], Array] | None:
+    """Return controls, held over the horizon, that a search looks at besides."""
+    if not scenario.candidates:
+        return None
+    of_time = {n: over_time(g, constants) for n, g in scenario.parameters.items()}
+
+    def candidates(time: float) -> Array:
+        values = {name: float(f(np.array([time]))[0]) for name, f in of_time.items()}
+        columns = []
+        for one in scenario.candidates:
+            scopes = [
+                Scope({**m.constants, **values, "time": time}, {}, "candidates")
+                for m in group
+            ]
+            columns.append(
+                [
+                    float(scope.value(one[name], FLOAT_OPERATIONS))
+                    for scope in scopes
+                    for name in scenario.controls
+                ]
+            )
+        held = np.array(columns).T[:, None, :]
+        return np.repeat(held, problem.intervals, axis=1)
+
+    return candidates
+
+
+def _guessed(
+    scenario: ProblemScenario,
+    group: Sequence[Member],
+    problem: OptimalControlProblem,
+    constants: Mapping[str, float],
+) -> Array | Start | None:
+    """Return what the first plan begins from: controls (nu, N), states (nx, nodes)."""
+    guess = scenario.guess
+    begins = problem.times[: -1 : problem.checks]
+    controls = _rows(guess.controls, scenario.controls, group, begins, constants)
+    states = _rows(guess.states, scenario.states, group, problem.times, constants)
+    if states is None:
+        return controls
+    return Start(zero_controls(problem) if controls is None else controls, states)
+
+
+def _rows(
+    given: Mapping[str, OverTime],
+    names: Mapping[str, object],
+    group: Sequence[Member],
+    times: Array,
+    constants: Mapping[str, float],
+) -> Array | None:
+    """Return a row for each name of each member, 0 where nothing is given."""
+    if not given:
+        return None
+    rows = [
+        over_time(given[name], {**constants, **member.constants})(times)
+        if name in given
+        else np.zeros_like(times)
+        for member in group
+        for name in names
+    ]
+    return np.stack(rows)
+
+
+def _plant(
+    scenario: ProblemScenario, members: Sequence[Member], constants: Mapping[str, float]
+) -> PosedPlant:
+    """Return the simulated system, with parameters and disturbances of its own."""
+    part, grid = scenario.plant, scenario.prediction
+    truly = {**scenario.parameters, **part.parameters}
+    rows = [over_time(truly[name], constants) for name in scenario.parameters]
+    step = grid.horizon_s / grid.intervals / part.substeps
+    count = scenario.steps * part.substeps
+    for place, _ in enumerate(members):
+        for name in scenario.states:
+            if name in part.disturbance:
+                given = part.disturbance[name]
+                rows.append(_disturbance(given, constants, step, count, place))
+    return PosedPlant(
+        model=model_of(scenario, members, disturbed=True),
+        substeps=part.substeps,
+        parameters=(lambda times: np.stack([row(times) for row in rows]))
+        if rows
+        else None,
+    )
+
+
+def _disturbance(
+    given: Noise | OverTime,
+    constants: Mapping[str, float],
+    step: float,
+    count: int,
+    place: int,
+) -> Signal:
+    """Return what is added to a rate over time; noise is held for a plant's step."""
+    if not isinstance(given, Noise):
+        return over_time(given, constants)
+    rng = np.random.default_rng([given.seed, place])
+    drawn = number(given.deviation, constants) * rng.standard_normal(count)
+
+    def noise(times: Array) -> Array:
+        places = np.clip(np.rint(times / step).astype(int), 0, count - 1)
+        return np.asarray(drawn[places])
+
+    return noise
+
+
+def _linear_laws(
+    scenario: ProblemScenario,
+    groups: Sequence[Sequence[Member]],
+    agents: Sequence[PosedAgent],
+) -> LinearLaws | None:
+    """Return the laws of a dual mode with their certified sets; None without one."""
+    if scenario.dual_mode is None:
+        return None
+    sets = [
+        _terminal_set(scenario.dual_mode, scenario, group, agent)
+        for group, agent in zip(groups, agents, strict=True)
+    ]
+    return LinearLaws(sets=sets, targets=[partial(_target, one) for one in sets])
+
+
+def _target(one: TerminalSet, time: float) -> Array:
+    del time  # It is at rest.
+    return one.x_ref
+
+
+def _terminal_set(
+    part: DualMode,
+    scenario: ProblemScenario,
+    group: Sequence[Member],
+    agent: PosedAgent,
+) -> TerminalSet:
+    """Return the certified terminal set of members that are planned together."""
+
+    def values(given: Mapping[str, str], names: Iterable[str]) -> list[float]:
+        listed = [*names]
+        return [number(given.get(n, "0"), m.constants) for m in group for n in listed]
+
+    return terminal_set_of(
+        agent.problem,
+        at=values(part.at, scenario.states),
+        weights=Weights(
+            Q=np.diag(values(part.Q, scenario.states)),
+            R=np.diag(values(part.R, scenario.controls)),
+        ),
+        parameters=() if agent.parameters is None else agent.parameters(0.0),
+        rng=np.random.default_rng(0),
+    )

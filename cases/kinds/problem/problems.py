@@ -1,0 +1,196 @@
+"""Everything wrong with a problem scenario across its parts, each with its place.
+
+Names first, then constants, definitions and all expressions; last the problem itself,
+as the library takes it.
+"""
+
+import difflib
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+
+from swarmstart.cases.format.settings import Problem
+from swarmstart.cases.kinds.problem import attempts
+from swarmstart.cases.kinds.problem.attempts import Place, tried
+from swarmstart.cases.kinds.problem.measures import measure_problems
+from swarmstart.cases.kinds.problem.model import (
+    Member,
+    members_of,
+    planning_problem,
+    shared_of,
+)
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario, Vehicle
+from swarmstart.cases.kinds.problem.symbols import RESERVED, limits
+from swarmstart.errors import SwarmstartError
+
+_NAMED = ("constants", "parameters", "signals", "definitions", "states", "controls")
+
+
+def problems(scenario: ProblemScenario) -> Iterator[Problem]:
+    """Yield what is wrong; a later stage only if the earlier ones are right."""
+    stages: list[Callable[[ProblemScenario], Iterable[Problem]]] = [
+        _of_parts,
+        lambda s: tried(attempts.constants(s)),
+        lambda s: tried(attempts.definitions(s)),
+        lambda s: tried(attempts.expressions(s)),
+        _of_numbers,
+        measure_problems,
+        lambda s: tried([((), lambda: _whole(s))]),
+    ]
+    for stage in stages:
+        found = list(stage(scenario))
+        yield from found
+        if found:
+            return
+
+
+def _whole(scenario: ProblemScenario) -> None:
+    planning_problem(scenario, members_of(scenario, shared_of(scenario)))
+
+
+def _of_parts(scenario: ProblemScenario) -> Iterator[Problem]:
+    """Yield names given twice or to nothing, and parts that do not go together."""
+    yield from scenario.problems()
+    yield from _names_given_twice(scenario)
+    for place, given, known, what in _mappings(scenario):
+        for name in given:
+            if name not in known:
+                yield (*place, name), _unknown(name, known, what)
+    yield from _missing_keys(scenario)
+    yield from _of_vehicles(scenario)
+    yield from _of_feedback(scenario)
+
+
+def _names_given_twice(scenario: ProblemScenario) -> Iterator[Problem]:
+    seen: dict[str, str] = {}
+    for part in _NAMED:
+        for name in getattr(scenario, part):
+            if name in RESERVED or name in seen:
+                found = seen.get(name, "it has a meaning of its own")
+                yield (part, name), f"expected a new name, found {name!r}: {found}"
+            seen[name] = f"it is among the {part}"
+
+
+def _mappings(
+    scenario: ProblemScenario,
+) -> Iterator[tuple[Place, Mapping[str, object], Collection[str], str]]:
+    """Yield (place, mapping, what its keys may be, what they are called)."""
+    states, controls, plant = scenario.states, scenario.controls, scenario.plant
+    yield ("guess", "controls"), scenario.guess.controls, controls, "control"
+    yield ("guess", "states"), scenario.guess.states, states, "state"
+    yield ("plant", "parameters"), plant.parameters, scenario.parameters, "parameter"
+    yield ("plant", "disturbance"), plant.disturbance, states, "state"
+    for index, one in enumerate(scenario.candidates):
+        yield ("candidates", index), one, controls, "control"
+    if scenario.dual_mode is not None:
+        yield ("dual_mode", "at"), scenario.dual_mode.at, states, "state"
+        yield ("dual_mode", "Q"), scenario.dual_mode.Q, states, "state"
+        yield ("dual_mode", "R"), scenario.dual_mode.R, controls, "control"
+    for index, vehicle in enumerate(_vehicles(scenario)):
+        place = ("vehicles", "members", index, "start")
+        yield place, vehicle.start, states, "state"
+
+
+def _vehicles(scenario: ProblemScenario) -> list[Vehicle]:
+    return scenario.vehicles.members if scenario.vehicles else []
+
+
+def _missing_keys(scenario: ProblemScenario) -> Iterator[Problem]:
+    """Yield keys that other parts of the scenario make necessary."""
+    if not {"stage_cost", "terminal_cost"} & scenario.model_fields_set:
+        yield (), "expected stage_cost, terminal_cost or both; found neither"
+    vehicles = _vehicles(scenario)
+    for name, state in scenario.states.items():
+        elsewhere = vehicles and all(name in vehicle.start for vehicle in vehicles)
+        if state.start is None and not elsewhere:
+            yield ("states", name), "expected the key 'start'"
+    complete: list[tuple[Place, Mapping[str, object], Collection[str]]] = [
+        (("candidates", index), one, scenario.controls)
+        for index, one in enumerate(scenario.candidates)
+    ]
+    if scenario.dual_mode is not None:
+        complete += [
+            (("dual_mode", "at"), scenario.dual_mode.at, scenario.states),
+            (("dual_mode", "R"), scenario.dual_mode.R, scenario.controls),
+        ]
+    for place, given, names in complete:
+        yield from ((place, f"expected the key {n!r}") for n in names if n not in given)
+
+
+def _of_vehicles(scenario: ProblemScenario) -> Iterator[Problem]:
+    names = [vehicle.name for vehicle in _vehicles(scenario)]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            place = ("vehicles", "members", index, "name")
+            yield place, f"expected a new name, found {name!r}"
+    if scenario.vehicles is None or scenario.vehicles.separation is None:
+        return
+    for index, text in enumerate(scenario.vehicles.separation.of):
+        one_by_one = scenario.vehicles.planning == "priority"
+        if one_by_one and text.strip() not in scenario.states:
+            where = ("vehicles", "separation", "of", index)
+            yield where, _unknown(text, scenario.states, "state")
+
+
+def _of_feedback(scenario: ProblemScenario) -> Iterator[Problem]:
+    """Yield what does not go with one plan that is flown to its end."""
+    if scenario.feedback.law != "open_loop":
+        return
+    intervals = scenario.prediction.intervals
+    if scenario.steps > intervals:
+        yield (
+            ("steps",),
+            f"expected at most prediction.intervals = {intervals} with feedback: "
+            f"open_loop, found {scenario.steps}",
+        )
+    needs = "expected feedback: receding_horizon with it, found open_loop"
+    if scenario.dual_mode is not None:
+        yield ("dual_mode",), needs
+    if scenario.vehicles is not None and scenario.vehicles.planning == "priority":
+        yield ("vehicles", "planning"), needs
+
+
+def _unknown(name: str, known: Collection[str], what: str) -> str:
+    near = difflib.get_close_matches(name, known, n=1)
+    listed = ", ".join(known) or "none"
+    hint = f"did you mean {near[0]!r}?" if near else f"known: {listed}"
+    return f"expected a {what}, found {name!r}; {hint}"
+
+
+def _of_numbers(scenario: ProblemScenario) -> Iterator[Problem]:
+    """Yield starts and bounds that are invalid, or do not fit each other; once each."""
+    seen: set[Place] = set()
+    for member in members_of(scenario, shared_of(scenario)):
+        for place, what in _of_member(scenario, member):
+            if place not in seen:
+                seen.add(place)
+                yield place, what
+
+
+def _of_member(scenario: ProblemScenario, member: Member) -> Iterator[Problem]:
+    is_searched = scenario.search.name != "none"
+    starts = dict(zip(scenario.states, member.start, strict=True))
+    for part in ("states", "controls"):
+        for name, one in getattr(scenario, part).items():
+            place: Place = (part, name, "bounds")
+            try:
+                lower, upper = limits(one.bounds, member.constants)
+            except SwarmstartError as error:
+                yield place, error
+                continue
+            found = f"[{lower:g}, {upper:g}]"
+            if lower > upper:
+                yield place, f"expected lower <= upper, found {found}"
+            elif part == "states" and not lower <= starts[name] <= upper:
+                yield (
+                    (part, name, "start"),
+                    f"expected a start within the bounds {found}, "
+                    f"found {starts[name]:g}",
+                )
+            is_bounded = math.isfinite(lower) and math.isfinite(upper)
+            if part == "controls" and is_searched and not is_bounded:
+                yield (
+                    place if one.bounds is not None else place[:-1],
+                    "expected bounds of the control, [lower, upper]: the search draws "
+                    "between them; without a search (search: {name: none}) it may be "
+                    "unbounded",
+                )

@@ -1,0 +1,176 @@
+"""Expressions of a problem as CasADi symbols, as numbers, and over time.
+
+A scope says which names an expression may use; an error names the column, and what a
+name is that stands in the wrong place.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.expressions import (
+    CONSTANTS,
+    FLOAT_OPERATIONS,
+    FUNCTIONS,
+    ExpressionError,
+    interpret,
+    parse,
+)
+from swarmstart.cases.kinds.problem.scenario import OverTime, ProblemScenario, Table
+
+Array = NDArray[np.float64]
+TIME = "time"
+"""Name of the time since the start [s], where values change in time."""
+TIMING_S = 1e-9
+"""Instants this near are one: n dt need not be the time that was written."""
+RESERVED = frozenset({TIME, *CONSTANTS, *FUNCTIONS})
+
+
+def _symbolic(name: str) -> Callable[..., Any]:
+    """Return an operation on symbols, computed in floats if there are floats only."""
+    of_floats = FLOAT_OPERATIONS[name]
+    named: dict[str, Any] = {"abs": ca.fabs, "min": ca.fmin, "max": ca.fmax}
+    named |= {"**": ca.power, "radians": _radians}
+    of_symbols: Any = named.get(name) or getattr(ca, name, of_floats)
+
+    def operation(*arguments: Any) -> Any:
+        if all(isinstance(argument, float) for argument in arguments):
+            return of_floats(*arguments)
+        return of_symbols(*arguments)
+
+    return operation
+
+
+def _radians(degrees: Any) -> Any:
+    return degrees * (math.pi / 180)
+
+
+SYMBOLIC: Mapping[str, Callable[..., Any]] = {
+    name: _symbolic(name) for name in FLOAT_OPERATIONS
+}
+ARRAYS: Mapping[str, Callable[..., Any]] = {
+    **{name: getattr(np, name) for name in FUNCTIONS if hasattr(np, name)},
+    **{"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "atan2": np.arctan2},
+    **{"abs": np.abs, "min": np.minimum, "max": np.maximum, "neg": np.negative},
+    **{"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide},
+    **{"**": np.power, "radians": np.radians},
+}
+"""Operations on arrays, entry by entry; not finite where they are not defined."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """The names that an expression may use.
+
+    Attributes:
+        names: Name -> its value, a symbol or a number.
+        elsewhere: Name -> what it is, of this file's names that may not stand here.
+        place: Where the expression stands, in words.
+    """
+
+    names: Mapping[str, Any]
+    elsewhere: Mapping[str, str]
+    place: str
+
+    def value(self, text: str, operations: Mapping[str, Callable[..., Any]]) -> Any:
+        """Return the value of an expression.
+
+        Raises:
+            ExpressionError: If a name is unknown or may not stand here.
+        """
+        expression = parse(text)
+        for name in expression.name_places:
+            what = self.elsewhere.get(name.name)
+            if name.name not in self.names and what is not None:
+                raise ExpressionError(
+                    f"expected no {what} in {self.place}, found {name.name!r}",
+                    text,
+                    name.column,
+                )
+        return interpret(expression, operations=operations, names=self.names)
+
+    def symbol(self, text: str) -> ca.SX:
+        """Return an expression as a symbol."""
+        return ca.SX(self.value(text, SYMBOLIC))
+
+
+def constants_of(
+    scenario: ProblemScenario, own: Mapping[str, str] | None = None
+) -> dict[str, float]:
+    """Return the constants as numbers; each may use those before it.
+
+    Args:
+        scenario: The scenario.
+        own: A vehicle's constants, in place of the file's, or besides.
+
+    Raises:
+        ExpressionError: If one is not a finite number.
+    """
+    found: dict[str, float] = {}
+    for name, text in {**scenario.constants, **(own or {})}.items():
+        found[name] = number(text, found)
+    return found
+
+
+def number(text: str, constants: Mapping[str, float]) -> float:
+    """Return an expression in constants as a finite number."""
+    value = interpret(parse(text), operations=FLOAT_OPERATIONS, names=constants)
+    return float(value)
+
+
+def limits(
+    pair: Sequence[str | None] | None, constants: Mapping[str, float]
+) -> tuple[float, float]:
+    """Return [lower, upper] as numbers, infinite where there is no limit."""
+    lower, upper = (None, None) if pair is None else pair
+    return (
+        -math.inf if lower is None else number(lower, constants),
+        math.inf if upper is None else number(upper, constants),
+    )
+
+
+def over_time(
+    given: OverTime, constants: Mapping[str, float]
+) -> Callable[[Array], Array]:
+    """Return times (n,) [s] -> values (n,), of a table or an expression in time.
+
+    Raises:
+        ExpressionError: If a name is unknown, or its value at time 0 is not finite.
+    """
+    if isinstance(given, Table):
+        times, values = np.array(given.times), np.array(given.values)
+        if given.between == "linear":
+            return lambda at: np.interp(at, times, values)
+        return lambda at: values[_last_before(times, at)]
+    expression = parse(given)
+    interpret(
+        expression, operations=FLOAT_OPERATIONS, names={**constants, TIME: 0.0}
+    )  # Refused here, with its column.
+
+    def values_at(times: Array) -> Array:
+        with np.errstate(all="ignore"):
+            found = interpret(
+                expression, operations=ARRAYS, names={**constants, TIME: times}
+            )
+        return np.broadcast_to(np.asarray(found, dtype=np.float64), times.shape)
+
+    return values_at
+
+
+def _last_before(times: Array, at: Array) -> NDArray[np.intp]:
+    """Return the place of the last of times that is not after each instant."""
+    found = np.searchsorted(times, np.asarray(at) + TIMING_S, side="right") - 1
+    return np.maximum(found, 0)
+
+
+def rows_over_time(
+    given: Mapping[str, OverTime], constants: Mapping[str, float]
+) -> Callable[[Array], Array] | None:
+    """Return times (n,) [s] -> a row each, shape (rows, n); None without any."""
+    rows = [over_time(one, constants) for one in given.values()]
+    return (lambda times: np.stack([row(times) for row in rows])) if rows else None

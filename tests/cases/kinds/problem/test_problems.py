@@ -1,0 +1,107 @@
+"""Every wrong part of a problem is named where it stands, in the file's own words."""
+
+from collections.abc import Callable
+
+import pytest
+
+from swarmstart.tests.cases.kinds.problem.conftest import PENDULUM, stated
+
+Refused = Callable[[str, str], str]
+
+
+@pytest.mark.parametrize(
+    ("part", "other", "place", "words"),
+    [
+        ("rate: speed", "rate: sped", "4:27", "did you mean 'speed'?"),
+        ("torque - g*", "torqe - g*", "5:27", "did you mean 'torque'?"),
+        ("g*sin(angle)", "g*sine(angle)", "5:38", "did you mean 'sin'?"),
+        ("stage_cost", "stagecost", "8:1", "did you mean 'stage_cost'?"),
+        ("expression: speed", "expression: torque", "9:51", "no control in terminal"),
+        ("[-8, 8]", "[8, -8]", "7:20", "lower <= upper, found [8, -8]"),
+        ("{bounds: [-8, 8]}", "{}", "7:11", "expected bounds of the control"),
+        ("[-8, 8]", "[-8, null]", "7:20", "expected bounds of the control"),
+        ("g: 9.81", "g: 9.81, angle: 2", "4:10", "it is among the constants"),
+        ("g: 9.81", "g: 9.81, time: 2", "2:28", "it has a meaning of its own"),
+        ("g: 9.81", "g: 9.81/0", "2:16", "finite real value"),
+        ("g: 9.81", "g: h, h: 2", "2:16", "unknown name 'h'"),
+        ("stage_cost: torque**2\n", "", "1:1", "stage_cost, terminal_cost or both"),
+        ("{start: 0, rate: speed", "{rate: speed", "4:10", "expected the key 'start'"),
+        ("unit: rad/s", "bounds: [1, 2]", "5:18", "within the bounds [1, 2], found 0"),
+        ("intervals: 50", "intervals: 50.5", "10:39", "an integer"),
+    ],
+)
+def test_what_is_wrong_is_said_where_it_stands(
+    refused: Refused, part: str, other: str, place: str, words: str
+) -> None:
+    message = refused(part, other)
+    assert message.startswith(f"stated.yaml:{place}: ")
+    assert words in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("steps: 60", "at most prediction.intervals = 50"),
+        ("guess: {controls: {torq: 1}}", "did you mean 'torque'?"),
+        ("guess: {states: {angel: 1}}", "did you mean 'angle'?"),
+        ("plant: {parameters: {g: 3}}", "expected a parameter, found 'g'"),
+        ("plant: {disturbance: {torque: 3}}", "expected a state, found 'torque'"),
+        ("candidates: [{}]", "expected the key 'torque'"),
+        ("dual_mode: {at: {angle: 0}, Q: {}, R: {torque: 1}}", "the key 'speed'"),
+        ("measures: {a: angle}", "expected one number, such as x.end"),
+        ("measures: {a: max(speeed)}", "did you mean 'speed'?"),
+        ("measures: {cost: angle.end}", "a measure of any problem"),
+        ("definitions: {a: b, b: angle}", "unknown name 'b'"),
+        (
+            "definitions: {energy: torque*speed}\nterminal_cost: energy",
+            "no definition with a control",
+        ),
+        ("signals: {s: time}\nparameters: {p: s}", "unknown name 's'"),
+        ("guess: {record: nowhere}", "folder of a run, found 'nowhere'"),
+        ("parameters: {p: {times: [0, 0], values: [1, 2]}}", "times that increase"),
+        ("parameters: {p: {times: [0, 1], values: [1]}}", "as many values as times"),
+        ("path: [{expression: angle, equals: 1, lower: 0}]", "found both"),
+        ("path: [{distance: [angle, speed]}]", "either at_least or at_most"),
+        (
+            "claims: [{id: a, text: a, source: a, measure: b, relation: <, bound: 1}]",
+            "b",
+        ),
+    ],
+)
+def test_parts_that_do_not_go_together_are_refused(more: str, words: str) -> None:
+    with pytest.raises(ValueError, match=r"^stated\.yaml:") as caught:
+        stated(PENDULUM + more)
+    assert words in str(caught.value)
+
+
+def test_a_signal_in_a_rate_is_refused_as_one() -> None:
+    text = PENDULUM.replace("torque - g*", "wind - g*") + "signals: {wind: time}"
+    with pytest.raises(ValueError, match="expected no signal in rate, found 'wind'"):
+        stated(text)
+
+
+def test_a_definition_may_stand_where_all_that_it_uses_may() -> None:
+    text = PENDULUM + "definitions: {sway: sin(angle)}\nterminal_cost: sway"
+    stated(text)
+
+
+def test_everything_wrong_with_names_is_said_at_once() -> None:
+    text = PENDULUM.replace("rate: speed", "rate: a").replace("torque**2", "b")
+    with pytest.raises(ValueError, match="'a'") as caught:
+        stated(text)
+    assert "'b'" in str(caught.value)
+
+
+def test_a_control_may_be_unbounded_without_a_search() -> None:
+    stated(PENDULUM.replace("{bounds: [-8, 8]}", "{}") + "search: {name: none}")
+
+
+def test_a_problem_is_called_as_its_file_unless_it_says_otherwise() -> None:
+    assert stated(PENDULUM).scenario.name == "stated"
+    assert stated(PENDULUM + "name: swing").scenario.name == "swing"
+
+
+def test_steps_are_those_of_the_prediction_unless_given() -> None:
+    assert stated(PENDULUM).scenario.steps == 50
+    assert stated(PENDULUM + "steps: 3").scenario.steps == 3
