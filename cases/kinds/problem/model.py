@@ -21,6 +21,7 @@ from swarmstart.cases.kinds.problem.scenario import (
     Constraint,
     Distance,
     ProblemScenario,
+    SeparationPart,
     Vehicle,
 )
 from swarmstart.cases.kinds.problem.symbols import (
@@ -131,21 +132,20 @@ def model_of(
 
 
 def planning_problem(
-    scenario: ProblemScenario, members: Sequence[Member], *, seen: int = 0
+    scenario: ProblemScenario, members: Sequence[Member], *, seen: Sequence[Member] = ()
 ) -> OptimalControlProblem:
     """Return the planning problem of some members.
 
     Args:
         scenario: The scenario.
         members: Those that are planned together.
-        seen: Number of others whose positions are the last signals.
+        seen: Others whose positions are the last signals.
     """
     first, grid = members[0], scenario.prediction
     sign = -1.0 if scenario.maximize else 1.0
-    dimensions = 0
-    if scenario.vehicles is not None and scenario.vehicles.separation is not None:
-        dimensions = len(scenario.vehicles.separation.of)
-    others = ca.SX.sym("others", dimensions * seen)
+    separation = None if scenario.vehicles is None else scenario.vehicles.separation
+    dimensions = 0 if separation is None else len(separation.of)
+    others = [ca.SX.sym(f"position{m.suffix}", dimensions) for m in seen]
     return OptimalControlProblem(
         model_of(scenario, members),
         horizon=grid.horizon_s,
@@ -155,14 +155,14 @@ def planning_problem(
         bounds=_bounds(scenario, members),
         constraints=[
             *(path_constraint(c, member) for member in members for c in scenario.path),
-            *_separations(scenario, members, ca.vertsplit(others, dimensions or 1)),
+            *_separations(separation, members, dict(zip(seen, others, strict=True))),
         ],
         terminal=[
             terminal_constraint(c, member)
             for member in members
             for c in scenario.terminal
         ],
-        signals=ca.vertcat(_column(first.shared.signals.values()), others),
+        signals=_column([*first.shared.signals.values(), *others]),
         quadrature=grid.quadrature,
         integrator=grid.integrator,
         substeps=grid.substeps,
@@ -340,10 +340,11 @@ def _limits(given: Constraint, member: Member) -> tuple[float, float]:
 
 
 def _separations(
-    scenario: ProblemScenario, members: Sequence[Member], others: Sequence[ca.SX]
+    part: SeparationPart | None,
+    members: Sequence[Member],
+    others: Mapping[Member, ca.SX],
 ) -> list[Separation]:
     """Return the distances of every two members, and of each from those it sees."""
-    part = None if scenario.vehicles is None else scenario.vehicles.separation
     if part is None:
         return []
     places = [
@@ -354,9 +355,9 @@ def _separations(
         for (i, a), (j, b) in itertools.combinations(enumerate(places), 2)
     ]
     pairs += [
-        (place - other, f"distance{member.suffix} from {number + 1} before it")
+        (place - position, f"distance{other.suffix}{member.suffix}")
         for member, place in zip(members, places, strict=True)
-        for number, other in enumerate(others)
+        for other, position in others.items()
     ]
     constants = members[0].constants
     margin = number(part.margin, constants)

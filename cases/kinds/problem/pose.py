@@ -70,7 +70,7 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
     together = scenario.vehicles is None or scenario.vehicles.planning == "joint"
     groups = [members] if together else [(member,) for member in members]
     agents = tuple(
-        _agent(scenario, constants, group, before=() if together else range(number))
+        _agent(scenario, constants, group, before=() if together else members[:number])
         for number, group in enumerate(groups)
     )
     laws = _linear_laws(scenario, groups, agents)
@@ -101,10 +101,10 @@ def _agent(
     constants: Mapping[str, float],
     group: Sequence[Member],
     *,
-    before: Sequence[int],
+    before: Sequence[Member],
 ) -> PosedAgent:
     """Return members that are planned together as one agent."""
-    problem = planning_problem(scenario, group, seen=len(before))
+    problem = planning_problem(scenario, group, seen=before)
     parameters = rows_over_time(scenario.parameters, constants)
     feedback = scenario.feedback
     return PosedAgent(
@@ -115,7 +115,7 @@ def _agent(
         append=feedback.append,
         shift=feedback.last_plan == "shifted",
         first=_guessed(scenario, group, problem, constants),
-        watches=tuple(before),
+        watches=tuple(range(len(before))),
         shows=positions_of(scenario),
     )
 
