@@ -1,143 +1,100 @@
-"""What flights must reach, and the tables that say whether they do.
+"""The project's bars: claims of its own, judged over seeds as the chapter's are.
 
-A bar is a command and a bound on a measure. The chapter's claims are judged by
-`swarmstart replicate`.
+    python benchmarks/bars.py benchmarks/claims/formation.yaml [--short] [--write FILE]
+
+Runs that have finished are kept, and the same command goes on from there.
 """
 
-import re
-import statistics
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
 
-from swarmstart.benchmarks.flights import Job, Measured
 from swarmstart.benchmarks.tables import row
-from swarmstart.cases.campaign.claims import holds
-from swarmstart.cases.campaign.statistics import spread
+from swarmstart.cases.campaign.cells import carried_out
+from swarmstart.cases.campaign.replication import (
+    JudgedClaim,
+    cells_of,
+    claims_in,
+    judged,
+    planned,
+)
+from swarmstart.cases.campaign.verdicts import Verdict
+from swarmstart.cases.commands.progress import Progress
+from swarmstart.cases.commands.replicate import recorded
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Bar:
-    """A bound on a measure.
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what a file's claims need, and judge them; return 3 if one is missed."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("claims", type=Path, help="a file of benchmarks/claims")
+    parser.add_argument("--short", action="store_true", help="one seed of everything")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("results") / "bars")
+    parser.add_argument("--write", type=Path, help="a Markdown file to write")
+    options = parser.parse_args(arguments)
 
-    Attributes:
-        name: Several bars may share it.
-        job: What is flown, for every seed.
-        measure: A measure of the run, an entry of a list, "name[k]", or one that the
-            benchmark adds.
-        relation: "<=", ">=", "<", ">", or "+-" with a bound and a width.
-        bound: The number, or (centre, half-width).
-        over: Whether "every" seed must reach it, their "median", or their "mean".
-        seeds: How many; 1 where nothing is random.
-        against: A second job: its median is divided by that of `job`.
-    """
+    bars = claims_in(options.claims.read_bytes(), name=options.claims.name)
+    seeds = 1 if options.short else None
+    parts = [planned(bars, claim, seeds=seeds) for claim in bars.claims]
+    cells = [cell for each in parts for cell in cells_of(each)]
+    with Progress("bars") as progress:
+        outcomes = carried_out(
+            cells, options.out, workers=options.workers, told=progress.update
+        )
+    by_key = {cell.key: one for cell, one in zip(cells, outcomes, strict=True)}
+    found = [judged(c, p, by_key) for c, p in zip(bars.claims, parts, strict=True)]
 
-    name: str
-    job: Job
-    measure: str
-    relation: str
-    bound: float | tuple[float, float]
-    over: str = "every"
-    seeds: int = 10
-    against: Job | None = None
-
-    def reached(self, value: float | None) -> bool:
-        """Return whether one number reaches the bound."""
-        if isinstance(self.bound, tuple):
-            centre, width = self.bound
-            return value is not None and abs(value - centre) <= width
-        return bool(holds(value, self.relation, self.bound))
-
-    def asked(self) -> str:
-        """Return the bound in words."""
-        if isinstance(self.bound, tuple):
-            return f"{self.bound[0]:g} ± {self.bound[1]:g}"
-        return f"{self.relation} {self.bound:g}"
-
-
-def jobs_of(bar: Bar, seeds: int) -> list[Job]:
-    """Return every run a bar needs, at most that many seeds."""
-    several = [j for j in (bar.job, bar.against) if j is not None]
-    if bar.measure == "same_again":
-        several.append(bar.job._replace(repeat=1))
-    return [
-        job._replace(seed=seed)
-        for job in several
-        for seed in range(min(bar.seeds, seeds))
+    missed = [
+        claim
+        for claim in found
+        if not claim.is_expected
+        or (
+            claim.verdict is Verdict.NOT_JUDGED and not (options.short or _shown(claim))
+        )
     ]
+    text = "\n".join([bars.page, *_table(found)]) + "\n"
+    print(text)
+    print(f"missed: {', '.join(c.claim.text for c in missed) or '-'}", file=sys.stderr)
+    if options.write:
+        options.write.write_text(text, encoding="utf-8")
+    return 3 if missed else 0
 
 
-_ENTRY = re.compile(r"(\w+)\[(-?\d+)\]")
-
-
-def measure_of(measures: Mapping[str, Any], name: str) -> Any:
-    """Return a measure, or with "name[k]" the k-th entry of a list."""
-    entry = _ENTRY.fullmatch(name)
-    return measures[name] if entry is None else measures[entry[1]][int(entry[2])]
-
-
-def values_of(bar: Bar, measured: Measured, most: int) -> list[Any]:
-    """Return what is compared with the bound: one number a seed, or a ratio."""
-    jobs = [bar.job._replace(seed=seed) for seed in range(min(bar.seeds, most))]
-    if bar.measure == "same_again":
-        return [
-            int(
-                measured[job]["trajectory"]
-                == measured[job._replace(repeat=1)]["trajectory"]
-            )
-            for job in jobs
-        ]
-    values = [measure_of(measured[job], bar.measure) for job in jobs]
-    if bar.against is None:
-        return values
-    others = [
-        measure_of(measured[bar.against._replace(seed=job.seed)], bar.measure)
-        for job in jobs
-    ]
-    return [statistics.median(others) / statistics.median(values)]
-
-
-def _reached(bar: Bar, values: list[Any]) -> tuple[bool, str]:
-    """Return whether a bar is reached, and what the table says of it."""
-    if bar.against is not None or bar.over in ("median", "mean"):
-        known = [v for v in values if v is not None]
-        middle = statistics.mean if bar.over == "mean" else statistics.median
-        reached = len(known) == len(values) and bar.reached(middle(known))
-        return reached, "yes" if reached else "NO"
-    count = sum(bar.reached(value) for value in values)
-    return count == len(values), f"{count} of {len(values)}"
-
-
-def bar_table(
-    bars: Sequence[Bar], measured: Measured, most: int
-) -> tuple[list[str], int]:
-    """Return the bars with what was measured, as Markdown, and how many are missed."""
-    lines = [
-        "## Bars",
-        "",
-        row("bar", "measure", "bound", "measured", "seeds", "reached", "command"),
-        row(*["---"] * 7),
-    ]
-    failed = 0
-    for bar in bars:
-        values = values_of(bar, measured, most)
-        reached, said = _reached(bar, values)
-        failed += not reached
-        over = "" if bar.over == "every" else f", {bar.over}"
-        over += ", ratio of medians" if bar.against is not None else ""
-        command = f"`{bar.job.command()}`"
-        command += f"; against `{bar.against.command()}`" if bar.against else ""
+def _table(found: Sequence[JudgedClaim]) -> list[str]:
+    """Return a row for each claim, as Markdown."""
+    head = ("bar", "asked", "lowest / median / highest", "seeds", "verdict", "command")
+    lines = [row(*head), row(*["---"] * len(head))]
+    for one in found:
+        claim = recorded(one)
+        parts = claim["parts"]
+        failed = [f"a run failed: {why}" for part in parts for why in part["failures"]]
+        measured = (
+            " ".join([part["measured"], *([f"({part['test']})"] * bool(part["test"]))])
+            for part in parts
+        )
+        commands = {
+            f"`{part['command']}`"
+            + f"; against `{part['against']}`" * bool(part["against"])
+            for part in parts
+        }
         lines.append(
             row(
-                bar.name,
-                bar.measure + over,
-                bar.asked(),
-                f"{statistics.mean(values):.3g}"
-                if bar.over == "mean"
-                else spread(values, digits=6),
-                str(min(bar.seeds, most)),
-                said,
-                command,
+                claim["text"],
+                "<br>".join(f"`{part['asked']}`" for part in parts),
+                "<br>".join([*measured, *failed]),
+                str(parts[0]["runs"]),
+                "-" if _shown(one) else claim["verdict"],
+                "<br>".join(sorted(commands)),
             )
         )
-    return [*lines, ""], failed
+    return lines
+
+
+def _shown(claim: JudgedClaim) -> bool:
+    """Return whether nothing is asked, but only shown."""
+    return all(part.planned.part.beside for part in claim.parts)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

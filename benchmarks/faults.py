@@ -8,7 +8,7 @@ sound; at each a sign, a comparison, a constant or an extreme is changed
 (`fault_places`). Each fault is put into a private copy of the tree, and the tests of
 its own file are run, tests/<folder>/test_<module>.py, and no others. A fault is caught
 if one of them fails or if they no longer end. Faults that change nothing but effort or
-text are named with the reason and not counted (`harmless_faults`).
+text are named with the reason and not counted (`harmless_faults.yaml`).
 """
 
 import argparse
@@ -29,10 +29,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import yaml
 from scipy.stats import binomtest
 
 from swarmstart.benchmarks.fault_places import Fault, applied, faults, line_of
-from swarmstart.benchmarks.harmless_faults import HARMLESS
 from swarmstart.benchmarks.tables import row
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -78,6 +78,15 @@ _LIMITED = (
 )
 PATIENCE = 4.0
 """Times the time that the tests take without a fault, before they count as endless."""
+HARMLESS_FILE = ROOT / "benchmarks" / "harmless_faults.yaml"
+HARMLESS: tuple[tuple[str, str, str, str], ...] = tuple(
+    (file, line, after, reason)
+    for reason, files in yaml.safe_load(HARMLESS_FILE.read_text("utf-8")).items()
+    for file, lines in files.items()
+    for line, faulty in lines.items()
+    for after in faulty
+)
+"""File, line, line with the fault or "*" for any, and why it does no harm."""
 
 
 class Outcome(Enum):

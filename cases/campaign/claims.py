@@ -19,7 +19,12 @@ RELATIONS = {
 
 
 def holds(
-    measured: Measure, relation: str, bound: float | None, *, reason: str = ""
+    measured: Measure,
+    relation: str,
+    bound: float | None,
+    *,
+    width: float = 0.0,
+    reason: str = "",
 ) -> bool | None:
     """Return whether a measured value is in a relation to a bound.
 
@@ -27,6 +32,7 @@ def holds(
         measured: The value; null, or not a number, if it is not defined.
         relation: A key of RELATIONS.
         bound: The bound; null, with "==", asks whether the value is not defined.
+        width: With "==", by how much the value may differ from the bound.
         reason: Why it may not be defined; NEVER: then it is above every bound.
 
     Returns:
@@ -43,6 +49,8 @@ def holds(
         if reason != NEVER:
             return None
         measured = math.inf
+    if width:
+        return bool(abs(measured - bound) <= width)
     return bool(RELATIONS[relation](measured, bound))
 
 
@@ -108,7 +116,9 @@ def _judged(
     if not reason:
         why = undefined.get(claim.measure, "")
         measured = measures[claim.measure]
-        verdict = holds(measured, claim.relation, claim.bound, reason=why)
+        verdict = holds(
+            measured, claim.relation, claim.bound, width=claim.width, reason=why
+        )
         if verdict is None:
             reason = f"a run in which {claim.measure} is a number"
             reason += f"; here {why}" if why else ""
@@ -120,6 +130,7 @@ def _judged(
         "measured": measured,
         "relation": claim.relation,
         "bound": claim.bound,
+        "width": claim.width,
         "holds": verdict,
         "gate": claim.gate,
         "note": claim.note,

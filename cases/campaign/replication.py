@@ -1,9 +1,10 @@
-"""The chapter replicated: every claim, the runs it needs, and what they say.
+"""Claims judged over seeds: the runs that each needs, and what they say together.
 
     claims.yaml -> parts -> distinct runs (cells) -> measures -> verdicts
 
-A part is a claim of a shipped scenario or a computation; a claim's verdict is that of
-its parts together (`verdicts.py`).
+A part is a claim of a shipped scenario, a measure of its run with a bound of the part's
+own, or a computation; a claim's verdict is that of its parts together (`verdicts.py`).
+claims.yaml has those of the chapter; the project's own bars are such files too.
 """
 
 from __future__ import annotations
@@ -13,16 +14,17 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from swarmstart.cases.campaign.cells import Cell, Outcome
 from swarmstart.cases.campaign.claims import assignments_of, claim_assignments
-from swarmstart.cases.campaign.run_cell import run_cell
+from swarmstart.cases.campaign.run_cell import FLOWN_BY, run_cell
 from swarmstart.cases.campaign.statistics import too_few
 from swarmstart.cases.campaign.verdicts import (
     Verdict,
+    median_of,
     of_assumption,
     of_guarantee,
     paired_verdict,
@@ -51,6 +53,12 @@ class PartOfClaim(Part):
     measure: str = ""
     relation: Literal["<=", ">=", "<", ">", "=="] = "=="
     bound: Number | None = None
+    width: NonNegative = 0.0
+    when: Mapping[str, Any] = Field(default_factory=dict)
+    against: Mapping[str, Any] | None = None
+    share: Annotated[Number, Field(gt=0, le=1)] = 1.0
+    over: Literal["every", "median"] = "every"
+    seeded: list[str] = Field(default_factory=list)
     seeds: int = Field(default=3, ge=1)
     least: int = Field(default=1, ge=1)
     guarantee: bool = False
@@ -58,28 +66,36 @@ class PartOfClaim(Part):
 
     @model_validator(mode="after")
     def _one_of_both(self) -> PartOfClaim:
-        if bool(self.scenario and self.claim) == bool(self.compute and self.measure):
-            raise ValueError("expected scenario and claim, or compute and measure")
+        if bool(self.scenario) == bool(self.compute) or (
+            bool(self.measure) == bool(self.claim and self.scenario)
+        ):
+            raise ValueError(
+                "expected scenario with claim or measure, or compute with measure"
+            )
         return self
 
 
 class ChapterClaim(Part):
-    """A claim of the chapter."""
+    """A claim of the chapter, or of the project."""
 
     id: int
     text: str
-    source: str
+    source: str = ""
     assumption: bool = False
     parts: list[PartOfClaim] = Field(min_length=1)
-    expected: Verdict
-    because: str
+    expected: Verdict = Verdict.HOLDS
+    because: str = ""
 
     @model_validator(mode="before")
     @classmethod
-    def _named_verdict(cls, data: object) -> object:
-        if isinstance(data, dict) and "expected" in data:
-            return {**data, "expected": Verdict(data["expected"])}
-        return data
+    def _written_out(cls, data: dict[str, Any]) -> object:
+        """Give all parts their common keys, and the expected verdict its type."""
+        common = data.get("common", {})
+        return {
+            **{key: value for key, value in data.items() if key != "common"},
+            "parts": [{**common, **part} for part in data.get("parts", [])],
+            "expected": Verdict(data.get("expected", Verdict.HOLDS)),
+        }
 
 
 class ChapterFigure(Part):
@@ -95,9 +111,11 @@ class Chapter(Part):
     """All that is replicated."""
 
     schema_version: Literal[1] = Field(alias="schema")
-    variants: Mapping[str, str]
+    flown_by: str = FLOWN_BY
+    variants: Mapping[str, str] = Field(default_factory=dict)
     claims: list[ChapterClaim]
-    figures: list[ChapterFigure]
+    figures: list[ChapterFigure] = Field(default_factory=list)
+    page: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -167,8 +185,12 @@ class JudgedClaim:
 def chapter() -> Chapter:
     """Return the chapter's claims and figures, from claims.yaml."""
     file = importlib.resources.files("swarmstart.cases.chapter") / "claims.yaml"
-    document = parse_yaml(file.read_bytes(), name="claims.yaml")
-    return Chapter.model_validate(document.data)
+    return claims_in(file.read_bytes(), name="claims.yaml")
+
+
+def claims_in(content: bytes, *, name: str) -> Chapter:
+    """Return a file's claims; it may name code to run, so it has to be one of ours."""
+    return Chapter.model_validate(parse_yaml(content, name=name).data)
 
 
 def planned(
@@ -199,17 +221,22 @@ def _planned_part(
         )
     variant = part.variant or chapter.variants.get(part.scenario)
     base = _resolved(part.scenario, variant)
-    claim = next(c for c in base.scenario.claims if c.id == part.claim)
+    claim = (
+        _own_claim(part)
+        if part.measure
+        else next(c for c in base.scenario.claims if c.id == part.claim)
+    )
     sets = [claim_assignments(claim, base.settings)]
     if claim.against is not None:
         sets.append(sets[0] + assignments_of(claim.against))
-    runs = [_resolved(part.scenario, variant, assignments) for assignments in sets]
     count = part.seeds if seeds is None or part.seeds == 1 else seeds
     drawn = drawn_by_key(chapter)
-    cells = [
-        tuple(_drawn_or_not(run_cell(run, seed), drawn) for run in runs)
-        for seed in range(count)
-    ]
+    cells = []
+    for seed in range(count):
+        seeded = tuple(f"{key}={seed}" for key in part.seeded)
+        runs = (_resolved(part.scenario, variant, given + seeded) for given in sets)
+        pair = (run_cell(run, seed, flown_by=chapter.flown_by) for run in runs)
+        cells.append(tuple(drawn.get(cell.key, cell) for cell in pair))
     return PlannedPart(
         part=part,
         claim=claim,
@@ -228,12 +255,8 @@ def _command(name: str, variant: str | None, assignments: Sequence[str]) -> str:
     return shlex.join(words)
 
 
-def _drawn_or_not(cell: Cell, drawn: Mapping[str, Cell]) -> Cell:
-    return drawn.get(cell.key, cell)
-
-
 def _own_claim(part: PartOfClaim) -> Claim:
-    """Return the claim that a computation judges."""
+    """Return the claim of a part that names no scenario's."""
     return Claim(
         id="-",
         text=part.text,
@@ -241,6 +264,10 @@ def _own_claim(part: PartOfClaim) -> Claim:
         measure=part.measure,
         relation=part.relation,
         bound=part.bound,
+        width=part.width,
+        when=part.when,
+        against=part.against,
+        share=part.share,
     )
 
 
@@ -343,10 +370,13 @@ def _verdict(planned: PlannedPart, values: Sequence[Measure]) -> tuple[Verdict, 
             return Verdict.NOT_JUDGED, f"not defined: {planned.reason}"
         verdict, test = paired_verdict(ratios, claim.relation, claim.bound)
     else:
+        if part.over == "median":
+            values = [median_of(values, reason=planned.reason)]
         verdict, test = verdict_of_seeds(
             values,
             claim.relation,
             claim.bound,
+            width=claim.width,
             share=claim.share,
             reason=planned.reason,
         )

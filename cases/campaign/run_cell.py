@@ -9,19 +9,24 @@ from swarmstart.cases.campaign.run import run
 from swarmstart.cases.format.scenario import Resolved, resolved_again
 from swarmstart.cases.record.record import Recording
 
+FLOWN_BY = "swarmstart.cases.campaign.run_cell:fly"
 
-def run_cell(resolved: Resolved, seed: int, *, figures: bool = False) -> Cell:
+
+def run_cell(
+    resolved: Resolved, seed: int, *, figures: bool = False, flown_by: str = FLOWN_BY
+) -> Cell:
     """Return the cell of one run.
 
     Args:
         resolved: The scenario.
         seed: The seed.
         figures: Whether its figures are wanted: drawn into `figures` of its folder.
+        flown_by: "module:function" that flies it: `fly`, or one that measures more.
     """
     settings = dict(resolved.settings) if figures else resolved.anonymous_settings()
     variant = f" {resolved.variant}" if resolved.variant else ""
     return Cell(
-        work="swarmstart.cases.campaign.run_cell:fly",
+        work=flown_by,
         job={
             "settings": settings,
             "variant": resolved.variant,

@@ -39,6 +39,7 @@ def verdict_of_seeds(
     relation: str,
     bound: float | None,
     *,
+    width: float = 0.0,
     share: float = 1.0,
     reason: str = "",
 ) -> tuple[Verdict, str]:
@@ -48,13 +49,16 @@ def verdict_of_seeds(
         values: The measure of each seed.
         relation: A key of `claims.RELATIONS`.
         bound: The bound; None: not defined.
+        width: With "==", by how much a measure may differ from the bound.
         share: Part of the seeds that must be.
         reason: Why a measure may not be defined, as `claims.holds` takes it.
 
     Returns:
         The verdict, and in words how many of the runs; empty if all or none.
     """
-    found = [holds(value, relation, bound, reason=reason) for value in values]
+    found = [
+        holds(value, relation, bound, width=width, reason=reason) for value in values
+    ]
     if None in found:
         return Verdict.NOT_JUDGED, f"not defined: {reason}"
     kept = found.count(True)
@@ -92,6 +96,18 @@ def paired_verdict(
         return Verdict.NO_DIFFERENCE, test
     kept = holds(statistics.median(ratios), relation, bound)
     return Verdict.HOLDS if kept else Verdict.FAILS, test
+
+
+def median_of(values: Sequence[Measure], *, reason: str) -> float | None:
+    """Return the median of the seeds; None if a measure is not defined.
+
+    Args:
+        values: The measure of each seed.
+        reason: Why a measure may not be defined; NEVER: then it counts as infinite.
+    """
+    known = [math.inf if v is None and reason == NEVER else v for v in values]
+    numbers = [float(v) for v in known if isinstance(v, int | float)]
+    return statistics.median(numbers) if len(numbers) == len(values) else None
 
 
 def ratio(first: Measure, second: Measure, *, reason: str) -> float | None:

@@ -19,6 +19,7 @@ from swarmstart.cases.campaign.replication import (
     ChapterClaim,
     JudgedClaim,
     JudgedPart,
+    PartOfClaim,
     PlannedPart,
     cells_of,
     chapter,
@@ -197,12 +198,13 @@ def _content(
         "seeds_in_words": seeds,
         "runs": runs,
         "counted": ", ".join(f"{n} {verdict}" for verdict, n in counts.most_common()),
-        "claims": [_claim(claim) for claim in claims],
+        "claims": [recorded(claim) for claim in claims],
         "versions": versions(),
     }
 
 
-def _claim(judged_claim: JudgedClaim) -> dict[str, Any]:
+def recorded(judged_claim: JudgedClaim) -> dict[str, Any]:
+    """Return a judged claim as it is recorded."""
     claim = judged_claim.claim
     return {
         "id": claim.id,
@@ -218,8 +220,11 @@ def _claim(judged_claim: JudgedClaim) -> dict[str, Any]:
 
 def _part(judged_part: JudgedPart) -> dict[str, Any]:
     part, claim = judged_part.planned.part, judged_part.planned.claim
-    ratio = ", ratio" if claim.against is not None else ""
-    bound = "never" if claim.bound is None else f"{claim.bound:.4g}"
+    over = ", ratio" if claim.against is not None else ""
+    over += ", median" if part.over == "median" else ""
+    bound = "never" if claim.bound is None else f"{claim.bound:.{_digits(part)}g}"
+    bound += f" ± {claim.width:g}" if claim.width else ""
+    asked = f"{claim.measure}{over} {claim.relation} {bound}"
     commands = judged_part.planned.commands
     return {
         "scenario": part.scenario,
@@ -227,7 +232,7 @@ def _part(judged_part: JudgedPart) -> dict[str, Any]:
         "claim": part.claim,
         "reading": part.reading,
         "text": claim.text,
-        "asked": f"{claim.measure}{ratio} {claim.relation} {bound}",
+        "asked": claim.measure if part.beside and claim.bound is None else asked,
         "measure": claim.measure,
         "relation": claim.relation,
         "bound": claim.bound,
@@ -247,12 +252,17 @@ def _part(judged_part: JudgedPart) -> dict[str, Any]:
 
 def _measured(judged_part: JudgedPart) -> str:
     """Return what was measured; of ratios also the medians of what they are of."""
-    said = spread(judged_part.values)
+    said = spread(judged_part.values, digits=_digits(judged_part.planned.part))
     if not judged_part.pairs:
         return said
     sides = zip(*judged_part.pairs, strict=True)
     first, second = (_median(values) for values in sides)
     return f"{said} ({first} to {second})"
+
+
+def _digits(part: PartOfClaim) -> int:
+    """Return how many digits are shown: enough for a bound of a part's own."""
+    return 6 if part.scenario and part.measure else 4
 
 
 def _median(values: Sequence[Measure]) -> str:

@@ -263,6 +263,7 @@ class Claim(Part):
         relation: How the measure must relate to the bound.
         bound: A number; null, with "==", if "not defined" (never settled) is what is
             claimed.
+        width: With "==", by how much the measure may differ from the bound.
         when: Settings, dotted key to value, under which a run can judge it; the
             scenario's own `steps` unless others are given.
         variant: The variant that it is judged with; empty: any.
@@ -279,6 +280,7 @@ class Claim(Part):
     measure: str
     relation: Literal["<=", ">=", "<", ">", "=="]
     bound: Number | None
+    width: NonNegative = 0.0
     when: Mapping[str, Any] = Field(default_factory=dict)
     variant: str = ""
     against: Mapping[str, Any] | None = None
@@ -292,6 +294,8 @@ class Claim(Part):
             raise ValueError(
                 f"expected relation == with the bound null, found {self.relation}"
             )
+        if self.width and (self.bound is None or self.relation != "=="):
+            raise ValueError("expected width with relation == and a number as bound")
         return self
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from swarmstart.benchmarks import faults
 from swarmstart.benchmarks.faults import (
+    HARMLESS,
     ROOT,
     Drawn,
     Outcome,
@@ -18,7 +19,6 @@ from swarmstart.benchmarks.faults import (
     report,
     soundness_files,
 )
-from swarmstart.benchmarks.harmless_faults import HARMLESS
 
 TOY = "def sign(x):\n    return 1 if x > 0 else -1\n"
 TOY_TEST = """

@@ -38,6 +38,19 @@ def test_a_relation_is_what_it_says(
     assert found == [below, equal, above]
 
 
+def test_width_is_allowed_on_both_sides_of_a_number() -> None:
+    found = [holds(value, "==", 2.0, width=0.5) for value in (1.4, 1.5, 2.5, 2.6)]
+    assert found == [False, True, True, False]
+    assert holds(None, "==", 2.0, width=0.5) is None
+    assert holds(None, "==", 2.0, width=0.5, reason=NEVER) is False
+    near = claim(relation="==", width=0.5)
+    (told,) = judged([near], SETTINGS, {"size": 2.5})
+    assert told["holds"] is True and told["width"] == 0.5
+    for refused in ({"relation": "<="}, {"relation": "==", "bound": None}):
+        with pytest.raises(pydantic.ValidationError, match="expected width with"):
+            claim(width=0.5, **refused)
+
+
 def test_every_relation_can_be_claimed() -> None:
     for relation in RELATIONS:
         assert claim(relation=relation).relation == relation

@@ -18,6 +18,7 @@ from swarmstart.cases.campaign.replication import (
     PlannedPart,
     cells_of,
     chapter,
+    claims_in,
     drawn_by_key,
     figure_cells,
     judged,
@@ -240,8 +241,50 @@ def test_a_part_is_of_a_scenario_or_computed() -> None:
         {},
         {"scenario": "a", "claim": "1", "compute": "b", "measure": "c"},
     ):
-        with pytest.raises(pydantic.ValidationError, match="scenario and claim, or"):
+        with pytest.raises(pydantic.ValidationError, match="scenario with claim or"):
             PartOfClaim.model_validate(content)
+
+
+OWN = b"""
+schema: 1
+flown_by: "a.b:c"
+claims:
+  - id: 1
+    text: a bar
+    common: {scenario: close_formation_vortex, seeds: 2, seeded: [plant.gusts.seed]}
+    parts:
+      - {measure: min_range_ft, relation: "<=", bound: 3, over: median}
+      - {measure: min_range_ft, bound: 4, width: 1, share: 0.5, when: {steps: 7}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "verdicts"),
+    [
+        ((2.0, 3.5), (3.0, 9.0), (Verdict.HOLDS, Verdict.HOLDS)),
+        ((2.5, 4.0), (2.9, 5.1), (Verdict.FAILS, Verdict.FAILS)),
+    ],
+)
+def test_a_part_may_have_a_bound_of_its_own(
+    first: tuple[float, ...], second: tuple[float, ...], verdicts: tuple[Verdict, ...]
+) -> None:
+    own = claims_in(OWN, name="own.yaml")
+    parts = planned(own, own.claims[0], seeds=None)
+    cells = [*cells_of(parts)]
+    assert {cell.work for cell in cells} == {"a.b:c"}
+    seeds = [cell.job["settings"]["plant"]["gusts"]["seed"] for cell in cells]
+    assert seeds == [cell.job["seed"] for cell in cells] == [0, 1, 0, 1]
+    assert [cell.job["settings"]["steps"] for cell in cells][2:] == [7, 7]
+    outcomes = {
+        cell.key: Outcome(
+            result={"measures": {"min_range_ft": value}},
+            failure="", seconds=1.0, folder=Path(),
+        )
+        for cell, value in zip(cells, (*first, *second), strict=True)
+    }  # fmt: skip
+    found = judged(own.claims[0], parts, outcomes)
+    assert tuple(part.verdict for part in found.parts) == verdicts
+    assert found.is_expected is (verdicts[0] is Verdict.HOLDS)
 
 
 def test_a_cell_is_the_same_whoever_plans_it() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from swarmstart.cases.campaign.verdicts import (
     Verdict,
+    median_of,
     of_assumption,
     of_guarantee,
     paired_verdict,
@@ -156,3 +157,10 @@ def test_a_run_that_never_settles_counts_as_far_worse() -> None:
 )
 def test_parts_make_a_claim(parts: list[Verdict], verdict: Verdict) -> None:
     assert verdict_of_parts(parts) is verdict
+
+
+def test_what_never_comes_counts_as_latest_in_a_median() -> None:
+    assert median_of([1.0, None, 3], reason=NEVER) == 3
+    assert median_of([1.0, None, None], reason=NEVER) == math.inf
+    assert median_of([1.0, None, 3], reason="there is no obstacle") is None
+    assert median_of([1.0, [2.0], 3], reason=NEVER) is None
