@@ -5,12 +5,11 @@
 Runs that have finished are kept, and the same command goes on from there.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from swarmstart.benchmarks.tables import row
+from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.cases.campaign.cells import carried_out
 from swarmstart.cases.campaign.replication import (
     JudgedClaim,
@@ -26,12 +25,11 @@ from swarmstart.cases.commands.replicate import recorded
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run what a file's claims need, and judge them; return 3 if one is missed."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = page_options(__doc__)
     parser.add_argument("claims", type=Path, help="a file of benchmarks/claims")
     parser.add_argument("--short", action="store_true", help="one seed of everything")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("results") / "bars")
-    parser.add_argument("--write", type=Path, help="a Markdown file to write")
     options = parser.parse_args(arguments)
 
     bars = claims_in(options.claims.read_bytes(), name=options.claims.name)
@@ -53,18 +51,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
             claim.verdict is Verdict.NOT_JUDGED and not (options.short or _shown(claim))
         )
     ]
-    text = "\n".join([bars.page, *_table(found)]) + "\n"
-    print(text)
+    publish(_table(found), options, f"{bars.page}\n")
     print(f"missed: {', '.join(c.claim.text for c in missed) or '-'}", file=sys.stderr)
-    if options.write:
-        options.write.write_text(text, encoding="utf-8")
     return 3 if missed else 0
 
 
 def _table(found: Sequence[JudgedClaim]) -> list[str]:
     """Return a row for each claim, as Markdown."""
-    head = ("bar", "asked", "lowest / median / highest", "seeds", "verdict", "command")
-    lines = [row(*head), row(*["---"] * len(head))]
+    lines = head(
+        "bar", "asked", "lowest / median / highest", "seeds", "verdict", "command"
+    )
     for one in found:
         claim = recorded(one)
         parts = claim["parts"]

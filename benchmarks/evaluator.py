@@ -36,27 +36,19 @@ from swarmstart.benchmarks.races import (
     prepared,
     race,
 )
+from swarmstart.benchmarks.tables import (
+    Bar,
+    bar_table,
+    head,
+    page_options,
+    publish,
+    row,
+)
 from swarmstart.benchmarks.timing import Timing
 from swarmstart.ocp.compiled.engine import Machine, machine
 
 LARGE, SMALL = 1000, 20
 """Individuals in a population."""
-
-
-class Bar(NamedTuple):
-    """What the project asks for, and what was measured."""
-
-    text: str
-    relation: str
-    bound: float
-    measured: float
-
-    @property
-    def reached(self) -> bool:
-        """Whether the measured value is within the bound."""
-        if self.relation == ">=":
-            return self.measured >= self.bound
-        return self.measured <= self.bound
 
 
 class Measured(NamedTuple):
@@ -75,9 +67,8 @@ class Measured(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and write them where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = page_options(__doc__)
     parser.add_argument("--short", action="store_true", help="some 30 seconds")
-    parser.add_argument("--write", type=Path, help="a Markdown file to write")
     parser.add_argument("--plot", type=Path, help="a picture to write")
     parser.add_argument("--check", action="store_true", help="fail below the floors")
     options = parser.parse_args(arguments)
@@ -85,14 +76,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     measured = measure(short=options.short)
     if options.plot:
         scaling.plot(measured.populations, measured.horizon, options.plot)
-    text = "\n".join(report(measured)) + "\n"
-    print(text)
-    if options.write:
-        options.write.write_text(_document(text, options))
-    missed = [bar for bar in floors(measured) if not bar.reached]
-    for bar in missed if options.check else ():
-        print(f"floor missed: {_said(bar)}", file=sys.stderr)
-    return 3 if options.check and missed else 0
+    publish(report(measured), options, _HEAD + _picture(options))
+    missed = [bar for bar in floors(measured) if options.check and bar.is_missed]
+    if missed:
+        print("\n".join(["floors missed", *bar_table(missed)]), file=sys.stderr)
+    return 3 if missed else 0
 
 
 def measure(*, short: bool) -> Measured:
@@ -181,7 +169,7 @@ def report(measured: Measured) -> list[str]:
         lines += _race_table(races, Race.ratio)
     lines += _build_table(measured.builds)
     lines += _growth_tables(measured)
-    lines += ["## The project's bars", "", *_table(_bar_rows(bars(measured)))]
+    lines += bar_table(bars(measured))
     by_hand = measured.race(five_uavs().name, LARGE)
     if HAND in by_hand.seconds:
         ratio = by_hand.ratio(HAND).median
@@ -236,29 +224,9 @@ def _growth_row(series: scaling.Series, *, smallest: int) -> list[str]:
     return [series.name, *cells, f"{series.slope(smallest):.3f}"]
 
 
-def _bar_rows(found: Iterable[Bar]) -> list[list[str]]:
-    rows = [["bar", "asked", "measured", "reached"]]
-    for bar in found:
-        asked = f"{bar.relation} {bar.bound:g}"
-        verdict = "reached" if bar.reached else "**not reached**"
-        rows.append([bar.text, asked, f"{bar.measured:.3g}", verdict])
-    return rows
-
-
-def _said(bar: Bar) -> str:
-    return f"{bar.text} is {bar.measured:.3g}, must be {bar.relation} {bar.bound:g}"
-
-
 def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return a Markdown table, its columns aligned."""
-    head, *others = rows
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [head, ["-" * width for width in widths], *others]
-    padded = (
-        " | ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True))
-        for line in lines
-    )
-    return [*(f"| {line} |" for line in padded), ""]
+    """Return a table whose first row is its head."""
+    return [*head(*rows[0]), *(row(*cells) for cells in rows[1:]), ""]
 
 
 def _spread(timing: Timing) -> str:
@@ -299,12 +267,11 @@ def _compiler_version() -> list[str]:
     return [f"C compiler {said.splitlines()[0]}"]
 
 
-def _document(text: str, options: argparse.Namespace) -> str:
-    picture = ""
-    if options.plot:
-        link = Path(os.path.relpath(options.plot, options.write.parent)).as_posix()
-        picture = f"![Time of a call over population size and intervals]({link})\n\n"
-    return _HEAD + picture + text
+def _picture(options: argparse.Namespace) -> str:
+    if not (options.plot and options.write):
+        return ""
+    link = Path(os.path.relpath(options.plot, options.write.parent)).as_posix()
+    return f"![Time of a call over population size and intervals]({link})\n\n"
 
 
 _HEAD = """# How fast populations are evaluated

@@ -5,16 +5,14 @@
 The scenario formation_100 with 25, 50 and 100 UAVs, and with longer ranges of sight.
 """
 
-import argparse
 import statistics
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from swarmstart.benchmarks.tables import row
+from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.reconfiguration.measures import measure
@@ -116,28 +114,21 @@ def neighbours_of(team: LocalTeam, trajectory: Trajectory) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly all, print the table, and write it where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = page_options(__doc__)
     parser.add_argument("--steps", type=int, default=60)
-    parser.add_argument("--write", type=Path, help="a Markdown file to write")
     options = parser.parse_args(arguments)
     asked = [(uavs, RANGES_M[0]) for uavs in SIZES]
     asked += [(SIZES[-1], range_m) for range_m in RANGES_M[1:]]
     flights = [fly(uavs, range_m, options.steps) for uavs, range_m in asked]
-    text = "\n".join(_table(flights))
-    print(text)
-    if options.write:
-        options.write.write_text(_HEAD + text + "\n", encoding="utf-8")
+    publish(_table(flights), options, _HEAD)
     return 0
 
 
 def _table(flights: Sequence[Flown]) -> list[str]:
-    lines = [
-        row(
-            "UAVs", "range [m]", "neighbours of a UAV", "step [s]", "UAV [ms]",
-            "UAV and neighbour [ms]", "smallest distance [m]", "error at the end [m]",
-        ),
-        row(*["---"] * 8),
-    ]  # fmt: skip
+    lines = head(
+        "UAVs", "range [m]", "neighbours of a UAV", "step [s]", "UAV [ms]",
+        "UAV and neighbour [ms]", "smallest distance [m]", "error at the end [m]",
+    )  # fmt: skip
     for one in flights:
         each = 1e3 * one.seconds / one.uavs
         lines.append(

@@ -3,19 +3,18 @@
 python benchmarks/generation.py [--short] [--write docs/generation_speed.md]
 """
 
-import argparse
 import ctypes
 import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.benchmarks.timing import timings
 from swarmstart.heuristics import (
     LSHADE,
@@ -289,39 +288,34 @@ def searched(
 
 def table(rows: Sequence[Row]) -> list[str]:
     """Return the lines of the table."""
-    lines = [
-        "| algorithm | individuals x variables | us a generation | us of its draws "
-        "| ratio | at most | reached | us of the objective, subtracted |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        bar = (f"{BAR:g}", "no" if row.is_missed else "yes")
+    lines = head(
+        "algorithm", "individuals x variables", "us a generation", "us of its draws",
+        "ratio", "at most", "reached", "us of the objective, subtracted",
+    )  # fmt: skip
+    for one in rows:
+        bar = (f"{BAR:g}", "no" if one.is_missed else "yes")
         cells = (
-            row.kind.name,
-            f"{row.shape.size} x {row.shape.dim}",
-            f"{1e6 * row.generation:.3g}",
-            f"{1e6 * row.draws:.3g}",
-            f"{row.ratio:.2f}",
-            *(bar if row.kind.bar else ("-", "-")),
-            f"{1e6 * row.objective:.2g}",
+            one.kind.name,
+            f"{one.shape.size} x {one.shape.dim}",
+            f"{1e6 * one.generation:.3g}",
+            f"{1e6 * one.draws:.3g}",
+            f"{one.ratio:.2f}",
+            *(bar if one.kind.bar else ("-", "-")),
+            f"{1e6 * one.objective:.2g}",
         )
-        lines.append(f"| {' | '.join(cells)} |")
+        lines.append(row(*cells))
     return lines
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the table, and write it where asked."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = page_options(__doc__)
     parser.add_argument("--short", action="store_true", help="fewer rounds")
-    parser.add_argument("--write", type=Path, help="a Markdown file to write")
     options = parser.parse_args(arguments)
     rounds = 5 if options.short else 41
     rows = list(measure(rounds))
-    text = "\n".join(table(rows)) + "\n"
-    print(text)
-    if options.write:
-        head = _HEAD.format(rounds=rounds, generations=GENERATIONS, bar=BAR)
-        options.write.write_text(head + text)
+    above = _HEAD.format(rounds=rounds, generations=GENERATIONS, bar=BAR)
+    publish(table(rows), options, above)
     return 3 if any(row.is_missed for row in rows) else 0
 
 

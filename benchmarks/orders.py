@@ -8,21 +8,19 @@ that is above 1. Wilcoxon's signed-rank test on paired seeds compares each order
 feasibility first, corrected by Holm over the orders of a column.
 """
 
-import argparse
 import multiprocessing
 import statistics
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import wilcoxon
 
 from swarmstart.benchmarks.anchors import peer
 from swarmstart.benchmarks.cec import constrained_objective
-from swarmstart.benchmarks.planning import rejected
-from swarmstart.benchmarks.tables import row
+from swarmstart.benchmarks.planning import marks
+from swarmstart.benchmarks.tables import head, page_options, publish, row
+from swarmstart.cases.campaign.statistics import signed_rank_p
 from swarmstart.heuristics import (
     LSHADE,
     Algorithm,
@@ -116,9 +114,8 @@ class Found(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and write them where asked."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = page_options(__doc__)
     parser.add_argument("--seeds", type=int, default=25, help="25 by default")
-    parser.add_argument("--write", type=Path, help="a Markdown file to write")
     parser.add_argument("--workers", type=int, default=2, help="processes")
     options = parser.parse_args(arguments)
     jobs = [
@@ -132,10 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     jobs = [job for job in jobs if _wanted(job)]
     with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
         found = dict(pool.imap_unordered(_run, jobs, chunksize=options.seeds))
-    text = "\n".join(report(found, options.seeds)) + "\n"
-    print(text)
-    if options.write:
-        options.write.write_text(text)
+    publish(report(found, options.seeds), options)
     return 0
 
 
@@ -191,7 +185,7 @@ def _table(
 ) -> list[str]:
     """Return a line for each order: feasible, solved, the median gap."""
     names = [f"g{problem:02d}" for problem in problems]
-    lines = [row("order", *names), row(*["---"] * (len(names) + 1))]
+    lines = head("order", *names)
     marks = {p: _marks(groups, p, search, evaluations) for p in problems}
     for order in ORDERS:
         cells = []
@@ -222,9 +216,9 @@ def _marks(
     for order in ORDERS:
         other = ranks(order)
         if order != REFERENCE and np.any(other != reference):
-            p_values[order] = float(wilcoxon(other, reference).pvalue)
+            p_values[order] = signed_rank_p((other - reference).tolist())
             better[order] = bool(np.sum(np.sign(other - reference)) < 0.0)
-    return {order: " (+)" if better[order] else " (-)" for order in rejected(p_values)}
+    return marks(p_values, better)
 
 
 def _units(groups: Groups) -> list[str]:
@@ -232,7 +226,7 @@ def _units(groups: Groups) -> list[str]:
     search, evaluations = RUNS[0]
     heads = ["2^-20 cost", "cost", "2^20 cost"]
     lines = [_UNITS.format(search=search, evaluations=f"{evaluations:,}"), ""]
-    lines += [row("order", *heads), row(*["---"] * (len(heads) + 1))]
+    lines += head("order", *heads)
     for order in ORDERS:
         cells = []
         for unit in UNITS:

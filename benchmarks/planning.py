@@ -8,16 +8,13 @@ cost + 1e4 violation. Wilcoxon's signed-rank test on paired seeds compares each 
 with L-SHADE, corrected by Holm over all searches of a problem and budget.
 """
 
-import argparse
 import multiprocessing
 import statistics
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import wilcoxon
 
 from swarmstart.benchmarks.problems import (
     Instance,
@@ -26,6 +23,8 @@ from swarmstart.benchmarks.problems import (
     passing,
     reactor,
 )
+from swarmstart.benchmarks.tables import head, page_options, publish, row
+from swarmstart.cases.campaign.statistics import LEVEL, holm, signed_rank_p
 from swarmstart.cases.format.registry import SEARCHES, load
 from swarmstart.heuristics import Algorithm, Budget
 from swarmstart.ocp import IpoptOptions, Planner, SearchSettings
@@ -33,7 +32,6 @@ from swarmstart.ocp import IpoptOptions, Planner, SearchSettings
 BUDGETS = (100, 200, 400, 1000, 4000, 20000)
 WEIGHT = 1e4
 REFERENCE = "lshade"
-ALPHA = 0.05
 VARIANTS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "cpso, c1 = c2 = 1.496": ("cpso", {"cognitive": 1.496, "social": 1.496}),
     "pso, ring": ("pso", {"neighbours": 4}),
@@ -71,9 +69,8 @@ class Group(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and write them where asked."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = page_options(__doc__)
     parser.add_argument("--seeds", type=int, default=15, help="15 by default")
-    parser.add_argument("--write", type=Path, help="a Markdown file to write")
     parser.add_argument("--workers", type=int, default=2, help="processes")
     options = parser.parse_args(arguments)
 
@@ -86,10 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ]
     with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
         found = dict(pool.imap_unordered(_run, jobs, chunksize=options.seeds))
-    text = "\n".join(report(groups(found), options.seeds)) + "\n"
-    print(text)
-    if options.write:
-        options.write.write_text(text)
+    publish(report(groups(found), options.seeds), options)
     return 0
 
 
@@ -155,7 +149,7 @@ def report(found: Groups, seeds: int) -> list[str]:
 
 
 def _problem_table(found: Groups, problem: str) -> list[str]:
-    lines = _head("search", *(f"{budget:,} evaluations" for budget in BUDGETS))
+    lines = head("search", *(f"{budget:,} evaluations" for budget in BUDGETS))
     tests = {budget: _tests(found, problem, budget) for budget in BUDGETS}
     for name in searches():
         cells = []
@@ -165,7 +159,7 @@ def _problem_table(found: Groups, problem: str) -> list[str]:
                 f"{_median(group.searched)} → {_median(group.polished)}"
                 f"{tests[budget].get(name, '')}"
             )
-        lines.append(_row(name, *cells))
+        lines.append(row(name, *cells))
     return [*lines, ""]
 
 
@@ -176,33 +170,29 @@ def _tests(found: Groups, problem: str, budget: int) -> dict[str, str]:
     for name in searches():
         other = np.array(found[problem, budget, name].searched)
         if name != REFERENCE and np.any(other != reference):
-            p_values[name] = float(wilcoxon(other, reference).pvalue)
+            p_values[name] = signed_rank_p((other - reference).tolist())
             better[name] = float(np.median(other)) < float(np.median(reference))
-    return {name: " (+)" if better[name] else " (-)" for name in rejected(p_values)}
+    return marks(p_values, better)
 
 
-def rejected(p_values: Mapping[str, float]) -> list[str]:
-    """Return the names that Holm's procedure rejects at ALPHA."""
-    names = sorted(p_values, key=lambda name: p_values[name])
-    kept = []
-    for rank, name in enumerate(names):
-        if p_values[name] > ALPHA / (len(names) - rank):
-            break
-        kept.append(name)
-    return kept
+def marks(p_values: Mapping[str, float], better: Mapping[str, bool]) -> dict[str, str]:
+    """Return a mark for each name whose difference shows, by Holm's procedure."""
+    adjusted = dict(zip(p_values, holm([*p_values.values()]), strict=True))
+    shown = (name for name, p in adjusted.items() if p <= LEVEL)
+    return {name: " (+)" if better[name] else " (-)" for name in shown}
 
 
 def _summary(found: Groups) -> list[str]:
     """Return mean ranks over the problems, before and after the polish."""
     lines = ["## Mean ranks over the problems", ""]
-    lines += _head("search", *(f"{budget:,}" for budget in BUDGETS))
+    lines += head("search", *(f"{budget:,}" for budget in BUDGETS))
     for name in searches():
         cells = [
             f"{_mean_rank(found, budget, name, 0):.1f} → "
             f"{_mean_rank(found, budget, name, 1):.1f}"
             for budget in BUDGETS
         ]
-        lines.append(_row(name, *cells))
+        lines.append(row(name, *cells))
     return [*lines, ""]
 
 
@@ -231,14 +221,6 @@ def _is_less(a: float, b: float) -> bool:
 
 def _median(values: Iterable[float]) -> str:
     return f"{statistics.median(values):.4g}"
-
-
-def _head(*cells: str) -> list[str]:
-    return [_row(*cells), _row(*["---"] * len(cells))]
-
-
-def _row(*cells: str) -> str:
-    return f"| {' | '.join(cells)} |"
 
 
 _HEAD = """# Which search to take

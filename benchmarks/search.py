@@ -3,13 +3,10 @@
 python benchmarks/search.py [--short] [--write docs/search_speed.md]
 """
 
-import argparse
 import multiprocessing
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import NamedTuple
 
 from swarmstart.benchmarks.problems import one_uav, reactor
 from swarmstart.benchmarks.searches import (
@@ -33,18 +30,19 @@ from swarmstart.benchmarks.searches import (
     swarm_case,
     task_of,
 )
+from swarmstart.benchmarks.tables import (
+    Bar,
+    bar_table,
+    head,
+    page_options,
+    publish,
+    row,
+)
 from swarmstart.benchmarks.timing import Timing
 from swarmstart.ocp.polish import PolishStatus
 
+FASTER = "How many times faster ours is; skipped: pygmo is not installed here."
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
-
-
-class Bar(NamedTuple):
-    """How many times faster ours must be; measured is None where that was skipped."""
-
-    text: str
-    measured: float | None
-    at_least: float
 
 
 def measure(effort: Effort) -> tuple[list[str], list[Bar]]:
@@ -71,20 +69,16 @@ def measure(effort: Effort) -> tuple[list[str], list[Bar]]:
     ratio = step[IPOPT].timing.median / step[OURS].timing.median
     dearer = 100 * (step[OURS].cost / step[IPOPT].cost - 1)
     text = f"D. A step of {SCENARIO}, against IPOPT, at {dearer:.1f} % more cost"
-    bars.append(Bar(text, ratio, 1))
-    return lines + _parts_table(parts) + _step_table(step) + _bar_table(bars), bars
+    bars.append(Bar(text, ">", 1, ratio))
+    lines += [*_parts_table(parts), *_step_table(step), *bar_table(bars), FASTER]
+    return lines, bars
 
 
 def _bar(case: Case, rows: Mapping[str, Row], rival: str) -> Bar:
-    row = rows.get(rival)
-    measured = row and row.timing.median / rows[OURS].timing.median
+    one = rows.get(rival)
+    measured = one and one.timing.median / rows[OURS].timing.median
     how = " with CasADi" if rival == PYGMO else ""
-    return Bar(f"{case.title}, against {rival}{how}", measured, case.bars[rival])
-
-
-def is_missed(bar: Bar) -> bool:
-    """Return whether a bar was measured and not reached."""
-    return bar.measured is not None and not bar.measured > bar.at_least
+    return Bar(f"{case.title}, against {rival}{how}", ">", case.bars[rival], measured)
 
 
 def _case_table(case: Case, rows: Mapping[str, Row]) -> list[str]:
@@ -92,17 +86,17 @@ def _case_table(case: Case, rows: Mapping[str, Row]) -> list[str]:
     lines = [
         f"## {case.title}",
         "",
-        *_head("contestant", "ms", "times ours", "evaluations", "best cost"),
+        *head("contestant", "ms", "times ours", "evaluations", "best cost"),
     ]
     lines += [
-        _row(
+        row(
             name,
-            _ms(row.timing),
-            f"{row.timing.median / first:.1f}",
-            str(row.evaluations),
-            f"{row.cost:.6g}",
+            _ms(one.timing),
+            f"{one.timing.median / first:.1f}",
+            str(one.evaluations),
+            f"{one.cost:.6g}",
         )
-        for name, row in rows.items()
+        for name, one in rows.items()
     ]
     return [*lines, ""]
 
@@ -117,13 +111,13 @@ def _parts_table(parts: Mapping[str, Parts]) -> list[str]:
         "in A evaluates with the same machine code: where rollouts take most of our",
         "time, no loop can be many times faster than SciPy's.",
         "",
-        *_head("search", "ms", "rollouts", "random numbers", "the rest"),
+        *head("search", "ms", "rollouts", "random numbers", "the rest"),
     ]
     for title, part in parts.items():
         shares = [p.median / part.total.median for p in (part.rollouts, part.draws)]
         shares.append(1 - sum(shares))
         lines.append(
-            _row(title, _ms(part.total), *(f"{100 * share:.0f} %" for share in shares))
+            row(title, _ms(part.total), *(f"{100 * share:.0f} %" for share in shares))
         )
     return [*lines, ""]
 
@@ -138,13 +132,13 @@ def _step_table(step: Mapping[str, Step]) -> list[str]:
         "zero controls. Planners are built before the clock runs. Both plan the same",
         "five problems: who plans later avoids the same plans of the others.",
         "",
-        *_head("planner", "ms", "times ours", "sum of costs", "violation", "feasible"),
+        *head("planner", "ms", "times ours", "sum of costs", "violation", "feasible"),
     ]
     for name, plans in step.items():
         converged = sum(s is PolishStatus.CONVERGED for s in plans.statuses)
         solved = f" ({converged} converged)" if plans.statuses else ""
         lines.append(
-            _row(
+            row(
                 name + solved,
                 _ms(plans.timing),
                 f"{plans.timing.median / first:.1f}",
@@ -156,29 +150,6 @@ def _step_table(step: Mapping[str, Step]) -> list[str]:
     return [*lines, ""]
 
 
-def _bar_table(bars: Sequence[Bar]) -> list[str]:
-    lines = ["## Bars", "", *_head("ours is faster", "at least", "measured", "reached")]
-    for bar in bars:
-        at_least = f"{bar.at_least:g} x"
-        if bar.measured is None:
-            lines.append(_row(bar.text, at_least, "-", "skipped"))
-            continue
-        reached = "no" if is_missed(bar) else "yes"
-        lines.append(_row(bar.text, at_least, f"{bar.measured:.1f} x", reached))
-    if any(bar.measured is None for bar in bars):
-        lines += ["", "pygmo is not installed here: its searches are skipped."]
-    return lines
-
-
-def _head(*cells: str) -> list[str]:
-    return [_row(*cells), _row(*["---"] * len(cells))]
-
-
-def _row(*cells: str) -> str:
-    """Return a row of a Markdown table."""
-    return f"| {' | '.join(cells)} |"
-
-
 def _ms(timing: Timing) -> str:
     """Return median and quartiles in ms."""
     median, lower, upper = (f"{1e3 * seconds:.3g}" for seconds in timing)
@@ -187,9 +158,8 @@ def _ms(timing: Timing) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and write them where asked."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = page_options(__doc__)
     parser.add_argument("--short", action="store_true", help="fewer rounds")
-    parser.add_argument("--write", type=Path, help="a Markdown file to write")
     options = parser.parse_args(arguments)
     for variable in THREADS:
         os.environ.setdefault(variable, "1")
@@ -198,11 +168,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Libraries read the number of threads when they are loaded: in a new process.
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         lines, bars = pool.apply(measure, (effort,))
-    text = "\n".join(lines) + "\n"
-    print(text)
-    if options.write:
-        options.write.write_text(_HEAD.format(**effort._asdict()) + text)
-    return 3 if any(is_missed(bar) for bar in bars) else 0
+    publish(lines, options, _HEAD.format(**effort._asdict()))
+    return 3 if any(bar.is_missed for bar in bars) else 0
 
 
 _HEAD = """# How long whole searches take

@@ -8,18 +8,16 @@ a search in the family. A start is where IPOPT begins, states included; all are 
 problem on the same solver.
 """
 
-import argparse
 import statistics
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.benchmarks.tables import row
+from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.planar import POSITION
@@ -144,8 +142,9 @@ def table(name: str, seeds: int) -> list[str]:
     lines = [
         f"## {name}",
         "",
-        row("start", "feasible", f"cost <= {BEST[name]:g}", "cost", "iterations", "s"),
-        row(*["---"] * 6),
+        *head(
+            "start", "feasible", f"cost <= {BEST[name]:g}", "cost", "iterations", "s"
+        ),
     ]
     for title, (most, made) in starts_of(flight).items():
         tried = [
@@ -180,19 +179,15 @@ def _line(title: str, tried: Sequence[Tried], best: float) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Solve all, print the tables, and write them where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = page_options(__doc__)
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--write", type=Path, help="a Markdown file to write")
     options = parser.parse_args(arguments)
     lines = [
         line
         for name, seeds in SEEDS.items()
         for line in table(name, min(seeds, options.seeds))
     ]
-    text = "\n".join(lines)
-    print(text)
-    if options.write:
-        options.write.write_text(_HEAD + text, encoding="utf-8")
+    publish(lines[:-1], options, _HEAD)
     return 0
 
 

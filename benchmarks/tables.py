@@ -1,6 +1,73 @@
-"""Tables in Markdown."""
+"""Pages of tables in Markdown, how they are asked for and written, and bars on them."""
+
+import argparse
+import operator
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+RELATIONS = {"<=": operator.le, ">=": operator.ge, ">": operator.gt}
 
 
 def row(*cells: str) -> str:
     """Return a row of a table."""
     return f"| {' | '.join(cells)} |"
+
+
+def head(*cells: str) -> list[str]:
+    """Return the head of a table: names of the columns, and the rule below."""
+    return [row(*cells), row(*["---"] * len(cells))]
+
+
+class Bar(NamedTuple):
+    """A bound on a number that was measured; None: it was not, here."""
+
+    text: str
+    relation: str
+    bound: float
+    measured: float | None
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether it was measured, and is out of bounds."""
+        return self.measured is not None and not RELATIONS[self.relation](
+            self.measured, self.bound
+        )
+
+
+def bar_table(bars: Iterable[Bar]) -> list[str]:
+    """Return bars and what was measured, as a section of a page."""
+    lines = ["## Bars", "", *head("bar", "asked", "measured", "reached")]
+    for bar in bars:
+        asked = f"{bar.relation} {bar.bound:g}"
+        if bar.measured is None:
+            lines.append(row(bar.text, asked, "-", "skipped"))
+        else:
+            said = "**no**" if bar.is_missed else "yes"
+            lines.append(row(bar.text, asked, f"{bar.measured:.3g}", said))
+    return [*lines, ""]
+
+
+def page_options(documentation: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a benchmark that can write its page.
+
+    Args:
+        documentation: Of the module; its first line is the description.
+    """
+    parser = argparse.ArgumentParser(description=(documentation or "").split("\n")[0])
+    parser.add_argument("--write", type=Path, help="a Markdown file to write")
+    return parser
+
+
+def publish(lines: Sequence[str], options: argparse.Namespace, above: str = "") -> None:
+    """Print a page's tables, and write the page if that is asked for.
+
+    Args:
+        lines: The tables.
+        options: As the parser returns them.
+        above: Text above the tables, not printed.
+    """
+    text = "\n".join(lines) + "\n"
+    print(text)
+    if options.write:
+        options.write.write_text(above + text, encoding="utf-8")

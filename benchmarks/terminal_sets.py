@@ -7,17 +7,15 @@ from its edge, and simulated by another integrator. The exit code is 3 if one of
 leaves the set, breaks an input's bound or does not come nearer.
 """
 
-import argparse
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from swarmstart.benchmarks.tables import row
+from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.benchmarks.terminal_set_systems import SYSTEMS, System
 from swarmstart.terminal_set import (
     ProofOptions,
@@ -58,20 +56,15 @@ class Measured:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure all systems, print the table, and write it where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = page_options(__doc__)
     parser.add_argument("--samples", type=int, default=1_000_000)
     parser.add_argument("--seconds", type=float, default=60.0, help="for each proof")
     parser.add_argument("--only", help="systems whose name has this in it")
-    parser.add_argument("--write", type=Path, help="a Markdown file to write")
     options = parser.parse_args(arguments)
-    lines = [
-        row(
-            "system", "states", "refuted", "proven", "gap", "boxes", "seconds",
-            "violations",
-        ),
-        row(*["---"] * 8),
-    ]  # fmt: skip
-    print("\n".join(lines))
+    lines = head(
+        "system", "states", "refuted", "proven", "gap", "boxes", "seconds",
+        "violations",
+    )  # fmt: skip
     violations = 0
     for name, make in SYSTEMS.items():
         if options.only and options.only not in name:
@@ -84,10 +77,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             violations += measured.violations
             lines.append(_row(name, system, measured))
-        print(lines[-1], flush=True)
-    if options.write:
-        head = _HEAD.format(number=options.samples, samples=f"{options.samples:,}")
-        options.write.write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
+        print(lines[-1], file=sys.stderr)
+    above = _HEAD.format(number=options.samples, samples=f"{options.samples:,}")
+    publish(lines, options, above)
     return 3 if violations else 0
 
 
