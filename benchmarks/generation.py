@@ -255,7 +255,7 @@ def measure(rounds: int) -> Iterator[Row]:
             run = partial(searched, kind.settings(shape.size), box, objective)
             calls[f"{kind.name}, long"] = partial(run, 1 + GENERATIONS)
             calls[f"{kind.name}, short"] = partial(run, 1)
-            calls[f"{kind.name}, draws"] = draw_call(kind.draws(shape))
+            calls[f"{kind.name}, draws"] = draw_call(kind.draws(shape), GENERATIONS)
         seconds = {n: t.median for n, t in timings(calls, rounds=rounds).items()}
         spent = seconds["objective"] / GENERATIONS
         for kind in KINDS:
@@ -269,11 +269,11 @@ def measure(rounds: int) -> Iterator[Row]:
             )
 
 
-def draw_call(draws: Draws) -> Callable[[], object]:
-    """Return a call that draws the numbers of all generations."""
+def draw_call(draws: Draws, generations: int) -> Callable[[], object]:
+    """Return a call that draws the numbers of so many generations."""
     uniforms, normals, cauchys = (round(n) for n in draws)
     counts, numbers = (uniforms, normals, cauchys), np.empty(round(sum(draws)) + 3)
-    return partial(draw, np.random.default_rng(0), counts, numbers, GENERATIONS)
+    return partial(draw, np.random.default_rng(0), counts, numbers, generations)
 
 
 def searched(

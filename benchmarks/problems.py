@@ -85,17 +85,31 @@ def five_uavs(substeps: int = 1) -> Instance:
     squared errors. Violation: what each pair misses of the smallest distance, in metres
     (`scale` 1), as the rivals written by hand sum it.
     """
-    model = stack_models([unicycle()] * UAVS)
+    starts = [(SPEED, 0.0, 5.0, y) for y in (65, 75, 85, 45, 55)]
+    return _followers("five UAVs", starts, substeps)
+
+
+def one_uav() -> Instance:
+    """Return the first UAV of `five_uavs` alone: no distances."""
+    return _followers("one UAV", [(SPEED, 0.0, 5.0, 65.0)], 1)
+
+
+def _followers(
+    name: str, starts: Sequence[tuple[float, ...]], substeps: int
+) -> Instance:
+    """Return UAVs behind a leader, from speed, heading, x and y of each."""
+    uavs = len(starts)
+    model = stack_models([unicycle()] * uavs)
     leader = ca.SX.sym("leader", 2)
-    errors = ca.vertcat(*(_error(model, leader, i) for i in range(UAVS)))
-    pairs = [(i, j) for i in range(UAVS) for j in range(i)]
+    errors = ca.vertcat(*(_error(model, leader, i) for i in range(uavs)))
+    pairs = [(i, j) for i in range(uavs) for j in range(i)]
     problem = OptimalControlProblem(
         model,
         horizon=float(STEPS),
         intervals=STEPS,
         stage_cost=ca.sumsqr(errors) + ca.sumsqr(model.controls),
         terminal_cost=10 * ca.sumsqr(errors),
-        bounds=Bounds(controls=(_limits(-1, UAVS), _limits(1, UAVS))),
+        bounds=Bounds(controls=(_limits(-1, uavs), _limits(1, uavs))),
         constraints=[
             Separation(
                 relative=_position(model, i) - _position(model, j),
@@ -108,28 +122,8 @@ def five_uavs(substeps: int = 1) -> Instance:
         quadrature="left",
         substeps=substeps,
     )
-    starts = [(SPEED, 0.0, 5.0, y) for y in (65, 75, 85, 45, 55)]
-    name = f"five UAVs, {STEPS} steps" + (f", {substeps} substeps" * (substeps > 1))
+    name += f", {STEPS} steps" + f", {substeps} substeps" * (substeps > 1)
     return Instance(name, problem, np.ravel(starts), Known(signals=_leader()))
-
-
-def one_uav() -> Instance:
-    """Return the first UAV of `five_uavs` alone: no distances."""
-    model, leader = unicycle(), ca.SX.sym("leader", 2)
-    error = _error(model, leader, 0)
-    problem = OptimalControlProblem(
-        model,
-        horizon=float(STEPS),
-        intervals=STEPS,
-        stage_cost=ca.sumsqr(error) + ca.sumsqr(model.controls),
-        terminal_cost=10 * ca.sumsqr(error),
-        bounds=Bounds(controls=(_limits(-1, 1), _limits(1, 1))),
-        signals=leader,
-        quadrature="left",
-        substeps=1,
-    )
-    x0 = np.array([SPEED, 0.0, 5.0, 65.0])
-    return Instance(f"one UAV, {STEPS} steps", problem, x0, Known(signals=_leader()))
 
 
 def _limits(sign: float, uavs: int) -> Sequence[float]:

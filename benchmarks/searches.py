@@ -11,6 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart import heuristics
+from swarmstart.benchmarks.generation import (
+    Draws,
+    Shape,
+    draw_call,
+    evaluate,
+    evolution_draws,
+    swarm_draws,
+)
 from swarmstart.benchmarks.problems import Instance, formation, one_uav
 from swarmstart.benchmarks.search_rivals import (
     WEIGHT,
@@ -31,12 +39,9 @@ from swarmstart.heuristics import (
     Budget,
     ChaoticPSO,
     DifferentialEvolution,
-    Pointers,
     minimize,
     static_penalty,
 )
-from swarmstart.heuristics.compiled_loop import call_kernel
-from swarmstart.kernel import kernel
 from swarmstart.ocp import Plan, Planner, SearchSettings
 from swarmstart.ocp.fitness import Fitness, Known, Objective
 from swarmstart.ocp.polish import PolishStatus
@@ -97,13 +102,6 @@ class Row(NamedTuple):
     timing: Timing
     cost: float
     evaluations: int
-
-
-class Draws(NamedTuple):
-    """Random numbers that a search draws, on average."""
-
-    uniforms: int
-    normals: int = 0
 
 
 class Parts(NamedTuple):
@@ -204,38 +202,20 @@ def _hidden(objective: Objective) -> heuristics.Objective:
 def draws_of(algorithm: Algorithm, task: Task) -> Draws:
     """Return how many random numbers a search draws, on average.
 
-    The initial population takes one for each coordinate. DE then draws, for each
-    individual, three others by rejection (s / (s - 1), s / (s - 2), s / (s - 3) tries
-    of s), the coordinate that is crossed in any case, and one for each coordinate. A
-    swarm draws two for each coordinate; the chaotic one starts with a seed of the
-    logistic map and a velocity for each, smooth velocities being normal numbers.
+    The initial population takes one for each coordinate; then each generation has its
+    own. The chaotic swarm starts with a seed of the logistic map and a velocity for
+    each coordinate, smooth velocities being normal numbers.
     """
-    s, dim, flights = task.size, task.instance.dim, task.generations - 1
+    shape, flights = Shape(task.size, task.instance.dim), task.generations - 1
+    first = task.size * task.instance.dim
     if isinstance(algorithm, DifferentialEvolution):
-        others = sum(s / (s - k) for k in (1, 2, 3))
-        return Draws(round(s * dim + flights * s * (others + 1 + dim)))
+        return Draws(first + flights * evolution_draws(shape).uniforms)
     if isinstance(algorithm, ChaoticPSO):
-        flown = 2 * flights * s * dim
+        flown = flights * swarm_draws(shape).uniforms
         if algorithm.initial_velocity == "smooth":
-            return Draws(flown + 2 * s * dim, normals=s * dim)
-        return Draws(flown + 3 * s * dim)
+            return Draws(flown + 2 * first, normals=first)
+        return Draws(flown + 3 * first)
     raise TypeError(f"the draws of {type(algorithm).__name__} are not counted")
-
-
-@kernel
-def draw(rng: np.random.Generator, uniforms: int, normals: int, out: Array) -> None:
-    """Draw so many numbers and store them, over and over: adding them takes longer."""
-    for k in range(uniforms):
-        out[k % out.size] = rng.random()
-    for k in range(normals):
-        out[k % out.size] = rng.standard_normal()
-
-
-@kernel
-def roll_out(pointers: Pointers, size: int, generations: int) -> None:
-    """Evaluate as many generations, with nothing in between."""
-    for _ in range(generations):
-        call_kernel(pointers.function, pointers.inputs, pointers.outputs, size)
 
 
 def part_calls(case: Case) -> dict[str, Callable[[], object]]:
@@ -247,13 +227,15 @@ def part_calls(case: Case) -> dict[str, Callable[[], object]]:
         raise RuntimeError(
             "no machine code can be made here: there is no compiled loop"
         )
-    draws, stored = draws_of(case.algorithm, task), np.empty(1024)
+    draws = draws_of(case.algorithm, task)
+    a_generation = Draws(*(number / task.generations for number in draws))
 
     def rollouts() -> tuple[Array, ...]:
-        roll_out(pointers, task.size, task.generations)
+        evaluate(pointers, task.size, task.generations)
         return buffers  # Kept alive by this.
 
-    return {"rollouts": rollouts, "draws": lambda: draw(rng, *draws, stored)}
+    draw = draw_call(a_generation, task.generations)
+    return {"rollouts": rollouts, "draws": draw}
 
 
 def measure_case(case: Case, effort: Effort) -> tuple[dict[str, Row], Parts]:

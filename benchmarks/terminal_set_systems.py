@@ -7,8 +7,8 @@ From the pole to the centre, the features that end a set are such as a search fo
 counterexamples does not see: a pole, the edge of the domain, or something thin.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -65,6 +65,28 @@ def plain(nx: int, nu: int) -> Weights:
     return Weights(Q=np.eye(nx), R=np.eye(nu))
 
 
+def free(
+    xdot: ca.SX, x: ca.SX, u: ca.SX, *, at: Sequence[float] = (), is_new: bool = False
+) -> System:
+    """Return x' = f(x, u) with Q = I, R = I, and an input whose bounds are far out.
+
+    Args:
+        xdot: f(x, u).
+        x: The states.
+        u: The input.
+        at: Reference of states and input; empty: zeros.
+        is_new: Whether nobody looked at it before the proof was finished.
+    """
+    nx = x.numel()
+    centre = list(at) or [0.0] * (nx + 1)
+    return System(
+        dynamics=ca.Function("dynamics", [x, u], [xdot]),
+        reference=bounded(centre[:nx], centre[nx:], [FREE]),
+        weights=plain(nx, 1),
+        is_new=is_new,
+    )
+
+
 def chen() -> System:
     """Chen and Allgoewer (1998): kappa 0.95, the paper's margin."""
     x, u, mu = ca.SX.sym("x", 2), ca.SX.sym("u"), 0.5
@@ -81,38 +103,17 @@ def chen() -> System:
 
 def van_der_pol() -> System:
     """Reversed in time, no input: the region of attraction's usual test."""
-    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
-    xdot = ca.vertcat(-x[1], x[0] - (1 - x[0] ** 2) * x[1]) + 0 * u
-    reference = Reference(
-        x_ref=np.zeros(2),
-        u_ref=np.zeros(1),
-        u_lower=-np.ones(1),
-        u_upper=np.ones(1),
-        x_lower=-FREE * np.ones(2),
-        x_upper=FREE * np.ones(2),
-    )
-    own = TerminalSet(
-        K=np.zeros((1, 2)), P=np.array([[1.5, -0.5], [-0.5, 1.0]]), alpha=1.0,
-        x_ref=np.zeros(2), u_ref=np.zeros(1), dt=None, design="given",
-    )  # fmt: skip
-    return System(
-        dynamics=ca.Function("van_der_pol", [x, u], [xdot]),
-        reference=reference,
-        weights=plain(2, 1),
-        given=own,
-    )
+    x = ca.SX.sym("x", 2)
+    xdot = ca.vertcat(-x[1], x[0] - (1 - x[0] ** 2) * x[1])
+    P = np.array([[1.5, -0.5], [-0.5, 1.0]])
+    return autonomous(xdot, x, room=FREE, P=P)
 
 
 def pendulum(dt: float | None = None) -> System:
     """Upright, g / l = 9.81."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     xdot = ca.vertcat(x[1], 9.81 * ca.sin(x[0]) + u)
-    return System(
-        dynamics=ca.Function("pendulum", [x, u], [xdot]),
-        reference=bounded([0, 0], [0], [FREE]),
-        weights=plain(2, 1),
-        dt=dt,
-    )
+    return replace(free(xdot, x, u), dt=dt)
 
 
 def reactor() -> System:
@@ -180,13 +181,7 @@ def cart_and_pole() -> System:
     pushed = (u + pole * half * turning**2 * sine) / total
     turned = (g * sine - cosine * pushed) / (half * (4 / 3 - pole * cosine**2 / total))
     moved = pushed - pole * half * turned * cosine / total
-    return System(
-        dynamics=ca.Function(
-            "cart", [x, u], [ca.vertcat(speed, turning, moved, turned)]
-        ),
-        reference=bounded([0] * 4, [0], [FREE]),
-        weights=plain(4, 1),
-    )
+    return free(ca.vertcat(speed, turning, moved, turned), x, u)
 
 
 def rotating_actuator() -> System:
@@ -201,22 +196,14 @@ def rotating_actuator() -> System:
         x[3],
         (coupling * cosine * swing + u) / total,
     )
-    return System(
-        dynamics=ca.Function("actuator", [x, u], [xdot]),
-        reference=bounded([0] * 4, [0], [FREE]),
-        weights=plain(4, 1),
-    )
+    return free(xdot, x, u)
 
 
 def ball_on_beam() -> System:
     """Hauser, Sastry and Kokotovic (1992); the beam's acceleration is the input."""
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
     rolled = 0.7143 * (x[0] * x[3] ** 2 - 9.81 * ca.sin(x[2]))
-    return System(
-        dynamics=ca.Function("ball", [x, u], [ca.vertcat(x[1], rolled, x[3], u)]),
-        reference=bounded([0] * 4, [0], [FREE]),
-        weights=plain(4, 1),
-    )
+    return free(ca.vertcat(x[1], rolled, x[3], u), x, u)
 
 
 def crusader() -> System:
@@ -231,44 +218,29 @@ def crusader() -> System:
         -4.208 * a - 0.396 * q - 0.47 * a**2 - 3.564 * a**3
         - 20.967 * u + 6.265 * a**2 * u + 46 * a * u**2 + 61.4 * u**3,
     )  # fmt: skip
-    return System(
-        dynamics=ca.Function("crusader", [x, u], [xdot]),
-        reference=bounded([0] * 3, [0], [FREE]),
-        weights=plain(3, 1),
-        is_new=True,
-    )
+    return free(xdot, x, u, is_new=True)
 
 
 def jet_engine() -> System:
     """Moore and Greitzer's compressor without stall: Krstic and Kokotovic (1995)."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     xdot = ca.vertcat(-x[1] - 1.5 * x[0] ** 2 - 0.5 * x[0] ** 3, u)
-    return System(
-        dynamics=ca.Function("jet", [x, u], [xdot]),
-        reference=bounded([0] * 2, [0], [FREE]),
-        weights=plain(2, 1),
-        is_new=True,
-    )
+    return free(xdot, x, u, is_new=True)
 
 
 def magnet() -> System:
     """A ball held by a magnet, without units: gap, speed, current; input: voltage."""
     x, u = ca.SX.sym("x", 3), ca.SX.sym("u")
     xdot = ca.vertcat(x[1], 1 - (x[2] / x[0]) ** 2, u - x[2])
-    return System(
-        dynamics=ca.Function("magnet", [x, u], [xdot]),
-        reference=bounded([1, 0, 1], [1], [FREE]),
-        weights=plain(3, 1),
-        is_new=True,
-    )
+    return free(xdot, x, u, at=(1, 0, 1, 1), is_new=True)
 
 
-def autonomous(xdot: ca.SX, x: ca.SX, *, room: float) -> System:
-    """Return x' = f(x) with P = I and bounds far out: it is f that ends the set."""
+def autonomous(xdot: ca.SX, x: ca.SX, *, room: float, P: Array | None = None) -> System:
+    """Return x' = f(x), bounds far out: it is f that ends the set; P None: I."""
     nx, u = x.numel(), ca.SX.sym("u")
     x_ref = np.zeros(nx)
     own = TerminalSet(
-        K=np.zeros((1, nx)), P=np.eye(nx), alpha=1.0, x_ref=x_ref,
+        K=np.zeros((1, nx)), P=np.eye(nx) if P is None else P, alpha=1.0, x_ref=x_ref,
         u_ref=np.zeros(1), dt=None, design="given",
     )  # fmt: skip
     return System(
