@@ -224,6 +224,8 @@ def _part(judged_part: JudgedPart) -> dict[str, Any]:
     over += ", median" if part.over == "median" else ""
     bound = "never" if claim.bound is None else f"{claim.bound:.{_digits(part)}g}"
     bound += f" ± {claim.width:g}" if claim.width else ""
+    if part.measure and claim.share < 1:
+        bound += f" in {claim.share:.0%} of the runs"
     asked = f"{claim.measure}{over} {claim.relation} {bound}"
     commands = judged_part.planned.commands
     return {
