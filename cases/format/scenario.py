@@ -33,6 +33,11 @@ if TYPE_CHECKING:
 DEFAULT_VARIANT = "corrected"
 LONGEST_NAME = 64
 _SHOWN = 40  # characters of a value in a message
+RENAMED = {
+    "prediction.dt_s": "prediction.horizon_s (dt_s times intervals)",
+    "integrator": "prediction.integrator",
+}
+"""Keys that scenarios had before -> what is written in their place."""
 
 _EXPECTED = {  # pydantic's type of an error -> what was expected, with its context
     "int_type": "an integer",
@@ -321,7 +326,8 @@ def _claim_problems(
         for key in claim.when:
             if _is_missing(scenario, key):
                 path = ("claims", number, "when", key)
-                yield path, f"expected a key of the scenario, found {_shown(key)}"
+                new = RENAMED.get(key, "a key of the scenario")
+                yield path, f"expected {new}, found {_shown(key)}"
 
 
 def _is_missing(scenario: Scenario, dotted_key: str) -> bool:
@@ -375,6 +381,9 @@ def _described(
     details = next((d for d in group if d["type"] == "value_error"), group[0])
     kind, context = details["type"], details.get("ctx", {})
     if kind == "extra_forbidden":
+        if new := RENAMED.get(".".join(map(str, path))):
+            what = f"expected {new}, found {path[-1]}"
+            return _flaw(document, path, what, of_key=True)
         known = _known_keys(model, document.data, path[:-1])
         near = difflib.get_close_matches(str(path[-1]), known, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"

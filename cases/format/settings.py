@@ -135,6 +135,28 @@ def bounds_of(ranges: Sequence[Range]) -> tuple[Array, Array]:
     return np.array([r.lower for r in ranges]), np.array([r.upper for r in ranges])
 
 
+class GridPart(Part):
+    """The horizon of a plan and its grid; a kind may add `checks` and `integrator`."""
+
+    horizon_s: Positive
+    intervals: int = Field(default=1, ge=1, le=1000)
+    substeps: int = Field(default=1, ge=1, le=100)
+
+    @property
+    def dt(self) -> float:
+        """Length of a control interval [s]."""
+        return self.horizon_s / self.intervals
+
+    def grid(self) -> dict[str, Any]:
+        """Return the grid as a planning problem takes it."""
+        keys = {"intervals", "substeps", "checks", "integrator"}
+        return {"horizon": self.horizon_s, **self.model_dump(include=keys)}
+
+
+Checks = Annotated[int, Field(ge=1, le=100)]
+IntegratorName = Literal["rk4", "euler"]
+
+
 class BudgetPart(Part):
     """Budget of the search for one planning problem; whichever limit comes first."""
 

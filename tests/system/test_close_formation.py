@@ -51,21 +51,23 @@ def test_exact_minimum_flies_the_fact_sheets_curve_and_its_cost_rises() -> None:
 
 
 def test_shorter_sampling_does_not_undershoot() -> None:
-    fast = ("prediction.dt_s=0.02", "steps=800")  # D5, 16 s of the 30
+    fast = ("prediction.horizon_s=0.02", "steps=800")  # D5, 16 s of the 30
     measures = flown(*fast, ipopt=True).measures
     assert number(measures, "x_settle_s") == pytest.approx(6.78, abs=0.1)
     assert number(measures, "x_min_dev_ft") >= -0.05
 
 
 def test_prediction_by_forward_euler_never_comes_back() -> None:
-    measures = flown("integrator=euler", ipopt=True).measures  # D7
+    measures = flown("prediction.integrator=euler", ipopt=True).measures  # D7
     assert number(measures, "x_rms_last_5s_ft") >= 45
     assert measures["x_settle_s"] is None
 
 
 def test_longer_horizon_with_exact_kinematics_settles_earlier() -> None:
     exact = ("prediction.kinematics=exact", "plant.kinematics=exact")
-    measures = flown("prediction.intervals=10", *exact, ipopt=True).measures  # D9
+    measures = flown(
+        "prediction.horizon_s=1", "prediction.intervals=10", *exact, ipopt=True
+    ).measures  # D9
     assert number(measures, "x_settle_s") <= 6.8
     assert number(measures, "y_max_dev_ft") <= 3.5
 

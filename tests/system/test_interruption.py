@@ -37,7 +37,14 @@ SLOW = (
 SOLVER = (
     *("run", "formation_v", "--variant", "literal", "--no-figures", "--quiet"),
     *("--search", "none", "--polish", "ipopt"),
-    *("--set", "steps=3", "--set", "prediction.intervals=60"),
+    *(
+        "--set",
+        "steps=3",
+        "--set",
+        "prediction.horizon_s=60",
+        "--set",
+        "prediction.intervals=60",
+    ),
 )
 
 

@@ -64,10 +64,10 @@ FLAWS = {
         "expected steps to be at least 1; found -5",
     ),
     "a zero interval": (
-        "dt_s: 1 ",
-        "dt_s: 0 ",
+        "horizon_s: 8 ",
+        "horizon_s: 0 ",
         "0 ",
-        "expected prediction.dt_s to be greater than 0; found 0",
+        "expected prediction.horizon_s to be greater than 0; found 0",
     ),
     "two UAVs in the same place": (
         "x_m: 5, y_m: 75",
@@ -310,7 +310,7 @@ def test_every_flaw_is_said_in_the_order_of_the_file(
 ) -> None:
     file = changed("steps: 60", "steps: -5")
     text = file.read_text(encoding="utf-8")
-    text = text.replace("  size: 20", "  size: many").replace("dt_s: 1 ", "dt: 1 ")
+    text = text.replace("  size: 20", "  size: many").replace("horizon_s: 8 ", "dt: 1 ")
     file.write_text(text.replace("[-pi/18, pi/18]", "[a, b]"), encoding="utf-8")
     said = command("check", file)
     lines = [int(m.removeprefix(f"{file}:").split(":")[0]) for m in messages(said.err)]

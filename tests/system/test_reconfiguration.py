@@ -160,7 +160,7 @@ def test_with_3_degrees_of_bank_one_interval_is_too_short_sighted(tell: Tell) ->
 def test_with_3_degrees_of_bank_five_intervals_are_enough(tell: Tell) -> None:
     told = tell(
         *("reconfiguration", *LITERAL, *IPOPT, *THREE_DEGREES),
-        *("--set", "prediction.intervals=5", "--set", "steps=12"),
+        *("--set", "prediction={horizon_s: 5, intervals: 5}", "--set", "steps=12"),
     )
     measures = told["measures"]
     assert falling(measures["cost_per_horizon"]) and measures["cost_rises"] == 0

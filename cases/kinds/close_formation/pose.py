@@ -86,12 +86,12 @@ def pose(scenario: CloseFormationScenario) -> PosedCloseFormation:
 def problems(scenario: CloseFormationScenario) -> Iterator[Problem]:
     """Yield what is wrong across the scenario's parts, with the place."""
     yield from scenario.problems()
-    substeps = scenario.prediction.dt_s / scenario.plant.substep_s
+    substeps = scenario.prediction.dt / scenario.plant.substep_s
     if substeps > MOST_SUBSTEPS:
         yield (
             ("plant", "substep_s"),
-            f"expected at least prediction.dt_s / {MOST_SUBSTEPS} = "
-            f"{scenario.prediction.dt_s / MOST_SUBSTEPS:g}, "
+            f"expected at least a control interval / {MOST_SUBSTEPS} = "
+            f"{scenario.prediction.dt / MOST_SUBSTEPS:g}, "
             f"found {scenario.plant.substep_s:g}",
         )
 
@@ -107,16 +107,12 @@ def planning_problem(
         x - slot.x_ft, y - slot.y_ft, z - slot.z_ft, V - V_L, psi - psi_L
     )
     ranges = (commands.speed_ft_s, commands.heading_rad, commands.height_ft)
-    dt = prediction.dt_s
     return OptimalControlProblem(
         model,
-        horizon=dt * prediction.intervals,
-        intervals=prediction.intervals,
-        stage_cost=ca.bilin(ca.diag(scenario.weights), errors, errors) / dt,
+        stage_cost=ca.bilin(ca.diag(scenario.weights), errors, errors) / prediction.dt,
         bounds=Bounds(controls=bounds_of(ranges)),
         quadrature="right",
-        integrator=scenario.integrator,
-        substeps=prediction.substeps,
+        **prediction.grid(),
     )
 
 
@@ -149,7 +145,7 @@ def _plant(
     wingman: Wingman,
     leader: Callable[[Array], Array],
 ) -> PosedPlant:
-    simulated, dt = scenario.plant, scenario.prediction.dt_s
+    simulated, dt = scenario.plant, scenario.prediction.dt
     model = _model(scenario, wingman, simulated, gusts=True)
     substeps = max(1, round(dt / simulated.substep_s))
     gusts, step = simulated.gusts, dt / substeps

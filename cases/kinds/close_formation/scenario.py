@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from swarmstart.cases.format.settings import (
+    GridPart,
+    IntegratorName,
     NonNegative,
     Number,
     Part,
@@ -94,12 +96,10 @@ class Commands(Part):
     height_ft: Range
 
 
-class Prediction(Part):
+class Prediction(GridPart):
     """What the controller believes, and how far it looks."""
 
-    dt_s: Positive
-    intervals: int = Field(default=1, ge=1, le=1000)
-    substeps: int = Field(default=1, ge=1, le=100)
+    integrator: IntegratorName = "rk4"
     model: Literal["corrected", "literal"] = "corrected"
     kinematics: Literal["fixed", "exact"] = "fixed"
     aerodynamics: Literal["linear", "none"] = "linear"
@@ -134,7 +134,6 @@ class CloseFormationScenario(Scenario):
     leader: Leader
     commands: Commands
     prediction: Prediction
-    integrator: Literal["rk4", "euler"] = "rk4"
     weights: Annotated[list[NonNegative], Field(min_length=5, max_length=5)]
     leader_as_candidate: bool = True
     reference: Literal["none", "ipopt"] = "none"
@@ -144,10 +143,11 @@ class CloseFormationScenario(Scenario):
         """Yield what one part of the scenario makes wrong in another."""
         yield from super().problems()
         yield from self._manoeuvre_problems()
-        if not self.prediction.dt_s >= self.plant.substep_s:
+        if not self.prediction.dt >= self.plant.substep_s:
             yield (
                 ("plant", "substep_s"),
-                f"expected at most prediction.dt_s = {self.prediction.dt_s:g}, "
+                f"expected at most prediction.horizon_s / intervals = "
+                f"{self.prediction.dt:g}, "
                 f"found {self.plant.substep_s:g}",
             )
         for key in ("prediction", "plant"):
@@ -171,12 +171,12 @@ class CloseFormationScenario(Scenario):
 
     def _manoeuvre_problems(self) -> Iterator[Problem]:
         rows = self.leader.manoeuvre
-        end, dt = rows[-1].time_s, self.prediction.dt_s
+        end, dt = rows[-1].time_s, self.prediction.dt
         if 0 < end < dt:
             yield (
-                ("prediction", "dt_s"),
-                f"expected at most {end:g} s, when the leader's manoeuvre is over; "
-                f"found {dt:g}",
+                ("prediction", "horizon_s"),
+                f"expected control intervals of at most {end:g} s, when the leader's "
+                f"manoeuvre is over; found {dt:g} s",
             )
         if rows[0].time_s > 0:
             yield (

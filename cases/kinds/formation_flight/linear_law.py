@@ -36,7 +36,7 @@ def terminal_set_of(scenario: FormationScenario, reference: Reference) -> Termin
         SwarmstartError: If the law cannot be designed or its set not be proven.
     """
     dual = scenario.dual_mode
-    dt = scenario.prediction.dt_s
+    dt = scenario.prediction.dt
     if dual.is_certified:
         return _certified(_entries(reference), tuple(dual.Q), tuple(dual.R), dt)
     dynamics, Q, R = dynamics_of(unicycle()), np.diag(dual.Q), np.diag(dual.R)

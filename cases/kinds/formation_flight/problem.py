@@ -62,11 +62,8 @@ def planning_problem(
         for obstacle in scenario.obstacles
     ]
     Q, R = ca.diag(scenario.weights.Q), ca.diag(scenario.weights.R)
-    prediction = scenario.prediction
     return OptimalControlProblem(
         model,
-        horizon=prediction.dt_s * prediction.intervals,
-        intervals=prediction.intervals,
         stage_cost=ca.bilin(Q, error, error)
         + ca.bilin(R, model.controls, model.controls),
         terminal_cost=ca.bilin(ca.DM(terminal_cost), error, error),
@@ -78,9 +75,7 @@ def planning_problem(
         constraints=[*obstacles, *separations],
         signals=signals,
         quadrature="left",
-        integrator=prediction.integrator,
-        substeps=prediction.substeps,
-        checks=prediction.checks,
+        **scenario.prediction.grid(),
     )
 
 
@@ -130,7 +125,7 @@ def terminal_cost_of(
     """Return P of the terminal cost, shape (4, 4)."""
     if scenario.terminal_cost.design == "given":
         return np.array(scenario.terminal_cost.P)
-    dt, weights = scenario.prediction.dt_s, scenario.weights
+    dt, weights = scenario.prediction.dt, scenario.weights
     A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
     Q, R = np.diag(weights.Q) * dt, np.diag(weights.R) * dt
     return sampled_lqr(*hold(A, B, dt), Q, R).P

@@ -11,6 +11,9 @@ import numpy as np
 from pydantic import Field
 
 from swarmstart.cases.format.settings import (
+    Checks,
+    GridPart,
+    IntegratorName,
     NonNegative,
     Number,
     Part,
@@ -59,14 +62,12 @@ class Uav(Part):
     plan: list[Controls] | None = None
 
 
-class Prediction(Part):
+class Prediction(GridPart):
     """The horizon and its grid."""
 
-    dt_s: Positive
     intervals: int = Field(ge=1, le=1000)
-    checks: int = Field(default=1, ge=1, le=100)
-    substeps: int = Field(default=1, ge=1, le=100)
-    integrator: Literal["rk4", "euler"] = "rk4"
+    checks: Checks = 1
+    integrator: IntegratorName = "rk4"
 
 
 class Weights(Part):

@@ -136,12 +136,9 @@ def uav_problem(
     slot, is_link = model.parameters[:2], model.parameters[2:]
     position, distances = model.states[list(POSITION)], scenario.distances
     e = error(model.states, leader, slot, turned=scenario.frame == "leader")
-    dt = prediction.dt_s
     return OptimalControlProblem(
         model,
-        horizon=dt * prediction.intervals,
-        intervals=prediction.intervals,
-        stage_cost=ca.bilin(ca.diag(ca.DM(scenario.weights)), e, e) / dt,
+        stage_cost=ca.bilin(ca.diag(ca.DM(scenario.weights)), e, e) / prediction.dt,
         bounds=Bounds(
             controls=control_limits(scenario.vehicle),
             states=speed_bounds(scenario.vehicle.speed_m_s),
@@ -156,8 +153,7 @@ def uav_problem(
         ],
         signals=ca.vertcat(leader, *linked, *near),
         quadrature="right",
-        checks=prediction.checks,
-        substeps=prediction.substeps,
+        **prediction.grid(),
     )
 
 

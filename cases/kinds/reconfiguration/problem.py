@@ -83,7 +83,7 @@ def joint_problem(
     prediction, uavs = scenario.prediction, ca.vertsplit(model.states, NX)
     leader = uavs[scenario.leader_index]
     turned = scenario.frame == "leader"
-    Q, dt = ca.diag(ca.DM(scenario.weights)), prediction.dt_s
+    Q, dt = ca.diag(ca.DM(scenario.weights)), prediction.dt
     errors = [
         error(uav, leader, ca.DM(slot), turned=turned)
         for uav, slot in zip(uavs, slots, strict=True)
@@ -92,8 +92,6 @@ def joint_problem(
     steered = model.nu // NU
     return OptimalControlProblem(
         model,
-        horizon=dt * prediction.intervals,
-        intervals=prediction.intervals,
         stage_cost=sum((ca.bilin(Q, e, e) for e in errors), ca.SX(0)) / dt,
         bounds=Bounds(
             controls=(np.tile(lower, steered), np.tile(upper, steered)),
@@ -102,8 +100,7 @@ def joint_problem(
         ),
         constraints=_pair_constraints(scenario.distances, uavs),
         quadrature="right",
-        checks=prediction.checks,
-        substeps=prediction.substeps,
+        **prediction.grid(),
     )
 
 

@@ -11,6 +11,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from swarmstart.cases.format.settings import (
+    Checks,
+    GridPart,
     NonNegative,
     Part,
     Positive,
@@ -74,13 +76,10 @@ class Distances(Part):
             )
 
 
-class Prediction(Part):
+class Prediction(GridPart):
     """The horizon of a plan and its grid."""
 
-    dt_s: Positive
-    intervals: int = Field(default=1, ge=1, le=1000)
-    checks: int = Field(default=10, ge=1, le=100)
-    substeps: int = Field(default=1, ge=1, le=100)
+    checks: Checks = 10
 
 
 class Planning(Part):
@@ -233,7 +232,7 @@ class ReconfigurationScenario(Scenario):
                 "that must be seen follows from it",
             )
         elif seen is not None:
-            closing = 2 * limits.upper * self.prediction.dt_s
+            closing = 2 * limits.upper * self.prediction.dt
             needed = self.distances.safe_m + closing
             if seen < needed:
                 yield (

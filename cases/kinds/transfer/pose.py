@@ -99,14 +99,12 @@ def transfer_problem(
         model: All UAVs, states and controls UAV after UAV.
         goals: Of each UAV, shape (uavs, 2) [m].
     """
-    vehicle, prediction, uavs = scenario.vehicle, scenario.prediction, len(goals)
+    vehicle, uavs = scenario.vehicle, len(goals)
     positions = [state[list(POSITION)] for state in ca.vertsplit(model.states, NX)]
     R = ca.diag(ca.DM(np.tile(scenario.weights, uavs)))
     lower, upper = bounds_of((vehicle.acceleration_m_s2, vehicle.bank_rad))
     return OptimalControlProblem(
         model,
-        horizon=prediction.horizon_s,
-        intervals=prediction.intervals,
         stage_cost=ca.bilin(R, model.controls, model.controls),
         bounds=Bounds(
             controls=(np.tile(lower, uavs), np.tile(upper, uavs)),
@@ -135,8 +133,7 @@ def transfer_problem(
                 zip(positions, goals, strict=True), start=1
             )
         ],
-        checks=prediction.checks,
-        substeps=prediction.substeps,
+        **scenario.prediction.grid(),
         tolerance=TOLERANCE_M,
         path_tolerance=scenario.path_tolerance_m,
     )

@@ -11,6 +11,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from swarmstart.cases.format.settings import (
+    Checks,
+    GridPart,
     NonNegative,
     Part,
     Positive,
@@ -50,13 +52,11 @@ class Uav(Part):
     goal: Point
 
 
-class Prediction(Part):
+class Prediction(GridPart):
     """The time of the transfer and its grid."""
 
-    horizon_s: Positive
     intervals: int = Field(ge=2, le=1000)
-    checks: int = Field(default=2, ge=1, le=100)
-    substeps: int = Field(default=1, ge=1, le=100)
+    checks: Checks = 2
 
 
 class Paths(Part):

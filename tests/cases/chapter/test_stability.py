@@ -40,7 +40,7 @@ FIRST = f"swarmstart run reconfiguration {IPOPT} --set steps=12"
 LIMITED_BANK = f"swarmstart run reconfiguration {IPOPT} {BANK} --set steps=16"
 LONG_HORIZON = (
     f"swarmstart run reconfiguration {IPOPT} {BANK} "
-    "--set prediction.intervals=5 --set steps=12"
+    "--set prediction.horizon_s=5 --set prediction.intervals=5 --set steps=12"
 )
 LEADER_STRAIGHT = (
     f"swarmstart run reconfiguration_reverse {IPOPT} "

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from swarmstart.cases.format.scenario import (
     resolve,
     shipped,
 )
+from swarmstart.cases.format.settings import GridPart
 from swarmstart.cases.format.yaml_reader import parse_yaml
 from swarmstart.cases.record.record import run_key
 
@@ -117,7 +119,9 @@ def test_the_order_of_the_keys_does_not_matter(tmp_path: Path) -> None:
 
 def test_flaws_carry_their_places_in_the_order_of_the_file() -> None:
     text = shipped()["formation_v"].read_text(encoding="utf-8")
-    text = text.replace("steps: 60", "steps: 0").replace("dt_s: 1 ", "dt_s: none ")
+    text = text.replace("steps: 60", "steps: 0").replace(
+        "horizon_s: 8 ", "horizon_s: none "
+    )
     document = parse_yaml(text, name="mine.yaml")
     with pytest.raises(InvalidScenarioError) as caught:
         resolve(document)
@@ -183,3 +187,40 @@ def test_a_claim_is_of_flights_as_long_as_the_file_says() -> None:
     assert longer == wanted()
     assert (longer["21"], longer["22"]) == (4, 10)
     assert wanted("claims.2.when={steps: 9}", "steps=7")["21"] == 9
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "said"),
+    [
+        (
+            "reconfiguration",
+            "prediction.dt_s=1",
+            "expected prediction.horizon_s (dt_s times intervals), found dt_s",
+        ),
+        (
+            "close_formation",
+            "integrator=euler",
+            "expected prediction.integrator, found integrator",
+        ),
+    ],
+)
+def test_keys_of_the_grid_that_are_no_more_are_refused_with_the_new(
+    name: str, old: str, said: str
+) -> None:
+    with pytest.raises(InvalidScenarioError, match=re.escape(said)):
+        resolve(read_document(name), assignments=[old])
+
+
+def test_a_claim_under_a_key_that_is_no_more_is_refused_with_the_new() -> None:
+    text = shipped()["close_formation"].read_text(encoding="utf-8")
+    text = text.replace("{prediction.integrator: euler}", "{integrator: euler}")
+    with pytest.raises(InvalidScenarioError, match=r"expected prediction\.integrator"):
+        resolve(parse_yaml(text, name="mine.yaml"))
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_every_kind_has_the_keys_of_the_grid(name: str) -> None:
+    prediction = vars(resolved(name).scenario)["prediction"]
+    assert isinstance(prediction, GridPart)
+    assert prediction.grid()["horizon"] == prediction.horizon_s
+    assert prediction.dt == prediction.horizon_s / prediction.intervals

@@ -55,7 +55,7 @@ def test_a_misspelt_key_does_not_fit(path: tuple[str | int, ...]) -> None:
 
 def test_numbers_may_be_expressions_and_whole_numbers_not() -> None:
     scenario = merged("formation_v", "corrected")
-    scenario["prediction"]["dt_s"] = "1/2"
+    scenario["prediction"]["horizon_s"] = "1/2"
     scenario["leader"]["heading_rad"] = "pi/4"
     assert not flaws(scenario)
     scenario["steps"] = "2 * 30"

@@ -58,7 +58,9 @@ def test_the_plant_has_the_sampling_time_and_its_own_steps(make: Make) -> None:
 
 
 def test_a_longer_horizon_sums_its_steps(make: Make) -> None:
-    problem = build(make("prediction.intervals=7")).loop.planner.problem
+    problem = build(
+        make("prediction.horizon_s=0.7", "prediction.intervals=7")
+    ).loop.planner.problem
     assert problem.intervals == 7
     assert problem.horizon == pytest.approx(0.7)
 

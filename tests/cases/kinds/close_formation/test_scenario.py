@@ -36,7 +36,7 @@ def test_the_start_is_in_the_order_of_the_model(make: Make) -> None:
 def test_the_three_sampling_times_fly_equally_long(make: Make) -> None:
     for name in ("close_formation", "close_formation_fast", "close_formation_vortex"):
         scenario = make(name=name)
-        assert scenario.steps * scenario.prediction.dt_s == pytest.approx(30.0)
+        assert scenario.steps * scenario.prediction.dt == pytest.approx(30.0)
 
 
 @pytest.mark.parametrize(
@@ -51,8 +51,9 @@ def test_the_three_sampling_times_fly_equally_long(make: Make) -> None:
             "expected aircraft.span_ft to be greater than 0; found 0",
         ),
         (
-            "prediction.dt_s=60",
-            "expected at most 5 s, when the leader's manoeuvre is over; found 60",
+            "prediction.horizon_s=60",
+            "expected control intervals of at most 5 s, when the leader's manoeuvre is "
+            "over; found 60 s",
         ),
         (
             "commands.speed_ft_s=[260, 350]",
@@ -69,7 +70,7 @@ def test_the_three_sampling_times_fly_equally_long(make: Make) -> None:
         (rows(1, 5), "expected a manoeuvre that begins at 0 s, found 1"),
         (
             "plant.substep_s=0.2",
-            "expected at most prediction.dt_s = 0.1, found 0.2",
+            "expected at most prediction.horizon_s / intervals = 0.1, found 0.2",
         ),
     ],
 )
@@ -80,7 +81,7 @@ def test_bad_input_is_said_once(assignment: str, said: str) -> None:
 @pytest.mark.parametrize("part", ["prediction", "plant"])
 def test_the_printed_equations_have_no_vortex(part: str) -> None:
     (said,) = complaints(
-        f"{part}={{dt_s: 0.1, model: literal, aerodynamics: vortex}}"
+        f"{part}={{horizon_s: 0.1, model: literal, aerodynamics: vortex}}"
         if part == "prediction"
         else "plant={model: literal, aerodynamics: vortex}"
     )
@@ -88,4 +89,4 @@ def test_the_printed_equations_have_no_vortex(part: str) -> None:
 
 
 def test_a_leader_that_never_manoeuvres_bounds_no_sampling_time(make: Make) -> None:
-    assert make(rows(0), "prediction.dt_s=6").prediction.dt_s == 6
+    assert make(rows(0), "prediction.horizon_s=6").prediction.dt == 6

@@ -121,7 +121,11 @@ def test_the_literal_terminal_set_is_as_printed(literal: FormationFlight) -> Non
     )
 
 
-OFF = ("dual_mode.enabled=false", "prediction.dt_s=1e-9", "terminal_cost.design=given")
+OFF = (
+    "dual_mode.enabled=false",
+    "prediction.horizon_s=8e-9",
+    "terminal_cost.design=given",
+)
 
 
 def test_a_set_that_is_switched_off_need_not_exist(make: Make) -> None:

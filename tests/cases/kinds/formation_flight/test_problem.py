@@ -23,7 +23,7 @@ def test_the_terminal_cost_goes_on_with_the_sum_over_the_steps(
 ) -> None:
     """The stage cost of a step is dt (e'Qe + u'Ru), so its Riccati equation has dt."""
     scenario = make(
-        "formation_v", f"prediction.dt_s={dt}", "dual_mode.enabled=false",
+        "formation_v", f"prediction.horizon_s={8 * dt}", "dual_mode.enabled=false",
         "weights={Q: [1, 2, 3, 4], R: [5, 6]}",
     )  # fmt: skip
     A = np.eye(4)

@@ -31,3 +31,8 @@ def uavs_at(rows: Sequence[Sequence[float]]) -> str:
 def slots_at(rows: Sequence[Sequence[float]]) -> str:
     """Return the assignment of slots (x, y)."""
     return "slots=" + listed(rows, ("x_m", "y_m"))
+
+
+def horizon(intervals: int) -> str:
+    """Return the assignment of a horizon of so many intervals of a second."""
+    return f"prediction={{horizon_s: {intervals}, intervals: {intervals}}}"

@@ -17,6 +17,7 @@ from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.ocp import Source
 from swarmstart.tests.cases.kinds.flights import build
+from swarmstart.tests.cases.kinds.reconfiguration.scenarios import horizon
 
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.reconfiguration.conftest import Array, Fly, Make
@@ -163,7 +164,7 @@ def test_costs_of_those_who_plan_alone_are_summed(
 def test_a_plan_worse_than_the_last_one_shifted_is_a_loss(
     make: Make, by_hand: Fly
 ) -> None:
-    scenario = make("prediction.intervals=2")
+    scenario = make(horizon(2))
     flight = build(scenario)
     rng = np.random.default_rng(0)
     banked = np.tile([[2500.0], [0.1]], (UAVS, 2)) + rng.uniform(-0.1, 0.1, (10, 2))

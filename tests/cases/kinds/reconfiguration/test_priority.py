@@ -24,6 +24,7 @@ from swarmstart.ocp import Fitness, Known, LocalTeam, Trajectory, simulate
 from swarmstart.ocp.local_team import FAR
 from swarmstart.tests.cases.kinds.flights import build
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import (
+    horizon,
     reconfiguration,
     slots_at,
     uavs_at,
@@ -113,7 +114,7 @@ def drawn(rng: np.random.Generator, nodes: int, count: int) -> Array:
 
 @pytest.mark.parametrize("along", ["points", "segments"])
 def test_room_to_spare_changes_nothing(along: str) -> None:
-    scenario = priority("prediction.intervals=2", f"distances.along={along}")
+    scenario = priority(horizon(2), f"distances.along={along}")
     tight, spare = (
         Fitness(uav_problem(scenario, others=others), backend="casadi")
         for others in (3, 8)

@@ -18,7 +18,11 @@ from swarmstart.cases.kinds.reconfiguration.problem import team_model, trim
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.ocp import Plant, Separation
 from swarmstart.tests.cases.kinds.flights import build
-from swarmstart.tests.cases.kinds.reconfiguration.scenarios import slots_at, uavs_at
+from swarmstart.tests.cases.kinds.reconfiguration.scenarios import (
+    horizon,
+    slots_at,
+    uavs_at,
+)
 
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.reconfiguration.conftest import Make
@@ -118,9 +122,7 @@ def evaluated(scenario: ReconfigurationScenario) -> Evaluate:
 @pytest.mark.parametrize("intervals", [1, 3])
 @pytest.mark.parametrize("frame", ["global", "leader"])
 def test_cost_is_that_of_5_38(make: Make, intervals: int, frame: str) -> None:
-    value = evaluated(
-        make(UNEQUAL, f"frame={frame}", f"prediction.intervals={intervals}")
-    )
+    value = evaluated(make(UNEQUAL, f"frame={frame}", horizon(intervals)))
     rng = np.random.default_rng(intervals)
     for _ in range(4):
         x0 = COLUMN + rng.uniform(-1, 1, (UAVS, 4)) * [0, 1, 3, 3]
@@ -134,7 +136,7 @@ def test_cost_is_that_of_5_38(make: Make, intervals: int, frame: str) -> None:
 
 
 def test_a_leader_that_flies_straight_is_not_decided_but_counts(make: Make) -> None:
-    value = evaluated(make(UNEQUAL, "leader=straight", "prediction.intervals=2"))
+    value = evaluated(make(UNEQUAL, "leader=straight", horizon(2)))
     rng = np.random.default_rng(0)
     controls = drawn(rng, 2)
     controls[:, LEADER] = DRAG + 1e-6, 0.0  # as good as no acceleration
@@ -148,7 +150,7 @@ def test_a_leader_that_flies_straight_is_not_decided_but_counts(make: Make) -> N
 def test_weight_of_the_order_makes_violations_the_penalty_5_35(
     make: Make, intervals: int
 ) -> None:
-    scenario = make(f"prediction.intervals={intervals}")
+    scenario = make(horizon(intervals))
     value, rng = evaluated(scenario), np.random.default_rng(intervals)
     # Two lots, too near each other within and too far from each other: both limits.
     x0 = COLUMN + rng.uniform(-2, 2, (UAVS, 4)) * [0, 1, 1, 1]
