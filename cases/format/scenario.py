@@ -349,9 +349,13 @@ def _validated(document: Document, kind: Kind) -> Scenario:
     try:
         return kind.scenario.model_validate(document.data)
     except pydantic.ValidationError as error:
+        by_path = _by_path(document, error)
+        # A new key is not missed where its old name is: that is said once.
+        new = {RENAMED.get(_dotted(path), "").partition(" ")[0] for path in by_path}
         flaws = [
             _described(document, path, together, kind.scenario)
-            for path, together in _by_path(document, error).items()
+            for path, together in by_path.items()
+            if _dotted(path) not in new
         ]
         raise InvalidScenarioError(flaws) from error
 
@@ -381,7 +385,7 @@ def _described(
     details = next((d for d in group if d["type"] == "value_error"), group[0])
     kind, context = details["type"], details.get("ctx", {})
     if kind == "extra_forbidden":
-        if new := RENAMED.get(".".join(map(str, path))):
+        if new := RENAMED.get(_dotted(path)):
             what = f"expected {new}, found {path[-1]}"
             return _flaw(document, path, what, of_key=True)
         known = _known_keys(model, document.data, path[:-1])
@@ -398,7 +402,7 @@ def _described(
         found = _shown(context["tag"]) if "tag" in context else "none"
         what = f"expected name to be one of {expected}; found {found}"
         return _flaw(document, (*path, "name"), what)
-    dotted = ".".join(map(str, path)) or "the scenario"
+    dotted = _dotted(path) or "the scenario"
     expected = " or ".join(dict.fromkeys(map(_expected, group)))
     found = _shown(details["input"])
     return _flaw(document, path, f"expected {dotted} to be {expected}; found {found}")
@@ -428,9 +432,8 @@ def _refused(document: Document, path: tuple[str | int, ...], error: Exception) 
     cause = error.__cause__
     if isinstance(cause, InvalidSettingsError):
         path = (*path, cause.name)
-        dotted = ".".join(map(str, path))
         found = _shown(cause.value)
-        what = f"expected {dotted} to be {cause.allowed}; found {found}"
+        what = f"expected {_dotted(path)} to be {cause.allowed}; found {found}"
         return _flaw(document, path, what)
     flaw = _flaw(document, path, str(error))
     if not isinstance(error, ExpressionError):
@@ -524,6 +527,10 @@ def _flaw(
     if of_key and place.name.startswith("--"):
         return Flaw(place, what)
     return Flaw(place, what, frame(document.sources.get(place.name, ""), place))
+
+
+def _dotted(path: Sequence[str | int]) -> str:
+    return ".".join(map(str, path))
 
 
 def _shown(value: object) -> str:

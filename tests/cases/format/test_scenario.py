@@ -211,6 +211,15 @@ def test_keys_of_the_grid_that_are_no_more_are_refused_with_the_new(
         resolve(read_document(name), assignments=[old])
 
 
+def test_a_key_that_is_not_missed_is_not_said_to_be_missing() -> None:
+    text = shipped()["passing_side"].read_text(encoding="utf-8")
+    text = text.replace("  horizon_s: 8", "  dt_s: 1")
+    with pytest.raises(InvalidScenarioError) as caught:
+        resolve(parse_yaml(text, name="mine.yaml"))
+    (flaw,) = caught.value.flaws
+    assert "expected prediction.horizon_s" in str(flaw)
+
+
 def test_a_claim_under_a_key_that_is_no_more_is_refused_with_the_new() -> None:
     text = shipped()["close_formation"].read_text(encoding="utf-8")
     text = text.replace("{prediction.integrator: euler}", "{integrator: euler}")
