@@ -351,7 +351,8 @@ def _validated(document: Document, kind: Kind) -> Scenario:
     except pydantic.ValidationError as error:
         by_path = _by_path(document, error)
         # A new key is not missed where its old name is: that is said once.
-        new = {RENAMED.get(_dotted(path), "").partition(" ")[0] for path in by_path}
+        old = RENAMED.keys() & map(_dotted, by_path)
+        new = {RENAMED[key].partition(" ")[0] for key in old}
         flaws = [
             _described(document, path, together, kind.scenario)
             for path, together in by_path.items()

@@ -148,8 +148,6 @@ def planning_problem(
     others = [ca.SX.sym(f"position{m.suffix}", dimensions) for m in seen]
     return OptimalControlProblem(
         model_of(scenario, members),
-        horizon=grid.horizon_s,
-        intervals=grid.intervals,
         stage_cost=_cost(members, "stage_cost", scenario.stage_cost, sign),
         terminal_cost=_cost(members, "terminal_cost", scenario.terminal_cost, sign),
         bounds=_bounds(scenario, members),
@@ -164,9 +162,7 @@ def planning_problem(
         ],
         signals=_column([*first.shared.signals.values(), *others]),
         quadrature=grid.quadrature,
-        integrator=grid.integrator,
-        substeps=grid.substeps,
-        checks=grid.checks,
+        **grid.grid(),
         tolerance=grid.tolerance,
         path_tolerance=grid.path_tolerance,
     )

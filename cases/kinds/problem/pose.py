@@ -200,7 +200,7 @@ def _plant(
     part, grid = scenario.plant, scenario.prediction
     truly = {**scenario.parameters, **part.parameters}
     rows = [over_time(truly[name], constants) for name in scenario.parameters]
-    step = grid.horizon_s / grid.intervals / part.substeps
+    step = grid.dt / part.substeps
     count = scenario.steps * part.substeps
     for place, _ in enumerate(members):
         for name in scenario.states:

@@ -21,6 +21,9 @@ from swarmstart.cases.format.settings import (
     LARGEST,
     AnySearch,
     BudgetPart,
+    Checks,
+    GridPart,
+    IntegratorName,
     Number,
     Part,
     Positive,
@@ -181,14 +184,13 @@ class Guess(Part):
     states: Mapping[Names, OverTime] = Field(default_factory=dict)
 
 
-class Prediction(Part):
+class Prediction(GridPart):
     """The horizon and its grid."""
 
-    horizon_s: Positive
     intervals: int = Field(ge=1, le=10_000)
-    checks: int = Field(default=1, ge=1, le=100)
+    checks: Checks = 1
     substeps: int = Field(default=4, ge=1, le=1000)
-    integrator: Literal["rk4", "euler"] = "rk4"
+    integrator: IntegratorName = "rk4"
     quadrature: Quadrature = "integral"
     tolerance: Positive = 1e-6
     path_tolerance: Positive = 1e-4
