@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from swarmstart.benchmarks.problems import DISTANCE, SLOTS, SPEED, STEPS, UAVS, Instance
 from swarmstart.ocp.fitness import shared_arguments
-from swarmstart.ocp.shooting import rollout
+from swarmstart.ocp.shooting import Shooting
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class Contestant(NamedTuple):
 def serial_map(instance: Instance, population: Array) -> Contestant:
     """Return CasADi's serial map of the rollout, called through its buffers."""
     size = population.shape[1]
-    function = rollout(instance.problem)
+    function = Shooting(instance.problem).rollout
     mapped = function.map("mapped", "serial", size, [1, 2, 3], [])
     buffer, run = mapped.buffer()
     arguments = [np.array(population.T, order="C"), *_shared(instance)]
@@ -111,7 +111,7 @@ def numpy_by_hand(instance: Instance, population: Array) -> Contestant | None:
 
 def generated_c(instance: Instance, population: Array) -> Contestant | None:
     """Return CasADi's C code of the rollout in a loop; None without a C compiler."""
-    function = rollout(instance.problem)
+    function = Shooting(instance.problem).rollout
     with tempfile.TemporaryDirectory() as folder:
         generator = ca.CodeGenerator("rollout.c")
         generator.add(function)

@@ -25,7 +25,7 @@ from swarmstart.benchmarks.problems import (
 from swarmstart.benchmarks.rivals import Contestant
 from swarmstart.benchmarks.timing import Timing, timings
 from swarmstart.ocp.compiled.simd import compile_rollout
-from swarmstart.ocp.shooting import stage_without_path, terminal
+from swarmstart.ocp.shooting import Shooting
 
 SIZES = (20, 50, 100, 300, 1000, 3000, 10000, 30000, 100000)
 HORIZONS = (10, 30, 100, 300, 1000)
@@ -138,7 +138,8 @@ def _panel(axes: Axes, series: Sequence[Series], label: str) -> None:
 
 def _build(name: str, instance: Instance, builds: int, reloads: int) -> Build:
     problem = instance.problem
-    functions = stage_without_path(problem), terminal(problem)
+    shooting = Shooting(problem)
+    functions = shooting.stage_without_path, shooting.terminal
 
     def compile_once() -> float:
         begin = time.perf_counter()

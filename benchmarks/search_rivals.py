@@ -17,7 +17,7 @@ from scipy.optimize import differential_evolution
 from swarmstart.benchmarks.problems import Instance
 from swarmstart.heuristics import DifferentialEvolution
 from swarmstart.ocp.fitness import Objective, shared_arguments
-from swarmstart.ocp.shooting import rollout
+from swarmstart.ocp.shooting import Shooting
 
 Array = NDArray[np.float64]
 
@@ -166,7 +166,7 @@ class _ByCasadi:
 
     def __init__(self, task: Task) -> None:
         instance = task.instance
-        function = rollout(instance.problem)
+        function = Shooting(instance.problem).rollout
         shared = shared_arguments(instance.problem, instance.x0, instance.known)
         arguments = [np.zeros(instance.dim), *shared]
         buffer, self._run = function.buffer()

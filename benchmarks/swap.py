@@ -85,7 +85,7 @@ def starts_of(
     family = flight.posed.agents[0].family
     if family is None:
         raise TypeError("a transfer must search a family of paths")
-    space = FamilySpace(problem, family)
+    space = FamilySpace(flight.loop.planner.fitness, family)
     box, lines = space.box, straight(space, x0)
 
     def drawn(rng: np.random.Generator) -> Start:

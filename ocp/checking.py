@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from swarmstart.ocp.constraints import Constraint
 from swarmstart.ocp.problem import STATE_BOUNDS, OptimalControlProblem, label
 from swarmstart.ocp.scaling import Sizes
-from swarmstart.ocp.shooting import rows_with_controls
+from swarmstart.ocp.shooting import Shooting, shooting_of
 
 Array = NDArray[np.float64]
 
@@ -58,16 +58,22 @@ class Excess:
 class Checker:
     """Measures the constraints of one problem; compiled once."""
 
-    def __init__(self, problem: OptimalControlProblem) -> None:
-        """Compile the rows of all constraints."""
-        self._problem = problem
+    def __init__(self, problem: OptimalControlProblem | Shooting) -> None:
+        """Compile the rows of all constraints.
+
+        Args:
+            problem: The problem, or its functions.
+        """
+        shooting = shooting_of(problem)
+        self._problem = problem = shooting.problem
         path, ends = problem.path_constraints, problem.terminal_constraints
         self._path = ConstraintRows(problem, path)
         self._end = ConstraintRows(problem, ends, first=len(path))
         controlled = [np.empty(0, dtype=bool)]
-        for constraint in path:
+        for constraint, with_controls in zip(
+            path, shooting.rows_with_controls, strict=True
+        ):
             rows = constraint.rows(constraint.expression).lower.size
-            with_controls = rows_with_controls(problem, constraint)
             controlled.append(np.isin(np.arange(rows), with_controls))
         self._free = ~np.concatenate(controlled)
 

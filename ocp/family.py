@@ -30,14 +30,14 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.heuristics import Box
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import Arguments, Fitness, Known, Objective
+from swarmstart.ocp.fitness import Fitness, Known, Objective
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_space import ControlSpace, SearchSpace, Start
 from swarmstart.ocp.shooting import (
+    Shooting,
     infinite_unless_finite,
     path_violation,
     row_weights,
-    terminal,
     unless_finite,
 )
 
@@ -68,23 +68,22 @@ class FamilySpace:
         box: The box of the coefficients.
     """
 
-    def __init__(
-        self, problem: OptimalControlProblem, family: TrajectoryFamily
-    ) -> None:
+    def __init__(self, fitness: Fitness, family: TrajectoryFamily) -> None:
         """Put problem and family together.
 
         Args:
-            problem: The problem.
+            fitness: The problem's evaluator.
             family: The family, on the problem's nodes.
 
         Raises:
             InvalidProblemError: If the family's shapes are not the problem's.
         """
+        problem = fitness.problem
         _require_fit(problem, family)
         self.box = family.box
         self._problem, self._trajectory = problem, family.trajectory
-        self._arguments = Arguments(problem)
-        self._evaluate = CasadiMap(member_value(problem, family))
+        self._arguments = fitness.arguments
+        self._evaluate = CasadiMap(_member_value(fitness.shooting, family))
 
     def objective(self, x0: ArrayLike, known: Known) -> Objective:
         """Return population -> cost and violation; see SearchSpace."""
@@ -111,15 +110,9 @@ class FamilySpace:
         )
 
 
-def member_value(
-    problem: OptimalControlProblem, family: TrajectoryFamily
-) -> ca.Function:
-    """Return (coefficients, x0, parameters, signals) -> (cost, violation).
-
-    Args:
-        problem: The problem.
-        family: The family, on the problem's nodes.
-    """
+def _member_value(shooting: Shooting, family: TrajectoryFamily) -> ca.Function:
+    """Return (coefficients, x0, parameters, signals) -> (cost, violation)."""
+    problem = shooting.problem
     model, nodes = problem.model, problem.nodes
     c = ca.SX.sym("c", family.box.dim)
     x0, p = ca.SX.sym("x0", model.nx), ca.SX.sym("p", model.np + problem.automatic)
@@ -127,8 +120,8 @@ def member_value(
     signals = ca.reshape(flat, problem.ns, nodes)
     parameters = ca.vertsplit(p, [0, model.np, p.numel()])[0]
     x, u = family.trajectory(c, x0, parameters)
-    at_node, at_check = _node_terms(problem), _check_violation(problem)
-    cost, violation = terminal(problem)(x[:, -1], p, signals[:, -1])
+    at_node, at_check = _node_terms(problem), _check_violation(shooting)
+    cost, violation = shooting.terminal(x[:, -1], p, signals[:, -1])
     weights = np.full(nodes, problem.dt / problem.checks)
     weights[[0, -1]] /= 2
     for k in range(nodes):
@@ -153,8 +146,9 @@ def _node_terms(problem: OptimalControlProblem) -> ca.Function:
     return ca.Function("node", [*symbols.values()], [problem.stage_cost, broken])
 
 
-def _check_violation(problem: OptimalControlProblem) -> ca.Function:
+def _check_violation(shooting: Shooting) -> ca.Function:
     """Return (x, u, p, s at both ends of a check) -> excess of the path constraints."""
+    problem = shooting.problem
     before, after = (
         [ca.SX.sym(n, s.numel()) for n, s in problem.symbols().items()]
         for _ in range(2)
@@ -162,11 +156,10 @@ def _check_violation(problem: OptimalControlProblem) -> ca.Function:
     automatic = ca.SX.sym("w", problem.automatic)
     weights = row_weights(problem, automatic)
     broken = ca.SX(0)
-    for constraint, weight in zip(problem.path_constraints, weights, strict=False):
-        watched = ca.Function(
-            "watched", [*problem.symbols().values()], [constraint.expression]
-        )
-        excess = constraint.excess(watched(*before), watched(*after))
+    for constraint, value, weight in zip(
+        problem.path_constraints, shooting.path_values, weights, strict=False
+    ):
+        excess = constraint.excess(value(*before), value(*after))
         broken += path_violation(constraint, excess, weight)
     before[2], after[2] = (
         ca.vertcat(side[2], w)
@@ -201,4 +194,4 @@ def space_of(fitness: Fitness, family: TrajectoryFamily | None) -> SearchSpace:
     """
     if family is None:
         return ControlSpace(fitness)
-    return FamilySpace(fitness.problem, family)
+    return FamilySpace(fitness, family)

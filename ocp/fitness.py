@@ -18,14 +18,8 @@ from swarmstart.ocp.compiled.simd import compile_rollout
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.model import shortened
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.scaling import Sizes, Sizing
-from swarmstart.ocp.shooting import (
-    rollout,
-    stage,
-    stage_without_path,
-    terminal,
-    trajectory,
-)
+from swarmstart.ocp.scaling import Sizes
+from swarmstart.ocp.shooting import Shooting, shooting_of
 
 Array = NDArray[np.float64]
 
@@ -85,13 +79,14 @@ class Fitness:
 
     Attributes:
         problem: The problem.
+        shooting: Its functions.
         arguments: Makes the arguments that all individuals share.
         backend: What evaluates populations.
     """
 
     def __init__(
         self,
-        problem: OptimalControlProblem,
+        problem: OptimalControlProblem | Shooting,
         *,
         backend: str | None = None,
         precision: Precision = "double",
@@ -99,7 +94,7 @@ class Fitness:
         """Compile the rollout of a problem.
 
         Args:
-            problem: The problem.
+            problem: The problem, or its functions.
             backend: What evaluates populations, as in compiled/backend.py.
             precision: Of the machine code's arithmetic, as in `compile_batch`; "single"
                 is good for a first look at many points, not for constraints to 1e-6.
@@ -108,20 +103,21 @@ class Fitness:
             InvalidProblemError: If the backend or the precision is unknown.
         """
         require_precision(precision)
-        self.problem = problem
+        self.shooting = shooting = shooting_of(problem)
+        self.problem = problem = shooting.problem
         self._evaluate: BatchEvaluator = evaluator(
             lambda: compile_rollout(
-                stage_without_path(problem),
-                terminal(problem),
+                shooting.stage_without_path,
+                shooting.terminal,
                 intervals=problem.intervals,
                 signals_per_interval=problem.ns * problem.checks,
                 precision=precision,
             ),
-            lambda: CasadiMap(rollout(problem)),
+            lambda: CasadiMap(shooting.rollout),
             backend,
         )
-        self._trajectory = trajectory(problem)
-        self.arguments = Arguments(problem)
+        self._trajectory = shooting.trajectory
+        self.arguments = Arguments(shooting)
 
     @property
     def backend(self) -> str:
@@ -183,11 +179,9 @@ class Fitness:
 class Arguments:
     """The arguments of a rollout that all individuals share; see shooting.py."""
 
-    def __init__(self, problem: OptimalControlProblem) -> None:
-        """Prepare to find the sizes of the problem."""
-        self._problem = problem
-        self._sizing = Sizing(problem)
-        self._automatic = problem.automatic
+    def __init__(self, shooting: Shooting) -> None:
+        """Take the functions of a problem."""
+        self._problem, self._sizing = shooting.problem, shooting.sizing
         self._last: tuple[bytes, Array] | None = None
 
     def __call__(self, x0: ArrayLike, known: Known) -> tuple[Array, Array, Array]:
@@ -197,7 +191,7 @@ class Arguments:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
         """
         state, parameters, signals = shared_arguments(self._problem, x0, known)
-        if not self._automatic:
+        if not self._problem.automatic:
             return state, parameters, signals
         asked = b"".join(values.tobytes() for values in (state, parameters, signals))
         if self._last is None or self._last[0] != asked:
@@ -256,7 +250,7 @@ def at_nodes(problem: OptimalControlProblem, flat: Array) -> Array:
 
 
 def replay(
-    problem: OptimalControlProblem,
+    problem: OptimalControlProblem | Shooting,
     controls: Array,
     x0: ArrayLike,
     known: Known = NOTHING,
@@ -267,21 +261,23 @@ def replay(
     problem, where compiling its rollout would cost more than it saves.
 
     Args:
-        problem: The problem.
+        problem: The problem, or its functions.
         controls: Shape (nu, N).
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
     """
-    x, p, flat = Arguments(problem)(x0, known)
+    shooting = shooting_of(problem)
+    problem = shooting.problem
+    x, p, flat = Arguments(shooting)(x0, known)
     signals, checks = at_nodes(problem, flat), problem.checks
-    interval, states = stage(problem), [x[:, None]]
+    interval, states = shooting.stage, [x[:, None]]
     cost = violation = 0.0
     for k in range(problem.intervals):
         nodes = signals[:, k * checks : (k + 1) * checks + 1]
         after, spent, broken = interval(states[-1][:, -1], controls[:, k], p, nodes)
         states.append(np.array(after))
         cost, violation = cost + float(spent), violation + float(broken)
-    end = terminal(problem)(states[-1][:, -1], p, signals[:, -1])
+    end = shooting.terminal(states[-1][:, -1], p, signals[:, -1])
     cost, violation = cost + float(end[0]), violation + float(end[1])
     if not np.isfinite([cost, violation]).all():
         violation = np.inf

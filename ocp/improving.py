@@ -81,7 +81,7 @@ def settled_answer(
     plan = replace(
         _judged_by(planner, plan, solution, x0, known), evaluations=plan.evaluations
     )
-    found = verified(planner.problem, plan, x0, known, settled=is_settled)
+    found = verified(planner.tracer, plan, x0, known, settled=is_settled)
     # A descent that the finer path does not confirm is none.
     return found if found.status.is_confirmed else solution
 
@@ -105,7 +105,7 @@ def followed_down(
     problem, best = planner.problem, solution
     if planner.polish is None or solution.status is SolutionStatus.CONVERGED:
         return solution
-    sizes, at = kink_sizes(problem, x0, known), solution
+    sizes, at = kink_sizes(planner.fitness.shooting, x0, known), solution
     for part in PARTS if sizes else ():
         other = Planner(
             smoothed(problem, sizes, part),
@@ -117,7 +117,7 @@ def followed_down(
         plan = other.plan(x0, known=known, guess=at.controls, near=near, rng=rng)
         plan = _judged_by(planner, plan, at, x0, known)
         # Stationary for the rounded problem only.
-        at = verified(problem, replace(plan, point=None), x0, known)
+        at = verified(planner.tracer, replace(plan, point=None), x0, known)
         best = at if _is_better_answer(at, best) else best
     return best
 
@@ -156,7 +156,7 @@ def repaired(
         )
         plan = other.plan(x0, known=given, guess=at.controls, rng=rng)
         judged = _judged_by(planner, plan, at, x0, known)
-        return Answer(verified(problem, judged, x0, known), other, given)
+        return Answer(verified(planner.tracer, judged, x0, known), other, given)
 
     if by_points:
         found = again(at_points(problem), at)
@@ -170,7 +170,7 @@ def repaired(
         if not excesses or not _worth_repairing(at, by_points):
             break
         more = finer_checks(problem, attempt)
-        slack = slack_at_checks(problem, at, x0, known, checks)
+        slack = slack_at_checks(planner.tracer, at, x0, known, checks)
         wanted = hurried(excesses, last, attempt)
         margins = added(margins, wanted, slack, checks / more)
         least = max(e.relative for e in wanted) * (checks / more) ** 2

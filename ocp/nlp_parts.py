@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.constraints import Constraint, Rows
+from swarmstart.ocp.constraints import Rows
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.shooting import check_step, rows_with_controls
+from swarmstart.ocp.shooting import Shooting
 
 Array = NDArray[np.float64]
 
@@ -80,48 +80,49 @@ def shared_symbols(problem: OptimalControlProblem) -> Shared:
     )
 
 
-def interval_part(problem: OptimalControlProblem) -> Part:
+def interval_part(shooting: Shooting) -> Part:
     """Return an interval: z = (x, u), g = (x after, constraint rows).
 
     Args:
-        problem: The problem.
+        shooting: The problem's functions.
     """
+    problem = shooting.problem
     model, shared = problem.model, shared_symbols(problem)
     x_, u_ = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     s = ca.SX.sym("s", problem.ns, problem.checks + 1)
     state, u, p = x_ * shared.states, u_ * shared.controls, shared.parameters
-    constraints = list(enumerate(problem.path_constraints))
+    constraints = [
+        *enumerate(zip(problem.path_constraints, shooting.path_values, strict=True))
+    ]
     on_states = len(problem.constraints)  # Bounds, the last one if there are any.
     cost, parts = ca.SX(0), []
-    costs = ca.Function("cost", [*problem.symbols().values()], [problem.costs()[1]])
     if problem.quadrature == "left":
-        cost = problem.dt * costs(state, u, p, s[:, 0])
-    for number, constraint in constraints:
-        chosen = rows_with_controls(problem, constraint)
-        parts.append(_rows(problem, number, constraint, (state, u, p, s[:, 0]), chosen))
+        cost = problem.dt * shooting.stage_cost(state, u, p, s[:, 0])
+    for number, (constraint, value) in constraints:
+        rows = constraint.smooth(value(state, u, p, s[:, 0]))
+        parts.append(_limited(rows, number, shooting.rows_with_controls[number]))
     for k in range(problem.checks):
-        state, spent = check_step(problem, state, u, p, (s[:, k], s[:, k + 1]))
+        state, spent = shooting.check_step(state, u, p, (s[:, k], s[:, k + 1]))
         cost += spent
-        for number, constraint in constraints:
+        for number, (constraint, value) in constraints:
             if number == on_states and k == problem.checks - 1:
                 continue  # The states after an interval are variables, with bounds.
-            at = state, u, p, s[:, k + 1]
-            parts.append(_rows(problem, number, constraint, at, None))
+            rows = constraint.smooth(value(state, u, p, s[:, k + 1]))
+            parts.append(_limited(rows, number, None))
     if problem.quadrature == "right":
-        cost = problem.dt * costs(state, u, p, s[:, -1])
-    rows = _joined(parts)
-    return _part(
-        ca.vertcat(x_, u_), shared, s, cost, ca.vertcat(state / shared.states, rows[0]),
-        rows,
-    )  # fmt: skip
+        cost = problem.dt * shooting.stage_cost(state, u, p, s[:, -1])
+    limited = _joined(parts)
+    g = ca.vertcat(state / shared.states, limited.values)
+    return _part(ca.vertcat(x_, u_), shared, s, cost, g, limited)
 
 
-def end_part(problem: OptimalControlProblem) -> Part:
+def end_part(shooting: Shooting) -> Part:
     """Return the end of the horizon: z = x, g = terminal rows.
 
     Args:
-        problem: The problem.
+        shooting: The problem's functions.
     """
+    problem = shooting.problem
     symbols, shared = problem.symbols(), shared_symbols(problem)
     first = len(problem.path_constraints)
     x_ = ca.SX.sym("x", problem.model.nx)
@@ -134,7 +135,7 @@ def end_part(problem: OptimalControlProblem) -> Part:
     at_end = ca.Function(
         "end",
         [symbols["states"], symbols["parameters"], symbols["signals"]],
-        [problem.costs()[2], rows.values],
+        [shooting.costs[2], rows.values],
     )
     s = ca.SX.sym("s", problem.ns)
     cost, values = at_end(x_ * shared.states, shared.parameters, s)
@@ -165,20 +166,6 @@ def _part(
         ),
         rows,
     )
-
-
-def _rows(
-    problem: OptimalControlProblem,
-    number: int,
-    constraint: Constraint,
-    at: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
-    chosen: list[int] | None,
-) -> LimitedRows:
-    """Return the smooth rows of a path constraint at a point; None chooses all."""
-    value = ca.Function(
-        "value", [*problem.symbols().values()], [constraint.expression]
-    )(*at)
-    return _limited(constraint.smooth(value), number, chosen)
 
 
 def _limited(rows: Rows, number: int, chosen: list[int] | None) -> LimitedRows:

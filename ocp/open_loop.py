@@ -61,5 +61,5 @@ class OpenLoop:
         plan = self.loop.plan(0.0, state, None, rng=rng)
         if not self.repair:
             return plan
-        solution = verified(planner.problem, plan, state, known)
+        solution = verified(planner.tracer, plan, state, known)
         return repaired(planner, solution, state, known, rng=rng).solution.plan

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from swarmstart.ocp.checking import Checker, Excess, Points
 from swarmstart.ocp.integrators import rk4
 from swarmstart.ocp.kinks import kinks_of
-from swarmstart.ocp.model import right_hand_side
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
+from swarmstart.ocp.shooting import Shooting, shooting_of
 
 Array = NDArray[np.float64]
 FINER = 10
@@ -64,15 +64,25 @@ class Tracer:
     """Traces the path of control sequences of one problem; compiled once.
 
     Attributes:
+        problem: The problem.
+        shooting: Its functions.
         checker: Measures its constraints.
     """
 
-    def __init__(self, problem: OptimalControlProblem) -> None:
-        """Compile the fine integration and the constraints."""
-        self.checker = Checker(problem)
-        self._problem = problem
+    def __init__(
+        self, problem: OptimalControlProblem | Shooting, checker: Checker | None = None
+    ) -> None:
+        """Compile the fine integration.
+
+        Args:
+            problem: The problem, or its functions.
+            checker: Measures its constraints; None: one is made.
+        """
+        self.shooting = shooting = shooting_of(problem)
+        self.checker = checker or Checker(shooting)
+        self.problem = problem = shooting.problem
         self._steps = problem.checks * problem.substeps * FINER
-        self._fine = _fine_step(problem, problem.dt / self._steps).mapaccum(
+        self._fine = _fine_step(shooting, problem.dt / self._steps).mapaccum(
             "path", self._steps * problem.intervals
         )
         names = [*problem.symbols().values()]
@@ -93,7 +103,7 @@ class Tracer:
             signals: At the nodes, shape (ns, nodes).
             sizes: The sizes.
         """
-        problem, m = self._problem, self._steps
+        problem, m = self.problem, self._steps
         u = np.repeat(controls, m, axis=1)
         times = np.linspace(0.0, problem.horizon, u.shape[1] + 1)
         s = signals_between(problem, signals, times)
@@ -139,7 +149,7 @@ class Tracer:
         states, controls = path.states, path.controls
         if not self._kinks.names or not np.isfinite(states).all():
             return ()
-        m, N = self._steps, self._problem.intervals
+        m, N = self._steps, self.problem.intervals
         columns = (np.arange(N)[:, None] * m + np.arange(m + 1)).ravel()
         u = np.repeat(controls, m + 1, axis=1)
         many = np.tile(p[:, None], (1, columns.size))
@@ -154,7 +164,7 @@ class Tracer:
         self, states: Array, controls: Array, p: Array, s: Array
     ) -> tuple[float, float]:
         """Return the sums of the stage cost and of its size at the intervals' ends."""
-        problem = self._problem
+        problem = self.problem
         side = slice(0, -1) if problem.quadrature == "left" else slice(1, None)
         many = np.tile(p[:, None], (1, controls.shape[1]))
         rates = self._stage_cost(states[:, side], controls, many, s[:, side])
@@ -174,10 +184,10 @@ def first_not_finite(
     return float(times[column]), problem.model.state_names[row]
 
 
-def _fine_step(problem: OptimalControlProblem, h: float) -> ca.Function:
+def _fine_step(shooting: Shooting, h: float) -> ca.Function:
     """Return ((x, cost, |cost|), u, p, s before, s after) -> the same after h."""
+    problem, f = shooting.problem, shooting.dynamics
     model = problem.model
-    f = right_hand_side(model)
     cost = ca.Function("cost", [*problem.symbols().values()], [problem.stage_cost])
     y, u = ca.SX.sym("y", model.nx + 2), ca.SX.sym("u", model.nu)
     p = ca.SX.sym("p", model.np)

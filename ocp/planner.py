@@ -6,6 +6,7 @@ A planner is built once for a problem; planning rebuilds nothing.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -30,10 +31,12 @@ from swarmstart.ocp.family import TrajectoryFamily, space_of
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.optimality import NlpPoint
+from swarmstart.ocp.path import Tracer
 from swarmstart.ocp.polish import Polisher, PolishStatus
 from swarmstart.ocp.polish_options import PolishOptions
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_space import SearchSpace, Start
+from swarmstart.ocp.shooting import Shooting
 
 Array = NDArray[np.float64]
 WarmStart = Literal["all", "half", "one", "none"]
@@ -202,8 +205,8 @@ class Planner:
             InvalidSettingsError: If the search's population does not fit into memory.
         """
         self.problem = problem
-        self.fitness = Fitness(problem, backend=backend)
-        self._checker = Checker(problem)
+        self.fitness = Fitness(Shooting(problem), backend=backend)
+        self._checker = Checker(self.fitness.shooting)
         self.search, self.polish = search, polish
         self._space: SearchSpace | None = None
         if search is not None:
@@ -211,6 +214,11 @@ class Planner:
             # Refused here, not at the first plan.
             first_size_of(search.algorithm, self._space.box, search.budget.evaluations)
         self.polisher = Polisher(self.fitness, polish) if polish else None
+
+    @cached_property
+    def tracer(self) -> Tracer:
+        """Traces the paths of plans; compiled when first asked for."""
+        return Tracer(self.fitness.shooting, self._checker)
 
     def plan(
         self,

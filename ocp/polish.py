@@ -106,7 +106,7 @@ class Polisher:
         """
         self._options = options or IpoptOptions()
         self._fitness = fitness
-        self._program = multiple_shooting(fitness.problem)
+        self._program = multiple_shooting(fitness.shooting)
         self._far = self._near = self._built(near=False)
         if self._options.plugin == "ipopt":
             self._near = self._built(near=True)

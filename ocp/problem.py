@@ -26,6 +26,7 @@ for an initial state from the problem's own numbers (scaling.py).
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property
 from typing import Literal, cast, get_args
 
 import casadi as ca
@@ -66,7 +67,7 @@ _LARGEST_POWER = 1000
 """Of two: what is taken out of costs must itself be a number."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class OptimalControlProblem:
     """An optimal-control problem over a horizon; the initial state is an argument.
 
@@ -243,17 +244,17 @@ class OptimalControlProblem:
         lower, upper = self.bounds.states or ((), ())
         return np.asarray(lower), np.asarray(upper)
 
-    @property
+    @cached_property
     def terminal_constraints(self) -> tuple[TerminalConstraint, ...]:
         """The terminal constraints, all as such."""
         return tuple(as_terminal(c) for c in self.terminal)
 
-    @property
+    @cached_property
     def stated(self) -> tuple[Constraint, ...]:
         """The path constraints as stated, all as such."""
         return tuple(as_path(c) for c in self.constraints)
 
-    @property
+    @cached_property
     def path_constraints(self) -> tuple[Constraint, ...]:
         """The path constraints, with the state bounds as the last one."""
         lower, upper = self.state_limits
@@ -280,7 +281,7 @@ class OptimalControlProblem:
             for c in (*self.path_constraints, *self.terminal_constraints)
         ]
 
-    @property
+    @cached_property
     def automatic(self) -> int:
         """Number of rows whose scale depends on the initial state."""
         return sum(int(np.isnan(scales).sum()) for scales in self.row_scales())

@@ -13,10 +13,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.checking import Checker, Excess, Points
+from swarmstart.ocp.checking import Excess, Points
 from swarmstart.ocp.constraints import Bounds, Constraint, PathConstraint
 from swarmstart.ocp.fitness import Known, at_nodes, shared_arguments
-from swarmstart.ocp.path import signals_between
+from swarmstart.ocp.path import Tracer, signals_between
 from swarmstart.ocp.problem import OptimalControlProblem, label
 from swarmstart.ocp.separation import Connection, Separation
 from swarmstart.ocp.solution import Solution
@@ -79,7 +79,7 @@ def hurried(
 
 
 def slack_at_checks(
-    problem: OptimalControlProblem,
+    tracer: Tracer,
     solution: Solution,
     x0: ArrayLike,
     known: Known,
@@ -90,12 +90,13 @@ def slack_at_checks(
     A margin below it would change nothing.
 
     Args:
-        problem: The problem.
+        tracer: The problem's.
         solution: An answer to it.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
         times: How many times as many checks it was made with.
     """
+    problem = tracer.problem
     path, checks = solution.path, problem.intervals * problem.checks * times
     _, p, flat = shared_arguments(problem, x0, known)
     columns = np.linspace(0, path.times.size - 1, checks + 1).astype(int)[1:]
@@ -106,7 +107,7 @@ def slack_at_checks(
         path.controls[:, columns - 1],
         signals_between(problem, at_nodes(problem, flat), at),
     )
-    return Checker(problem).slack(points, p)
+    return tracer.checker.slack(points, p)
 
 
 def added(

@@ -15,6 +15,9 @@ lose NaN as fmax(e, 0) does. States, of which one that is not finite never becom
 finite again, are looked at in the end.
 """
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import casadi as ca
 import numpy as np
 
@@ -22,23 +25,164 @@ from swarmstart.ocp.constraints import Constraint, row_excess
 from swarmstart.ocp.integrators import integrate
 from swarmstart.ocp.model import right_hand_side
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.scaling import Sizing
 
 _UNROLLED = 20_000
 """Operations up to which a trajectory is one function without calls."""
 ARGUMENTS = ("controls", "x0", "parameters", "signals")
 
 
-def stage(problem: OptimalControlProblem) -> ca.Function:
-    """Return the function of one control interval.
+@dataclass(frozen=True, eq=False)
+class Shooting:
+    """The functions of one problem; each is built when first asked for, and then kept.
 
-    Args:
+    Whatever evaluates a problem takes its `Shooting`, so that all share one.
+
+    Attributes:
         problem: The problem.
+    """
 
-    Returns:
+    problem: OptimalControlProblem
+
+    @cached_property
+    def sizing(self) -> Sizing:
+        """The sizes for any initial state; see scaling.py."""
+        return Sizing(self.problem)
+
+    @cached_property
+    def dynamics(self) -> ca.Function:
+        """(x, u, p) -> x'."""
+        return right_hand_side(self.problem.model)
+
+    @cached_property
+    def costs(self) -> tuple[float, ca.SX, ca.SX]:
+        """(unit, stage cost / unit, terminal cost / unit)."""
+        return self.problem.costs()
+
+    @cached_property
+    def stage_cost(self) -> ca.Function:
+        """(x, u, p, s) -> stage cost / unit."""
+        names = self.problem.symbols().values()
+        return ca.Function("stage_cost", [*names], [self.costs[1]])
+
+    @cached_property
+    def path_values(self) -> tuple[ca.Function, ...]:
+        """(x, u, p, s) -> the expression, of each path constraint."""
+        names = [*self.problem.symbols().values()]
+        return tuple(
+            ca.Function("watched", names, [c.expression])
+            for c in self.problem.path_constraints
+        )
+
+    @cached_property
+    def rows_with_controls(self) -> tuple[list[int], ...]:
+        """The rows of each path constraint that depend on the controls."""
+        controls = self.problem.model.controls
+        return tuple(_depending(c, controls) for c in self.problem.path_constraints)
+
+    @cached_property
+    def stage(self) -> ca.Function:
+        """The function of one control interval.
+
         (x, u, p, S) -> (states, cost, violation), with p as in the module's head, the
         signals S at the nodes of the interval, shape (ns, checks + 1), and the states
         after each check, shape (nx, checks).
-    """
+        """
+        return _stage(self)
+
+    @cached_property
+    def stage_without_path(self) -> ca.Function:
+        """The stage as a rollout needs it: (x, u, p, S) -> (x after, cost, violation).
+
+        Only the last of the states.
+        """
+        whole = self.stage
+        arguments = [
+            ca.SX.sym(whole.name_in(i), *whole.size_in(i)) for i in range(whole.n_in())
+        ]
+        states, cost, violation = whole(*arguments)
+        return ca.Function(
+            "stage_without_path", arguments, ca.cse([states[:, -1], cost, violation])
+        )
+
+    @cached_property
+    def terminal(self) -> ca.Function:
+        """(x, p, s) -> (cost, violation) at the end of the horizon.
+
+        p is as in the module's head. The violation is infinite if a state is not
+        finite.
+        """
+        return _terminal(self.problem)
+
+    @cached_property
+    def rollout(self) -> ca.Function:
+        """(controls, x0, parameters, signals) -> (cost, violation)."""
+        arguments, (cost, violation) = _rolled(self)
+        violation = unless_finite(cost, violation)
+        return ca.Function(
+            "rollout",
+            arguments,
+            ca.cse([cost, violation]),
+            list(ARGUMENTS),
+            ["cost", "violation"],
+        )
+
+    @cached_property
+    def trajectory(self) -> ca.Function:
+        """(controls, x0, parameters, signals) -> (states, outside).
+
+        States are at the nodes, shape (nx, nodes); outside is by how much the start
+        breaks rows that no control enters, at the worst and in parts of their scales.
+        """
+        return _trajectory(self)
+
+    def check_step(
+        self, x: ca.SX, u: ca.SX, p: ca.SX, ends: tuple[ca.SX, ca.SX]
+    ) -> tuple[ca.SX, ca.SX]:
+        """Return the state after one check, and the integral of cost / unit over it.
+
+        Args:
+            x: State as it begins.
+            u: Controls, held.
+            p: Parameters.
+            ends: Signals at both of its ends.
+        """
+        problem, f = self.problem, self.dynamics
+        duration = problem.dt / problem.checks
+        if problem.quadrature != "integral":
+            held = integrate(
+                problem.integrator,
+                lambda _, y: f(y, u, p),
+                x,
+                start=0.0,
+                duration=duration,
+                steps=problem.substeps,
+            )
+            return held, ca.SX(0)
+        start, end = ends
+
+        def rate(t: float, y: ca.SX) -> ca.SX:
+            s = start + t / duration * (end - start)
+            return ca.vertcat(f(y[:-1], u, p), self.stage_cost(y[:-1], u, p, s))
+
+        both = integrate(
+            problem.integrator,
+            rate,
+            ca.vertcat(x, 0),
+            start=0.0,
+            duration=duration,
+            steps=problem.substeps,
+        )
+        return both[:-1], both[-1]
+
+
+def shooting_of(problem: OptimalControlProblem | Shooting) -> Shooting:
+    """Return the functions of a problem, or those that are given."""
+    return problem if isinstance(problem, Shooting) else Shooting(problem)
+
+
+def _stage(shooting: Shooting) -> ca.Function:
+    problem = shooting.problem
     model = problem.model
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     p, signals = (
@@ -46,13 +190,15 @@ def stage(problem: OptimalControlProblem) -> ca.Function:
         ca.SX.sym("s", problem.ns, problem.checks + 1),
     )
     parameters, automatic = ca.vertsplit(p, [0, model.np, p.numel()])
-    weights = row_weights(problem, automatic)
-    names = problem.symbols().values()
-    unit, unit_cost, _ = problem.costs()
-    stage_cost = ca.Function("stage_cost", [*names], [unit_cost])
+    unit, stage_cost = shooting.costs[0], shooting.stage_cost
     watched = [
-        (c, ca.Function("watched", [*names], [c.expression]), weight)
-        for c, weight in zip(problem.path_constraints, weights, strict=False)
+        *zip(
+            problem.path_constraints,
+            shooting.path_values,
+            shooting.rows_with_controls,
+            row_weights(problem, automatic)[: len(problem.path_constraints)],
+            strict=True,
+        )
     ]
 
     cost = ca.SX(0)
@@ -61,13 +207,16 @@ def stage(problem: OptimalControlProblem) -> ca.Function:
     violation, state, states = ca.SX(0), x, []
     for k in range(problem.checks):
         s0, s1 = signals[:, k], signals[:, k + 1]
-        after, spent = check_step(problem, state, u, parameters, (s0, s1))
-        for constraint, value, weight in watched:
-            ends = value(state, u, parameters, s0), value(after, u, parameters, s1)
-            excess = constraint.excess(*ends)
-            broken = path_violation(constraint, excess, weight)
-            if k == 0:
-                broken += _broken_at_start(problem, constraint, ends[0], weight)
+        after, spent = shooting.check_step(state, u, parameters, (s0, s1))
+        for constraint, value, rows, weight in watched:
+            start, end = (
+                value(state, u, parameters, s0),
+                value(after, u, parameters, s1),
+            )
+            broken = path_violation(constraint, constraint.excess(start, end), weight)
+            if k == 0 and rows:  # Those that the controls enter.
+                at_start = constraint.excess(start, start)[rows]
+                broken += path_violation(constraint, at_start, weight[rows])
             violation += broken
         cost, state = cost + spent, after
         states.append(after)
@@ -112,23 +261,9 @@ def path_violation(constraint: Constraint, excess: ca.SX, weight: ca.SX) -> ca.S
     return ca.sum1((excess + ca.fabs(excess)) * (weight / 2))
 
 
-def _broken_at_start(
-    problem: OptimalControlProblem, constraint: Constraint, value: ca.SX, weight: ca.SX
-) -> ca.SX:
-    """Return the violation, as an interval begins, of the rows that controls enter."""
-    rows = rows_with_controls(problem, constraint)
-    if not rows:
-        return ca.SX(0)
-    excess = constraint.excess(value, value)
-    return path_violation(constraint, excess[rows], weight[rows])
-
-
-def rows_with_controls(
-    problem: OptimalControlProblem, constraint: Constraint
-) -> list[int]:
+def _depending(constraint: Constraint, controls: ca.SX) -> list[int]:
     """Return the rows of a constraint that depend on the controls."""
     values = constraint.rows(constraint.expression).values
-    controls = problem.model.controls
     if not (controls.numel() and values.numel()):
         return []
     depend = ca.which_depends(values, controls, 1, True)
@@ -145,69 +280,7 @@ def infinite_unless_finite(value: ca.SX) -> ca.SX:
     return ca.if_else(ca.fabs(value) < ca.inf, 0, ca.inf)
 
 
-def stage_without_path(problem: OptimalControlProblem) -> ca.Function:
-    """Return the stage as a rollout needs it: only the last of its states.
-
-    Args:
-        problem: The problem.
-
-    Returns:
-        (x, u, p, S) -> (x after the interval, cost, violation); see `stage`.
-    """
-    whole = stage(problem)
-    arguments = [
-        ca.SX.sym(whole.name_in(i), *whole.size_in(i)) for i in range(whole.n_in())
-    ]
-    states, cost, violation = whole(*arguments)
-    return ca.Function(
-        "stage_without_path", arguments, ca.cse([states[:, -1], cost, violation])
-    )
-
-
-def check_step(
-    problem: OptimalControlProblem,
-    x: ca.SX,
-    u: ca.SX,
-    p: ca.SX,
-    ends: tuple[ca.SX, ca.SX],
-) -> tuple[ca.SX, ca.SX]:
-    """Return the state after one check, and the integral of the cost / unit over it."""
-    f = right_hand_side(problem.model)
-    duration = problem.dt / problem.checks
-    if problem.quadrature != "integral":
-        held = integrate(
-            problem.integrator,
-            lambda _, y: f(y, u, p),
-            x,
-            start=0.0,
-            duration=duration,
-            steps=problem.substeps,
-        )
-        return held, ca.SX(0)
-    names = problem.symbols().values()
-    stage_cost = ca.Function("stage_cost", [*names], [problem.costs()[1]])
-    start, end = ends
-
-    def rate(t: float, y: ca.SX) -> ca.SX:
-        s = start + t / duration * (end - start)
-        return ca.vertcat(f(y[:-1], u, p), stage_cost(y[:-1], u, p, s))
-
-    both = integrate(
-        problem.integrator,
-        rate,
-        ca.vertcat(x, 0),
-        start=0.0,
-        duration=duration,
-        steps=problem.substeps,
-    )
-    return both[:-1], both[-1]
-
-
-def terminal(problem: OptimalControlProblem) -> ca.Function:
-    """Return (x, p, s) -> (cost, violation) at the end of the horizon.
-
-    p is as in the module's head. The violation is infinite if a state is not finite.
-    """
+def _terminal(problem: OptimalControlProblem) -> ca.Function:
     symbols, count = problem.symbols(), problem.automatic
     automatic = ca.SX.sym("w", count)
     weights = row_weights(problem, automatic)[len(problem.path_constraints) :]
@@ -228,27 +301,9 @@ def terminal(problem: OptimalControlProblem) -> ca.Function:
     )
 
 
-def rollout(problem: OptimalControlProblem) -> ca.Function:
-    """Return (controls, x0, parameters, signals) -> (cost, violation)."""
-    arguments, (cost, violation) = _rolled(problem)
-    violation = unless_finite(cost, violation)
-    return ca.Function(
-        "rollout",
-        arguments,
-        ca.cse([cost, violation]),
-        list(ARGUMENTS),
-        ["cost", "violation"],
-    )
-
-
-def trajectory(problem: OptimalControlProblem) -> ca.Function:
-    """Return (controls, x0, parameters, signals) -> (states, outside).
-
-    States are at the nodes, shape (nx, nodes); outside is by how much the start breaks
-    rows that no control enters, at the worst and in parts of their scales.
-    """
+def _trajectory(shooting: Shooting) -> ca.Function:
+    problem, interval = shooting.problem, shooting.stage
     model, checks, N = problem.model, problem.checks, problem.intervals
-    interval = stage(problem)
     x, u, p, s = (ca.SX.sym(n, *interval.size_in(i)) for i, n in enumerate("xups"))
     after = interval(x, u, p, s)[0]
     step = ca.Function("step", [x, u, p, s], [after[:, -1], after])
@@ -267,7 +322,7 @@ def trajectory(problem: OptimalControlProblem) -> ca.Function:
     )
     outputs = [
         ca.horzcat(x0, states),
-        _outside(problem)(x0, parameters, signals[:, 0]),
+        _outside(shooting)(x0, parameters, signals[:, 0]),
     ]
     names = ["states", "outside"]
     whole = ca.Function("trajectory", arguments, outputs, list(ARGUMENTS), names)
@@ -276,14 +331,16 @@ def trajectory(problem: OptimalControlProblem) -> ca.Function:
     return whole.expand()  # Quicker to call, but it grows with N.
 
 
-def _outside(problem: OptimalControlProblem) -> ca.Function:
+def _outside(shooting: Shooting) -> ca.Function:
     """Return (x, p, s) -> the worst scaled excess of the rows without controls."""
+    problem = shooting.problem
     symbols, automatic = problem.symbols(), ca.SX.sym("w", problem.automatic)
     worst = ca.SX(0)
     weights = row_weights(problem, automatic)
-    for constraint, weight in zip(problem.path_constraints, weights, strict=False):
+    for constraint, weight, with_controls in zip(
+        problem.path_constraints, weights, shooting.rows_with_controls, strict=False
+    ):
         excess = row_excess(constraint.rows(constraint.expression))
-        with_controls = rows_with_controls(problem, constraint)
         for row in range(excess.numel()):
             if row not in with_controls:
                 worst = ca.fmax(worst, excess[row] * weight[row])
@@ -309,10 +366,9 @@ def _sizes(problem: OptimalControlProblem) -> tuple[int, int, int, int]:
     )
 
 
-def _rolled(
-    problem: OptimalControlProblem,
-) -> tuple[list[ca.SX], tuple[ca.SX, ca.SX]]:
+def _rolled(shooting: Shooting) -> tuple[list[ca.SX], tuple[ca.SX, ca.SX]]:
     """Return the arguments, and cost and violation as expressions of them."""
+    problem, interval = shooting.problem, shooting.stage_without_path
     model, checks = problem.model, problem.checks
     arguments = [
         ca.SX.sym(name, rows)
@@ -322,11 +378,10 @@ def _rolled(
     u = ca.reshape(controls, model.nu, problem.intervals)
     signals = ca.reshape(flat_signals, problem.ns, problem.nodes)
 
-    interval = stage_without_path(problem)
     x, cost, violation = x0, ca.SX(0), ca.SX(0)
     for k in range(problem.intervals):
         known = signals[:, k * checks : (k + 1) * checks + 1]
         x, spent, broken = interval(x, u[:, k], p, known)
         cost, violation = cost + spent, violation + broken
-    end_cost, end_violation = terminal(problem)(x, p, signals[:, -1])
+    end_cost, end_violation = shooting.terminal(x, p, signals[:, -1])
     return arguments, (cost + end_cost, violation + end_violation)

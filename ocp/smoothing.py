@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.ocp.constraints import PathConstraint, TerminalConstraint
-from swarmstart.ocp.fitness import Arguments, Known, shared_arguments
+from swarmstart.ocp.fitness import Known, at_nodes, shared_arguments
 from swarmstart.ocp.model import Model
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.shooting import Shooting, shooting_of
 
 PARTS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 """The falling delta."""
@@ -73,20 +74,22 @@ def smoothed(
 
 
 def kink_sizes(
-    problem: OptimalControlProblem, x0: ArrayLike, known: Known
+    problem: OptimalControlProblem | Shooting, x0: ArrayLike, known: Known
 ) -> list[float]:
     """Return the size of each kink around a start, one if it is zero there.
 
     Args:
-        problem: The problem; without any kink the list is empty.
+        problem: The problem, or its functions; without any kink the list is empty.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
     """
+    shooting = shooting_of(problem)
+    problem = shooting.problem
     kinked = _Kinked(problem)
     if not kinked.sides.numel_out(0):
         return []
     x, p, flat = shared_arguments(problem, x0, known)
-    sizes = Arguments(problem).sizes(x0, known)
+    sizes = shooting.sizing(x, p, at_nodes(problem, flat))
     lower, upper = problem.control_limits
     controls = [
         np.where(np.isfinite(bound), bound, sign * sizes.controls)

@@ -22,13 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.advice import Found, advice_for, stiffness
-from swarmstart.ocp.fitness import (
-    NOTHING,
-    Arguments,
-    Known,
-    at_nodes,
-    shared_arguments,
-)
+from swarmstart.ocp.fitness import NOTHING, Known, at_nodes, shared_arguments
 from swarmstart.ocp.optimality import Curvature, curvature, is_stationary
 from swarmstart.ocp.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.planner import Plan
@@ -121,7 +115,7 @@ def _ranges(names: tuple[str, ...], rows: Array) -> str:
 
 
 def verified(
-    problem: OptimalControlProblem,
+    problem: OptimalControlProblem | Tracer,
     plan: Plan,
     x0: ArrayLike,
     known: Known = NOTHING,
@@ -132,7 +126,7 @@ def verified(
     """Return a plan as a solution, integrated ten times finer.
 
     Args:
-        problem: The problem the plan was made for.
+        problem: The problem the plan was made for, or what traces its paths.
         plan: The plan.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
@@ -140,10 +134,11 @@ def verified(
         settled: Whether perturbed starts have led to nothing better: then a stationary
             point that is flat to second order is a local optimum, too.
     """
+    trace = problem if isinstance(problem, Tracer) else Tracer(problem)
+    problem = trace.problem
     state, parameters, flat = shared_arguments(problem, x0, known)
     signals = at_nodes(problem, flat)
-    sizes = Arguments(problem).sizes(x0, known, plan.controls)
-    trace = Tracer(problem)
+    sizes = trace.shooting.sizing(state, parameters, signals, plan.controls)
     path = trace(plan.controls, state, parameters, signals, sizes)
     found = _judged(problem, plan, path, sizes, tolerance=tolerance)
     if found.status is SolutionStatus.FEASIBLE and path.kinks:

@@ -144,14 +144,14 @@ def _solved(
     rng: np.random.Generator,
 ) -> Solution:
     """Plan, verify, and improve what is found."""
-    problem = planner.problem
+    tracer = planner.tracer
     try:
         with heeded():
             plan = planner.plan(x0, known=known, guess=guess, rng=rng)
     except PlanningInterrupted as stopped:
-        raise SolveInterrupted(verified(problem, stopped.partial, x0, known)) from None
+        raise SolveInterrupted(verified(tracer, stopped.partial, x0, known)) from None
     with heeded():
-        solution = verified(problem, plan, x0, known)
+        solution = verified(tracer, plan, x0, known)
     try:
         with heeded():
             answer = Answer(solution, planner, known)

@@ -30,6 +30,7 @@ from swarmstart.ocp.nlp_assembly import Mapped, derivatives_of
 from swarmstart.ocp.nlp_parts import Part, end_part, interval_part
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
+from swarmstart.ocp.shooting import Shooting, shooting_of
 
 Array = NDArray[np.float64]
 
@@ -127,13 +128,18 @@ def _part_weights(part: Part, sizes: Sizes) -> Array:
     return np.array(rows, dtype=np.float64)
 
 
-def multiple_shooting(problem: OptimalControlProblem) -> NonlinearProgram:
+def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearProgram:
     """Return the multiple-shooting NLP of a problem, with its derivatives.
 
     Args:
-        problem: The problem.
+        problem: The problem, or its functions.
     """
-    interval, end = interval_part(problem), end_part(problem)
+    shooting = shooting_of(problem)
+    problem, interval, end = (
+        shooting.problem,
+        interval_part(shooting),
+        end_part(shooting),
+    )
     mapped = Mapped(problem, interval, end)
     cost, end_cost = mapped.applied(interval.cost, end.cost)
     g, end_g = mapped.applied(interval.value, end.value)
@@ -154,7 +160,7 @@ def multiple_shooting(problem: OptimalControlProblem) -> NonlinearProgram:
         derivatives=derivatives,
         interval=interval,
         end=end,
-        unit=problem.costs()[0],
+        unit=shooting.costs[0],
     )
 
 

@@ -26,6 +26,7 @@ from swarmstart.ocp import (
     TrajectoryFamily,
 )
 from swarmstart.ocp.family import FamilySpace
+from swarmstart.ocp.fitness import Fitness
 
 Array = NDArray[np.float64]
 HORIZON, INTERVALS, CHECKS = 4.0, 8, 2
@@ -75,6 +76,11 @@ def family(problem: OptimalControlProblem) -> TrajectoryFamily:
     )
 
 
+def members(problem: OptimalControlProblem, family: TrajectoryFamily) -> FamilySpace:
+    """Return the members of a family as what a population searches."""
+    return FamilySpace(Fitness(problem, backend="casadi"), family)
+
+
 def value(space: FamilySpace, c: float) -> tuple[float, float]:
     cost, violation = space.objective(X0, Known())(np.array([[c]]))
     return float(cost[0]), float(violation[0])
@@ -89,7 +95,7 @@ def test_cost_and_violation_are_the_problems_on_the_curve(
         for t in problem.times
     ]
     squares = [float(u @ u) for _, u in points]
-    cost, violation = value(FamilySpace(problem, family), c)
+    cost, violation = value(members(problem, family), c)
     assert cost == pytest.approx(np.trapezoid(squares, problem.times), rel=1e-12)
     centre = np.array([2.0, 0.3])
     near = [max(1.0 - float(np.hypot(*(x[:2] - centre))), 0.0) for x, _ in points[1:]]
@@ -102,7 +108,7 @@ def test_first_and_last_node_weigh_half(
 ) -> None:
     """The curve rests at both ends: its own cost does not show their weights."""
     steady = replace(problem, stage_cost=ca.SX(3))
-    cost, _ = value(FamilySpace(steady, family), 1.0)
+    cost, _ = value(members(steady, family), 1.0)
     assert cost == pytest.approx(3 * HORIZON, rel=1e-14)
 
 
@@ -114,14 +120,14 @@ def test_controls_out_of_their_bounds_count_in_parts_of_the_range(
         np.maximum(np.abs(np.array(curve(ca.DM(1.0), float(t))[1])) - 0.5, 0).sum()
         for t in problem.times
     ]
-    _, violation = value(FamilySpace(tight, family), 1.0)
+    _, violation = value(members(tight, family), 1.0)
     assert violation == pytest.approx(sum(over) / 1.0, rel=1e-12)
 
 
 def test_a_member_is_decoded_to_states_and_mean_controls(
     problem: OptimalControlProblem, family: TrajectoryFamily
 ) -> None:
-    start = FamilySpace(problem, family).decoded(np.array([1.0]), X0, Known())
+    start = members(problem, family).decoded(np.array([1.0]), X0, Known())
     states, controls = family.trajectory(1.0, X0, [])
     assert start.states is not None
     np.testing.assert_array_equal(start.states, np.array(states))
@@ -168,7 +174,7 @@ def test_refuses_what_does_not_fit(
         box=Box(lower=np.zeros(2), upper=np.ones(2)), trajectory=family.trajectory
     )
     with pytest.raises(InvalidProblemError, match="a family must map coefficients"):
-        FamilySpace(problem, wrong)
+        members(problem, wrong)
     planner = Planner(problem, search=settings(), family=family)
     guess = np.zeros((2, INTERVALS))
     with pytest.raises(InvalidProblemError, match="takes no guess of controls"):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swarmstart.ocp import Fitness, InvalidProblemError, Known, OptimalControlProblem
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.fitness import flatten, unflatten
-from swarmstart.ocp.shooting import rollout
+from swarmstart.ocp.shooting import Shooting
 
 Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]
@@ -91,7 +91,7 @@ def test_initial_state_is_copied(crossing: Posed, crossing_fitness: Fitness) -> 
 
 def test_compiled_map_is_the_function(crossing: Posed) -> None:
     problem, x0, known = crossing
-    function = rollout(problem)
+    function = Shooting(problem).rollout
     shared = (x0, np.empty(0), flatten(np.asarray(known.signals)))
     evaluate = CasadiMap(function).bind(shared)
     population = population_of(3)
@@ -107,7 +107,7 @@ def test_backend_agrees_with_casadis_own_evaluation(
 ) -> None:
     """Whatever it is; they may differ by the rounding of sin and cos."""
     problem, x0, known = crossing
-    function = rollout(problem)
+    function = Shooting(problem).rollout
     population = population_of(50)
     shared = (x0, np.empty(0), flatten(np.asarray(known.signals)))
     expected = [

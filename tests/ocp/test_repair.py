@@ -29,6 +29,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.checking import Excess
 from swarmstart.ocp.fitness import NOTHING
+from swarmstart.ocp.path import Tracer
 from swarmstart.ocp.repair import (
     added,
     at_points,
@@ -183,9 +184,9 @@ def test_margin_begins_where_the_checks_are() -> None:
     problem = moving(disc(X, centre=[2.5, 0.0], radius=0.2))
     answer = evaluated(problem, [0.0] * 4)
     for times, room in ((1, 0.3), (2, -0.2)):
-        slack = slack_at_checks(problem, answer, [0, 0], NOTHING, times)
+        slack = slack_at_checks(Tracer(problem), answer, [0, 0], NOTHING, times)
         assert slack[0, 0] == pytest.approx(room)
-    slack = slack_at_checks(problem, answer, [0, 0], NOTHING, 1)
+    slack = slack_at_checks(Tracer(problem), answer, [0, 0], NOTHING, 1)
     (found,) = needed(problem, answer, [0, 0], NOTHING)
     (wanted,) = added({}, [found], slack, 1.0).values()
     assert wanted.amount == pytest.approx(0.3 + 0.2)
@@ -202,7 +203,7 @@ def test_slack_is_that_at_the_checks_the_start_left_out(
     )
     problem = moving(near)
     answer = evaluated(problem, [0.0] * 4)
-    slack = slack_at_checks(problem, answer, [0, 0], NOTHING, times)
+    slack = slack_at_checks(Tracer(problem), answer, [0, 0], NOTHING, times)
     assert slack[0, 0] == pytest.approx(0, abs=1e-12)
 
 

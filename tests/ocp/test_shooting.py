@@ -20,7 +20,7 @@ from swarmstart.ocp import (
     TerminalConstraint,
 )
 from swarmstart.ocp.fitness import flatten
-from swarmstart.ocp.shooting import rollout, trajectory
+from swarmstart.ocp.shooting import Shooting
 
 Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]
@@ -140,7 +140,7 @@ def test_summed_cost_is_taken_at_one_end_of_each_interval(
     controls = np.array([1.0, 2.0, 3.0])
     ends = slice(first, first + 3)
     expected = 0.5 * np.sum(states[ends] * controls + signals[ends])
-    cost, _ = rollout(problem)(controls, 1.0, [], signals)
+    cost, _ = Shooting(problem).rollout(controls, 1.0, [], signals)
     assert float(cost) == pytest.approx(expected, rel=1e-14)
 
 
@@ -199,9 +199,14 @@ def test_arguments_are_column_after_column(crossing: Posed) -> None:
     problem, x0, known = crossing
     controls = np.random.default_rng(1).normal(size=(2, 3))
     signals = flatten(np.asarray(known.signals))
-    found, outside = trajectory(problem)(controls.T.ravel(), x0, [], signals)
+    found, outside = Shooting(problem).trajectory(controls.T.ravel(), x0, [], signals)
     states = np.array(found)
     assert float(outside) == 0
     assert states.shape == (4, problem.nodes)
     np.testing.assert_allclose(states[0, 2::2], 10 + np.cumsum(controls[0]), rtol=1e-13)
-    assert rollout(problem).name_in() == ["controls", "x0", "parameters", "signals"]
+    assert Shooting(problem).rollout.name_in() == [
+        "controls",
+        "x0",
+        "parameters",
+        "signals",
+    ]

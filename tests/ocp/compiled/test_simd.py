@@ -23,7 +23,7 @@ from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat, compile_rollout, split
 from swarmstart.ocp.compiled.simplification import repeated_functions, simplified
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.shooting import rollout, stage_without_path, terminal
+from swarmstart.ocp.shooting import Shooting
 from swarmstart.tape import read_tape
 
 Array = NDArray[np.float64]
@@ -276,8 +276,8 @@ def compiled_rollout(
     problem: OptimalControlProblem, precision: Precision = "double"
 ) -> SimdBatch:
     return compile_rollout(
-        stage_without_path(problem),
-        terminal(problem),
+        Shooting(problem).stage_without_path,
+        Shooting(problem).terminal,
         intervals=problem.intervals,
         signals_per_interval=problem.ns * problem.checks,
         precision=precision,
@@ -295,7 +295,7 @@ def assert_rolled_is_unrolled(
     They differ by rounding, and by the 2 ulp of sin and cos.
     """
     got = compiled_rollout(problem).bind(shared)(population)
-    want = CasadiMap(rollout(problem)).bind(shared)(population)
+    want = CasadiMap(Shooting(problem).rollout).bind(shared)(population)
     np.testing.assert_allclose(got, want, rtol=tolerance, atol=tolerance)
 
 
@@ -389,7 +389,7 @@ def test_one_kernel_serves_every_state_and_parameter(
     damped: Model, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     problem = posed(damped, signals=1)
-    kernel, mapped = compiled_rollout(problem), CasadiMap(rollout(problem))
+    kernel, mapped = compiled_rollout(problem), CasadiMap(Shooting(problem).rollout)
     monkeypatch.delattr(simd, "translate")
     monkeypatch.delattr(simd, "link")
     rng = np.random.default_rng(1)
@@ -444,7 +444,7 @@ def unicycle_answers(
     """Return what machine code and CasADi compute."""
     shared = (np.array(x0), np.empty(0), np.empty(0))
     got = compiled_rollout(problem).bind(shared)(population)
-    return got, CasadiMap(rollout(problem)).bind(shared)(population)
+    return got, CasadiMap(Shooting(problem).rollout).bind(shared)(population)
 
 
 @pytest.mark.parametrize("heading", [0.0, -0.4, 1e6, 2.0**30, 1e12, -1e12])
@@ -483,14 +483,14 @@ def test_stage_of_a_turning_unicycle_computes_one_angle_less(
     turning: OptimalControlProblem,
 ) -> None:
     """At the beginning, in the middle and at the end; the last is the next's first."""
-    stage = simplified(read_tape(stage_without_path(turning)))
+    stage = simplified(read_tape(Shooting(turning).stage_without_path))
     sines = [node for node in stage.nodes if node.operation == "sin"]
     carried = repeated_functions(stage)
     assert len(sines) == 3
     assert sorted(stage.nodes[now].operation for _, now, _ in carried) == ["cos", "sin"]
     roll = Roll(
         stage=stage,
-        end=read_tape(terminal(turning)),
+        end=read_tape(Shooting(turning).terminal),
         intervals=turning.intervals,
         signals_per_interval=0,
     )
