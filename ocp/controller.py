@@ -13,7 +13,7 @@ plan can stall: one that never was feasible is then repeated for ever.)
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
@@ -207,14 +207,15 @@ class RecedingHorizon:
             known: Parameters and signals of the plan.
         """
         shifted = self.planner.evaluated(
-            again, state, known=known, source=Source.SHIFTED
-        )
-        found, last = (plan.cost, plan.violation), (shifted.cost, shifted.violation)
-        if is_better(found, last, tolerance=self.planner.problem.tolerance):
-            return plan
-        return replace(
-            shifted,
+            again,
+            state,
+            known=known,
+            source=Source.SHIFTED,
             search=plan.search,
             evaluations=plan.evaluations,
             polish_status=plan.polish_status,
         )
+        found, last = (plan.cost, plan.violation), (shifted.cost, shifted.violation)
+        if is_better(found, last, tolerance=self.planner.problem.tolerance):
+            return plan
+        return shifted

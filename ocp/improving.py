@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.ocp.checking import Excess
 from swarmstart.ocp.fitness import Known
+from swarmstart.ocp.optimality import NlpPoint
 from swarmstart.ocp.perturbation import settled
 from swarmstart.ocp.planner import Plan, Planner, SearchSettings
 from swarmstart.ocp.polish import is_better
@@ -78,9 +79,7 @@ def settled_answer(
     states = used.fitness.states(solution.controls, x0, given)
     plan = replace(solution.plan, states=states)
     plan, is_settled = settled(used, plan, x0, given, rng=rng)
-    plan = replace(
-        _judged_by(planner, plan, solution, x0, known), evaluations=plan.evaluations
-    )
+    plan = _judged_by(planner, plan, x0, known, point=plan.point)
     found = verified(planner.tracer, plan, x0, known, settled=is_settled)
     # A descent that the finer path does not confirm is none.
     return found if found.status.is_confirmed else solution
@@ -115,9 +114,9 @@ def followed_down(
         )
         near = part < PARTS[0]
         plan = other.plan(x0, known=known, guess=at.controls, near=near, rng=rng)
-        plan = _judged_by(planner, plan, at, x0, known)
         # Stationary for the rounded problem only.
-        at = verified(planner.tracer, replace(plan, point=None), x0, known)
+        plan = _judged_by(planner, plan, x0, known, before=at, point=None)
+        at = verified(planner.tracer, plan, x0, known)
         best = at if _is_better_answer(at, best) else best
     return best
 
@@ -155,7 +154,7 @@ def repaired(
             backend=planner.fitness.backend,
         )
         plan = other.plan(x0, known=given, guess=at.controls, rng=rng)
-        judged = _judged_by(planner, plan, at, x0, known)
+        judged = _judged_by(planner, plan, x0, known, before=at, point=plan.point)
         return Answer(verified(planner.tracer, judged, x0, known), other, given)
 
     if by_points:
@@ -209,21 +208,26 @@ def _worth_repairing(solution: Solution, by_points: bool) -> bool:
 def _judged_by(
     planner: Planner,
     plan: Plan,
-    before: Solution,
     x0: ArrayLike,
     known: Known,
+    *,
+    before: Solution | None = None,
+    point: NlpPoint | None,
 ) -> Plan:
     """Return a plan made for a changed problem as one of the planner's problem.
 
-    It goes on from an answer before it: the evaluations of both count.
+    It goes on from an answer before it: the evaluations of both count. None means that
+    the plan already counts them.
     """
-    judged = planner.evaluated(plan.controls, x0, known=known, source=plan.source)
-    return replace(
-        judged,
-        search=before.plan.search,
-        evaluations=before.plan.evaluations + plan.evaluations,
+    return planner.evaluated(
+        plan.controls,
+        x0,
+        known=known,
+        source=plan.source,
+        search=before.plan.search if before else plan.search,
+        evaluations=plan.evaluations + (before.plan.evaluations if before else 0),
         polish_status=plan.polish_status,
-        point=plan.point,
+        point=point,
     )
 
 

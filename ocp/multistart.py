@@ -1,7 +1,6 @@
 """The local solver from random starts, again and again: the usual rival of a search."""
 
 import time as clock
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -84,7 +83,12 @@ def multistart(
 def _planned(
     planner: Planner, best: Polished, evaluations: int, x0: ArrayLike, known: Known
 ) -> Plan:
-    plan = planner.evaluated(best.controls, x0, known=known, source=Source.POLISH)
-    return replace(
-        plan, evaluations=evaluations, polish_status=best.status, point=best.point
+    return planner.evaluated(
+        best.controls,
+        x0,
+        known=known,
+        source=Source.POLISH,
+        evaluations=evaluations,
+        polish_status=best.status,
+        point=best.point,
     )

@@ -48,16 +48,18 @@ def settled(
         if bent is Curvature.POSITIVE:
             return plan, True
         better, evaluations = _descended(fitness, polisher, plan, x0, known, rng)
-        plan = replace(plan, evaluations=plan.evaluations + evaluations)
+        evaluations += plan.evaluations
         if better is None:
+            plan = replace(plan, evaluations=evaluations)
             return plan, bent is not Curvature.NEGATIVE
-        plan = replace(
-            plan,
-            controls=better.controls,
-            states=fitness.states(better.controls, x0, known),
-            cost=better.cost,
-            violation=better.violation,
+        plan = planner.evaluated(
+            better.controls,
+            x0,
+            known=known,
+            value=(better.cost, better.violation),
             source=Source.POLISH,
+            search=plan.search,
+            evaluations=evaluations,
             polish_status=better.status,
             point=better.point,
         )

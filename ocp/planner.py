@@ -4,10 +4,10 @@ A planner is built once for a problem; planning rebuilds nothing.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Literal, TypedDict, Unpack, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -153,6 +153,15 @@ class Plan:
         )
 
 
+class Account(TypedDict, total=False):
+    """What a plan took, as in Plan; all of it may be left out."""
+
+    search: SearchReport
+    evaluations: int
+    polish_status: PolishStatus | None
+    point: NlpPoint | None
+
+
 class PlanningInterrupted(KeyboardInterrupt):
     """Ctrl-C while planning.
 
@@ -273,15 +282,12 @@ class Planner:
                 )
         except KeyboardInterrupt:
             raise PlanningInterrupted(plan) from None
-        best = self._plan(
+        return self.evaluated(
             polished.controls,
             x0,
-            known,
+            known=known,
             value=(polished.cost, polished.violation),
             source=Source.POLISH if polished.improved else plan.source,
-        )
-        return replace(
-            best,
             search=plan.search,
             evaluations=plan.evaluations + evaluations,
             polish_status=polished.status,
@@ -295,6 +301,8 @@ class Planner:
         *,
         known: Known = NOTHING,
         source: Source,
+        value: tuple[float, float] | None = None,
+        **account: Unpack[Account],
     ) -> Plan:
         """Return given controls as a plan, evaluated but neither searched nor polished.
 
@@ -303,9 +311,21 @@ class Planner:
             x0: Initial state, shape (nx,).
             known: Parameters and signals.
             source: Where the controls come from.
+            value: Their cost and violation; None means that they are to be found.
+            account: What it took to find the controls, as in Plan.
         """
-        value = self.fitness.value(controls, x0, known)
-        return self._plan(controls, x0, known, value=value, source=source)
+        cost, violation = value or self.fitness.value(controls, x0, known)
+        states, outside = self.fitness.followed(controls, x0, known)
+        return Plan(
+            controls=controls,
+            states=states,
+            cost=cost,
+            violation=violation,
+            feasible=bool(violation <= self.problem.tolerance and np.isfinite(cost)),
+            source=source,
+            start_excess=outside if outside > self.problem.tolerance else 0.0,
+            **account,
+        )
 
     def _searched(
         self,
@@ -338,14 +358,20 @@ class Planner:
             )
         except SearchInterrupted as stopped:
             start = space.decoded(stopped.partial.x, x0, known)
-            plan = self.evaluated(start.controls, x0, known=known, source=Source.SEARCH)
-            raise PlanningInterrupted(
-                replace(plan, evaluations=stopped.partial.evaluations)
-            ) from None
+            plan = self.evaluated(
+                start.controls,
+                x0,
+                known=known,
+                source=Source.SEARCH,
+                evaluations=stopped.partial.evaluations,
+            )
+            raise PlanningInterrupted(plan) from None
         starts = [space.decoded(x, x0, known) for x in points(result)]
-        plan = self.evaluated(starts[0].controls, x0, known=known, source=Source.SEARCH)
-        searched = replace(
-            plan,
+        plan = self.evaluated(
+            starts[0].controls,
+            x0,
+            known=known,
+            source=Source.SEARCH,
             search=SearchReport(
                 result.cost,
                 result.violation,
@@ -354,29 +380,7 @@ class Planner:
             ),
             evaluations=result.evaluations,
         )
-        return searched, starts
-
-    def _plan(
-        self,
-        controls: Array,
-        x0: ArrayLike,
-        known: Known,
-        *,
-        value: tuple[float, float],
-        source: Source,
-    ) -> Plan:
-        """Return controls (nu, N) of a known value as a plan."""
-        cost, violation = value
-        states, outside = self.fitness.followed(controls, x0, known)
-        return Plan(
-            controls=controls,
-            states=states,
-            cost=cost,
-            violation=violation,
-            feasible=bool(violation <= self.problem.tolerance and np.isfinite(cost)),
-            source=source,
-            start_excess=outside if outside > self.problem.tolerance else 0.0,
-        )
+        return plan, starts
 
     def outside(self, x0: ArrayLike, known: Known = NOTHING) -> list[Excess]:
         """Return what an initial state breaks that no control can keep, worst first.
