@@ -39,7 +39,7 @@ from swarmstart.benchmarks.tables import (
     row,
 )
 from swarmstart.benchmarks.timing import Timing
-from swarmstart.ocp.polish import PolishStatus
+from swarmstart.ocp.polish_options import PolishStatus
 
 FASTER = "How many times faster ours is; skipped: pygmo is not installed here."
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")

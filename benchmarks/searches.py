@@ -44,8 +44,7 @@ from swarmstart.heuristics import (
 )
 from swarmstart.ocp import Plan, Planner, SearchSettings
 from swarmstart.ocp.fitness import Fitness, Known, Objective
-from swarmstart.ocp.polish import PolishStatus
-from swarmstart.ocp.polish_options import IpoptOptions
+from swarmstart.ocp.polish_options import IpoptOptions, PolishStatus
 
 Array = NDArray[np.float64]
 

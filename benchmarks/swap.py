@@ -24,8 +24,7 @@ from swarmstart.cases.kinds.planar import POSITION
 from swarmstart.cases.kinds.transfer.pose import TransferFlight, pose
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 from swarmstart.ocp import Fitness, IpoptOptions, Known, Polisher, zero_controls
-from swarmstart.ocp.family import FamilySpace
-from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.search_space import FamilySpace, Start
 
 Array = NDArray[np.float64]
 NOISES_M = (1e-3, 1.0)

@@ -11,31 +11,38 @@ from swarmstart.ocp.constraints import (
     Rows,
     TerminalConstraint,
 )
-from swarmstart.ocp.controller import Controller, Decision, Mode, RecedingHorizon
+from swarmstart.ocp.controller import (
+    Controller,
+    Decision,
+    Mode,
+    OpenLoop,
+    RecedingHorizon,
+)
 from swarmstart.ocp.dense_output import DenseOutput, interpolate
 from swarmstart.ocp.distances import largest_distance, smallest_distance
 from swarmstart.ocp.dual_mode import DualMode, UncertifiedSetError
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
-from swarmstart.ocp.family import TrajectoryFamily
 from swarmstart.ocp.fitness import Fitness, Known
 from swarmstart.ocp.guess import shifted_controls, zero_controls
 from swarmstart.ocp.integrators import INTEGRATORS, held_step
 from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.multistart import multistart
-from swarmstart.ocp.open_loop import OpenLoop
 from swarmstart.ocp.planner import (
     Plan,
     Planner,
     SearchReport,
-    SearchSettings,
     Source,
+)
+from swarmstart.ocp.polish import Polished, Polisher
+from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions, PolishStatus
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.search_space import (
+    SearchSettings,
+    Start,
+    TrajectoryFamily,
     WarmStart,
 )
-from swarmstart.ocp.polish import Polished, Polisher, PolishStatus
-from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions
-from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.search_space import Start
 from swarmstart.ocp.separation import Connection, Separation, disc
 from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.solving import SolveInterrupted, solve

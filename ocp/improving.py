@@ -5,6 +5,11 @@
     followed_down   solved again with its kinks rounded, less and less
 
 Each judges by the user's own problem, and keeps the better answer.
+
+Perturbed starts say whether a stationary point is a local optimum if its curvature is
+flat: the controls are moved a little, at random, and polished again. If that leads
+down, the point was none, and the better one is taken; if twenty starts do not, it is
+called a local optimum.
 """
 
 from dataclasses import replace
@@ -14,11 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.ocp.checking import Excess
-from swarmstart.ocp.fitness import Known
-from swarmstart.ocp.optimality import NlpPoint
-from swarmstart.ocp.perturbation import settled
-from swarmstart.ocp.planner import Plan, Planner, SearchSettings
-from swarmstart.ocp.polish import is_better
+from swarmstart.ocp.fitness import Fitness, Known
+from swarmstart.ocp.optimality import Curvature, NlpPoint, curvature
+from swarmstart.ocp.planner import Plan, Planner, Source
+from swarmstart.ocp.polish import SAME_COST, Polished, Polisher, is_better
+from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.repair import (
     ATTEMPTS,
@@ -34,12 +39,18 @@ from swarmstart.ocp.repair import (
     tightened,
     with_more_checks,
 )
+from swarmstart.ocp.search_space import SearchSettings
 from swarmstart.ocp.smoothing import PARTS, kink_sizes, smoothed
 from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.status import SolutionStatus
 
 _REPAIR_SHARE, _FEWEST = 0.1, 400
 """Part of a search's budget that an attempt to repair has, and evaluations at least."""
+STARTS = 20
+ROUNDS = 3
+"""Times that a better point is taken before it is left undecided."""
+_SMALLEST, _LARGEST = 1e-3, 1e-1
+"""Sizes of the moves, in parts of the controls' sizes; drawn log-uniformly."""
 
 
 class Answer(NamedTuple):
@@ -83,6 +94,72 @@ def settled_answer(
     found = verified(planner.tracer, plan, x0, known, settled=is_settled)
     # A descent that the finer path does not confirm is none.
     return found if found.status.is_confirmed else solution
+
+
+def settled(
+    planner: Planner,
+    plan: Plan,
+    x0: ArrayLike,
+    known: Known,
+    *,
+    rng: np.random.Generator,
+) -> tuple[Plan, bool]:
+    """Return a plan from which no perturbed start leads down, and whether that is so.
+
+    Args:
+        planner: The planner whose polish ended there.
+        plan: A stationary point.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        rng: Source of all randomness.
+    """
+    polisher, fitness = planner.polisher, planner.fitness
+    for _ in range(ROUNDS):
+        if plan.point is None or polisher is None:
+            return plan, False
+        bent = curvature(plan.point)
+        if bent is Curvature.POSITIVE:
+            return plan, True
+        better, evaluations = _descended(fitness, polisher, plan, x0, known, rng)
+        evaluations += plan.evaluations
+        if better is None:
+            plan = replace(plan, evaluations=evaluations)
+            return plan, bent is not Curvature.NEGATIVE
+        plan = planner.evaluated(
+            better.controls,
+            x0,
+            known=known,
+            value=(better.cost, better.violation),
+            source=Source.POLISH,
+            search=plan.search,
+            evaluations=evaluations,
+            polish_status=better.status,
+            point=better.point,
+        )
+    return plan, False
+
+
+def _descended(
+    fitness: Fitness,
+    polisher: Polisher,
+    plan: Plan,
+    x0: ArrayLike,
+    known: Known,
+    rng: np.random.Generator,
+) -> tuple[Polished | None, int]:
+    """Return the first answer from a perturbed start that is better, and the effort."""
+    sizes = fitness.arguments.sizes_along(plan.controls, plan.states, x0, known)
+    evaluations = 0
+    for _ in range(STARTS):
+        part = np.exp(rng.uniform(np.log(_SMALLEST), np.log(_LARGEST)))
+        move = part * sizes.controls[:, None] * rng.standard_normal(plan.controls.shape)
+        found = polisher(plan.controls + move, x0, known, near=True)
+        evaluations += found.evaluations
+        falls = plan.cost - found.cost > SAME_COST * max(abs(plan.cost), sizes.cost)
+        feasible = found.violation <= fitness.problem.tolerance
+        if feasible and falls and found.status is PolishStatus.CONVERGED:
+            return found, evaluations
+    return None, evaluations
 
 
 def followed_down(

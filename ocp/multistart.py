@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike
 
 from swarmstart.heuristics import Budget
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.family import TrajectoryFamily, space_of
 from swarmstart.ocp.fitness import NOTHING, Known
 from swarmstart.ocp.planner import Plan, Planner, PlanningInterrupted, Source
 from swarmstart.ocp.polish import Polished, is_better
+from swarmstart.ocp.search_space import TrajectoryFamily, space_of
 
 
 def multistart(

@@ -6,14 +6,54 @@ Hessian are evaluated by one mapped function and their numbers put in their plac
 that the time to build them does not grow with the number of intervals.
 """
 
+from typing import NamedTuple
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.nlp_parts import Part
 from swarmstart.ocp.problem import OptimalControlProblem
 
+Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+class LimitedRows(NamedTuple):
+    """Rows with limits and where they come from.
+
+    Attributes:
+        values: Shape (m, 1).
+        lower: Shape (m,).
+        upper: Shape (m,).
+        places: Of each row: number of its constraint among path and terminal
+            constraints, and its row there.
+    """
+
+    values: ca.SX
+    lower: Array
+    upper: Array
+    places: list[tuple[int, int]]
+
+
+class Part(NamedTuple):
+    """A part of the NLP with its derivatives by its own variables z.
+
+    Attributes:
+        cost: (z, shared, s) -> cost.
+        value: (z, shared, s) -> g.
+        cost_slope: (z, shared, s) -> (cost, its gradient).
+        slopes: (z, shared, s) -> (g, its Jacobian).
+        curvature: (z, shared, s, lam_f, lam_g) -> upper triangle of the Hessian of
+            lam_f cost + lam_g' g.
+        rows: The rows with limits among g, the last ones.
+    """
+
+    cost: ca.Function
+    value: ca.Function
+    cost_slope: ca.Function
+    slopes: ca.Function
+    curvature: ca.Function
+    rows: LimitedRows
 
 
 def argument_sizes(

@@ -30,8 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.fitness import at_nodes
-from swarmstart.ocp.nlp_assembly import argument_sizes
-from swarmstart.ocp.nlp_parts import Part
+from swarmstart.ocp.nlp_assembly import Part, argument_sizes
 from swarmstart.ocp.transcription import Limits, NonlinearProgram
 
 Array = NDArray[np.float64]

@@ -7,39 +7,38 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
-from typing import Literal, TypedDict, Unpack, get_args
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics import (
-    Algorithm,
-    Budget,
-    Initial,
-    Order,
-    Sampling,
     SearchInterrupted,
     default_order,
     minimize,
 )
 from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.heuristics.interrupts import heeded
-from swarmstart.ocp.basins import points, polish_basins
 from swarmstart.ocp.checking import Checker, Excess
-from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.family import TrajectoryFamily, space_of
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.optimality import NlpPoint
 from swarmstart.ocp.path import Tracer
-from swarmstart.ocp.polish import Polisher, PolishStatus
-from swarmstart.ocp.polish_options import PolishOptions
+from swarmstart.ocp.polish import Polisher, polish_basins
+from swarmstart.ocp.polish_options import PolishOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.search_space import SearchSpace, Start
+from swarmstart.ocp.search_space import (
+    SearchSettings,
+    SearchSpace,
+    Start,
+    TrajectoryFamily,
+    first_population,
+    points,
+    space_of,
+)
 from swarmstart.ocp.shooting import Shooting
 
 Array = NDArray[np.float64]
-WarmStart = Literal["all", "half", "one", "none"]
 
 
 class Source(Enum):
@@ -50,45 +49,6 @@ class Source(Enum):
     POLISH = "the polish"
     SHIFTED = "the last plan, shifted, since no feasible one was found"
     LINEAR = "the linear law of the terminal set"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class SearchSettings:
-    """A population search on one planning problem.
-
-    Attributes:
-        algorithm: Settings of an algorithm of `swarmstart.heuristics`.
-        budget: What one planning problem may cost.
-        order: How two individuals are ordered; None: `heuristics.default_order`, with
-            the problem's tolerance.
-        warm_start: How much of the first population is the guess: "all", "half", "one"
-            individual or "none" of it; the rest is drawn at random.
-        sampling: How it is drawn, as in `heuristics.Initial`.
-        basins: How many of the best distinct basins are kept for the polish, which
-            starts from each of them besides the best point; 0: from that alone.
-        radius: Least distance of two basins, a fraction of the bounds' widths.
-    """
-
-    algorithm: Algorithm
-    budget: Budget
-    order: Order | None = None
-    warm_start: WarmStart = "one"
-    sampling: Sampling | None = None
-    basins: int = 0
-    radius: float = 0.1
-
-    def __post_init__(self) -> None:
-        """Refuse an unknown kind of warm start."""
-        if self.warm_start not in get_args(WarmStart):
-            raise InvalidProblemError(
-                f"warm_start must be one of {', '.join(get_args(WarmStart))}, "
-                f"got {self.warm_start!r}"
-            )
-        if self.basins < 0 or not self.radius > 0:
-            raise InvalidProblemError(
-                "basins must be at least 0 and radius above 0, "
-                f"got {self.basins} and {self.radius}"
-            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -351,7 +311,7 @@ class Planner:
                 algorithm=search.algorithm,
                 budget=search.budget,
                 order=search.order or default_order(self.problem.tolerance),
-                initial=_first_population(search, space, guess, first),
+                initial=first_population(search, space, guess, first),
                 basins=search.basins if self.polisher else 0,
                 radius=search.radius,
                 rng=rng,
@@ -399,20 +359,3 @@ class Planner:
             flat[: problem.ns],
             lambda: self.fitness.arguments.sizes(x0, known),
         )
-
-
-def _first_population(
-    search: SearchSettings,
-    space: SearchSpace,
-    guess: Array | None,
-    first: Sequence[Array],
-) -> Initial:
-    """Return how the first population is made: candidates, guesses, the rest drawn."""
-    size = first_size_of(search.algorithm, space.box, search.budget.evaluations)
-    given = [space.encoded(controls) for controls in first]
-    if guess is not None and search.warm_start != "none":
-        copies = {"all": size - len(given), "half": size // 2, "one": 1}
-        given += [space.encoded(guess)] * copies[search.warm_start]
-    if not given:
-        return Initial(sampling=search.sampling)
-    return Initial(sampling=search.sampling, points=np.stack(given[:size], axis=1))

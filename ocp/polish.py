@@ -10,11 +10,14 @@ From a good start, one that is feasible to 1e-3 and comes from a search or an ea
 answer, IPOPT begins with a small barrier and small pushes: with its defaults it moves
 away from what it is given before it comes back, if it does. What does not converge so
 is tried once more with the defaults.
+
+A search's best point need not lie in the basin of the best local optimum: the search's
+archive (`heuristics/archive.py`) keeps the best points that are apart in the box, and
+each is a guess for the NLP solver.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Any
 
 import casadi as ca
@@ -26,8 +29,14 @@ from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls
 from swarmstart.ocp.optimality import NlpPoint, is_stationary
-from swarmstart.ocp.polish_options import IpoptOptions, PolishOptions
+from swarmstart.ocp.polish_options import (
+    IPOPT_STATUS,
+    IpoptOptions,
+    PolishOptions,
+    PolishStatus,
+)
 from swarmstart.ocp.scaling import Sizes
+from swarmstart.ocp.search_space import Start
 from swarmstart.ocp.transcription import multiple_shooting
 
 Array = NDArray[np.float64]
@@ -37,26 +46,6 @@ GOOD_START = 1e-3
 """Largest violation of a start that is near enough to be kept near."""
 _STEEP = 1e3
 """What the cost is at its own size, in the NLP's numbers."""
-
-
-class PolishStatus(Enum):
-    """How an NLP solver ended."""
-
-    CONVERGED = "converged to a local optimum"
-    ITERATION_LIMIT = "stopped at the limit of iterations or time"
-    INFEASIBLE = "found no feasible point near the guess"
-    NUMERICAL_FAILURE = "broke off for a numerical reason"
-    WORSE = "converged to a point that is worse than the guess"
-
-
-_IPOPT_STATUS = {
-    "Solve_Succeeded": PolishStatus.CONVERGED,
-    "Solved_To_Acceptable_Level": PolishStatus.CONVERGED,
-    "Maximum_Iterations_Exceeded": PolishStatus.ITERATION_LIMIT,
-    "Maximum_CpuTime_Exceeded": PolishStatus.ITERATION_LIMIT,
-    "Maximum_WallTime_Exceeded": PolishStatus.ITERATION_LIMIT,
-    "Infeasible_Problem_Detected": PolishStatus.INFEASIBLE,
-}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -214,7 +203,7 @@ class Polisher:
     def _judged(self, stats: Mapping[str, Any], point: NlpPoint) -> PolishStatus:
         """Return how the solver ended; of a solver other than IPOPT, by its answer."""
         if self._options.plugin == "ipopt":
-            return _IPOPT_STATUS.get(
+            return IPOPT_STATUS.get(
                 str(stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
             )
         if is_stationary(point):
@@ -269,6 +258,44 @@ class Polisher:
         """
         sizes = self._fitness.arguments.sizes_along(controls, states, x0, known)
         return replace(sizes, cost=sizes.cost / _STEEP)
+
+
+def polish_basins(
+    polisher: Polisher,
+    starts: Sequence[Start],
+    x0: ArrayLike,
+    known: Known,
+    *,
+    tolerance: float,
+    near: bool,
+) -> tuple[Polished, int]:
+    """Polish from each start; return the best, and the evaluations of all.
+
+    Args:
+        polisher: The polisher.
+        starts: At least one; of equals the first is kept.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        tolerance: Largest violation that counts as none.
+        near: Whether the starts are answers, worth staying near; see Polisher.
+    """
+    best, *others = (
+        polisher(
+            start.controls,
+            x0,
+            known,
+            states=start.states,
+            near=near and start.states is None,
+        )
+        for start in starts
+    )
+    evaluations = best.evaluations
+    for one in others:
+        evaluations += one.evaluations
+        found, so_far = ((p.cost, p.violation) for p in (one, best))
+        if is_better(found, so_far, tolerance=tolerance):
+            best = one
+    return best, evaluations
 
 
 def _better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:

@@ -6,6 +6,7 @@ it moves away from what it is given before it comes back, if it does.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 from types import MappingProxyType
 from typing import Any
 
@@ -117,3 +118,23 @@ class NlpOptions:
 
 
 PolishOptions = IpoptOptions | NlpOptions
+
+
+class PolishStatus(Enum):
+    """How an NLP solver ended."""
+
+    CONVERGED = "converged to a local optimum"
+    ITERATION_LIMIT = "stopped at the limit of iterations or time"
+    INFEASIBLE = "found no feasible point near the guess"
+    NUMERICAL_FAILURE = "broke off for a numerical reason"
+    WORSE = "converged to a point that is worse than the guess"
+
+
+IPOPT_STATUS = {
+    "Solve_Succeeded": PolishStatus.CONVERGED,
+    "Solved_To_Acceptable_Level": PolishStatus.CONVERGED,
+    "Maximum_Iterations_Exceeded": PolishStatus.ITERATION_LIMIT,
+    "Maximum_CpuTime_Exceeded": PolishStatus.ITERATION_LIMIT,
+    "Maximum_WallTime_Exceeded": PolishStatus.ITERATION_LIMIT,
+    "Infeasible_Problem_Detected": PolishStatus.INFEASIBLE,
+}

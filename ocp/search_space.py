@@ -2,18 +2,99 @@
 
 A search knows a box and an objective; a space says which box, and what a point of it
 means for the problem: where a polish starts.
+
+Of a differentially flat system whole trajectories follow from a few curves and their
+derivatives. A family is such a map
+
+    coefficients c -> states and controls at the nodes,
+
+which meets the dynamics and the initial state whatever the coefficients are. So a
+search in it neither integrates nor wastes points on where single shooting leads after a
+long horizon. Cost and violation of a member are the problem's own at the nodes,
+
+    cost       sum over the checks of dt (L(x_k, u_k) + L(x_k+1, u_k+1)) / 2 + M(x_N)
+    violation  path constraints and bounds of the states at every check, terminal
+               constraints, bounds of the controls at every node, in parts of their
+               ranges
+
+A member is where a polish starts, states included; its controls are means over the
+intervals.
+
+Source: Fliess, Levine, Martin and Rouchon (1995), Flatness and defect of non-linear
+systems, International Journal of Control 61.
 """
 
-from typing import NamedTuple, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol, get_args
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.heuristics import Box
+from swarmstart.heuristics import (
+    Algorithm,
+    Box,
+    Budget,
+    Initial,
+    Order,
+    Sampling,
+    SearchResult,
+)
+from swarmstart.heuristics.algorithm import first_size_of
+from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Fitness, Known, Objective, flatten, unflatten
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.shooting import (
+    Shooting,
+    infinite_unless_finite,
+    path_violation,
+    row_weights,
+    unless_finite,
+)
 
 Array = NDArray[np.float64]
+WarmStart = Literal["all", "half", "one", "none"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SearchSettings:
+    """A population search on one planning problem.
+
+    Attributes:
+        algorithm: Settings of an algorithm of `swarmstart.heuristics`.
+        budget: What one planning problem may cost.
+        order: How two individuals are ordered; None: `heuristics.default_order`, with
+            the problem's tolerance.
+        warm_start: How much of the first population is the guess: "all", "half", "one"
+            individual or "none" of it; the rest is drawn at random.
+        sampling: How it is drawn, as in `heuristics.Initial`.
+        basins: How many of the best distinct basins are kept for the polish, which
+            starts from each of them besides the best point; 0: from that alone.
+        radius: Least distance of two basins, a fraction of the bounds' widths.
+    """
+
+    algorithm: Algorithm
+    budget: Budget
+    order: Order | None = None
+    warm_start: WarmStart = "one"
+    sampling: Sampling | None = None
+    basins: int = 0
+    radius: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown kind of warm start."""
+        if self.warm_start not in get_args(WarmStart):
+            raise InvalidProblemError(
+                f"warm_start must be one of {', '.join(get_args(WarmStart))}, "
+                f"got {self.warm_start!r}"
+            )
+        if self.basins < 0 or not self.radius > 0:
+            raise InvalidProblemError(
+                "basins must be at least 0 and radius above 0, "
+                f"got {self.basins} and {self.radius}"
+            )
 
 
 class Start(NamedTuple):
@@ -97,3 +178,185 @@ def _control_box(fitness: Fitness) -> Box:
         upper=np.tile(upper, problem.intervals),
         per_step=problem.model.nu,
     )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TrajectoryFamily:
+    """Trajectories that a few coefficients give.
+
+    Attributes:
+        box: The box of the coefficients.
+        trajectory: (coefficients (dim,), x0 (nx,), parameters (np,)) -> states
+            (nx, nodes) and controls (nu, nodes) at the problem's nodes.
+    """
+
+    box: Box
+    trajectory: ca.Function
+
+
+class FamilySpace:
+    """The members of a family as what a population searches; see SearchSpace.
+
+    CasADi evaluates: a member is all its nodes at once, too much code to be worth
+    compiling for the few thousand members that a search looks at.
+
+    Attributes:
+        box: The box of the coefficients.
+    """
+
+    def __init__(self, fitness: Fitness, family: TrajectoryFamily) -> None:
+        """Put problem and family together.
+
+        Args:
+            fitness: The problem's evaluator.
+            family: The family, on the problem's nodes.
+
+        Raises:
+            InvalidProblemError: If the family's shapes are not the problem's.
+        """
+        problem = fitness.problem
+        _require_fit(problem, family)
+        self.box = family.box
+        self._problem, self._trajectory = problem, family.trajectory
+        self._arguments = fitness.arguments
+        self._evaluate = CasadiMap(_member_value(fitness.shooting, family))
+
+    def objective(self, x0: ArrayLike, known: Known) -> Objective:
+        """Return population -> cost and violation; see SearchSpace."""
+        return Objective(self._evaluate.bind(self._arguments(x0, known)), self.box.dim)
+
+    def decoded(self, x: Array, x0: ArrayLike, known: Known) -> Start:
+        """Return controls and states of a member; see SearchSpace."""
+        states, controls = (
+            np.array(part)
+            for part in self._trajectory(
+                x, np.asarray(x0), np.asarray(known.parameters)
+            )
+        )
+        checks, last = self._problem.checks, self._problem.nodes - 1
+        parts = [controls[:, k : k + last : checks] for k in range(checks + 1)]
+        lower, upper = (limit[:, None] for limit in self._problem.control_limits)
+        return Start(np.clip(np.mean(parts, axis=0), lower, upper), states)
+
+    def encoded(self, controls: Array) -> Array:
+        """Refuse: controls need not be those of a member; see SearchSpace."""
+        del controls
+        raise InvalidProblemError(
+            "a search in a family of trajectories takes no guess of controls"
+        )
+
+
+def _member_value(shooting: Shooting, family: TrajectoryFamily) -> ca.Function:
+    """Return (coefficients, x0, parameters, signals) -> (cost, violation)."""
+    problem = shooting.problem
+    model, nodes = problem.model, problem.nodes
+    c = ca.SX.sym("c", family.box.dim)
+    x0, p = ca.SX.sym("x0", model.nx), ca.SX.sym("p", model.np + problem.automatic)
+    flat = ca.SX.sym("signals", problem.ns * nodes)
+    signals = ca.reshape(flat, problem.ns, nodes)
+    parameters = ca.vertsplit(p, [0, model.np, p.numel()])[0]
+    x, u = family.trajectory(c, x0, parameters)
+    at_node, at_check = _node_terms(problem), _check_violation(shooting)
+    cost, violation = shooting.terminal(x[:, -1], p, signals[:, -1])
+    weights = np.full(nodes, problem.dt / problem.checks)
+    weights[[0, -1]] /= 2
+    for k in range(nodes):
+        spent, broken = at_node(x[:, k], u[:, k], parameters, signals[:, k])
+        cost, violation = cost + weights[k] * spent, violation + broken
+    for k in range(nodes - 1):
+        start, end = ((x[:, j], u[:, j], p, signals[:, j]) for j in (k, k + 1))
+        violation += at_check(*start, *end)
+    violation += infinite_unless_finite(ca.sum1(ca.vec(x)))
+    violation = unless_finite(cost, violation)
+    return ca.Function("member", [c, x0, p, flat], ca.cse([cost, violation]))
+
+
+def _node_terms(problem: OptimalControlProblem) -> ca.Function:
+    """Return (x, u, p, s) -> stage cost, and how far controls are out of bounds."""
+    symbols = problem.symbols()
+    u = symbols["controls"]
+    lower, upper = problem.control_limits
+    width = np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    over = ca.fmax(ca.fmax(ca.DM(lower) - u, u - ca.DM(upper)), 0)
+    broken = ca.sum1(over / ca.DM(width))
+    return ca.Function("node", [*symbols.values()], [problem.stage_cost, broken])
+
+
+def _check_violation(shooting: Shooting) -> ca.Function:
+    """Return (x, u, p, s at both ends of a check) -> excess of the path constraints."""
+    problem = shooting.problem
+    before, after = (
+        [ca.SX.sym(n, s.numel()) for n, s in problem.symbols().items()]
+        for _ in range(2)
+    )
+    automatic = ca.SX.sym("w", problem.automatic)
+    weights = row_weights(problem, automatic)
+    broken = ca.SX(0)
+    for constraint, value, weight in zip(
+        problem.path_constraints, shooting.path_values, weights, strict=False
+    ):
+        excess = constraint.excess(value(*before), value(*after))
+        broken += path_violation(constraint, excess, weight)
+    before[2], after[2] = (
+        ca.vertcat(side[2], w)
+        for side, w in ((before, automatic), (after, ca.SX.sym("w", automatic.numel())))
+    )
+    return ca.Function("check", [*before, *after], [broken])
+
+
+def _require_fit(problem: OptimalControlProblem, family: TrajectoryFamily) -> None:
+    model, nodes = problem.model, problem.nodes
+    wanted = [family.box.dim, model.nx, model.np, model.nx * nodes, model.nu * nodes]
+    f = family.trajectory
+    found = [f.numel_in(i) for i in range(f.n_in())]
+    found += [f.numel_out(i) for i in range(f.n_out())]
+    if found != wanted:
+        raise InvalidProblemError(
+            "a family must map coefficients, initial state and parameters to states "
+            f"and controls at the {nodes} nodes, of {wanted} numbers; got {found}"
+        )
+
+
+def space_of(fitness: Fitness, family: TrajectoryFamily | None) -> SearchSpace:
+    """Return what a search of a problem looks for.
+
+    Args:
+        fitness: The problem's evaluator.
+        family: The family whose members are looked for; None means control sequences.
+
+    Raises:
+        InvalidProblemError: If a control is unbounded and there is no family, or the
+            family does not fit the problem.
+    """
+    if family is None:
+        return ControlSpace(fitness)
+    return FamilySpace(fitness, family)
+
+
+def first_population(
+    search: SearchSettings,
+    space: SearchSpace,
+    guess: Array | None,
+    first: Sequence[Array],
+) -> Initial:
+    """Return how the first population is made: candidates, guesses, the rest drawn."""
+    size = first_size_of(search.algorithm, space.box, search.budget.evaluations)
+    given = [space.encoded(controls) for controls in first]
+    if guess is not None and search.warm_start != "none":
+        copies = {"all": size - len(given), "half": size // 2, "one": 1}
+        given += [space.encoded(guess)] * copies[search.warm_start]
+    if not given:
+        return Initial(sampling=search.sampling)
+    return Initial(sampling=search.sampling, points=np.stack(given[:size], axis=1))
+
+
+def points(result: SearchResult) -> list[Array]:
+    """Return a search's best point and its other basins, each (dim,), the best first.
+
+    Args:
+        result: What a search found.
+    """
+    others = [
+        basin.x for basin in result.basins if not np.array_equal(basin.x, result.x)
+    ]
+    return [result.x, *others]

@@ -21,15 +21,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.advice import Found, advice_for, stiffness
 from swarmstart.ocp.fitness import NOTHING, Known, at_nodes, shared_arguments
 from swarmstart.ocp.optimality import Curvature, curvature, is_stationary
 from swarmstart.ocp.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.planner import Plan
-from swarmstart.ocp.polish import PolishStatus
+from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
-from swarmstart.ocp.status import SolutionStatus
+from swarmstart.ocp.status import Found, SolutionStatus, advice_for, stiffness
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-3

@@ -29,7 +29,6 @@ from swarmstart.ocp.model import shortened
 from swarmstart.ocp.planner import (
     Planner,
     PlanningInterrupted,
-    SearchSettings,
 )
 from swarmstart.ocp.polish_options import (
     IpoptOptions,
@@ -37,6 +36,7 @@ from swarmstart.ocp.polish_options import (
     PolishOptions,
 )
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.search_space import SearchSettings
 from swarmstart.ocp.solution import Solution, verified
 
 Array = NDArray[np.float64]

@@ -214,7 +214,7 @@ class Flight(Generic[P_co]):
         if not plan.states.size:  # A record keeps none.
             states = planner.fitness.states(plan.controls, self.x0, known)
             plan = replace(plan, states=states)
-        return verified(planner.problem, plan, self.x0, known)
+        return verified(planner.tracer, plan, self.x0, known)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

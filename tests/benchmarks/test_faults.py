@@ -112,7 +112,7 @@ def test_copy_has_links_and_new_files_and_nothing_ignored(
 
 
 def test_report_counts_what_was_caught_but_not_what_is_harmless() -> None:
-    (first, *_), *_ = all_faults(ROOT, ["ocp/status.py"])
+    (first, *_), *_ = all_faults(ROOT, ["ocp/multistart.py"])
     outcomes = [Outcome.CAUGHT] * 8 + [Outcome.ENDLESS, Outcome.SURVIVED]
     text = report([first] * 11, [*outcomes, Outcome.HARMLESS])
     # Wilson's interval of 9 in 10, from the formula: (0.9 + 1.9207 / 10 +- ...).
@@ -121,7 +121,7 @@ def test_report_counts_what_was_caught_but_not_what_is_harmless() -> None:
 
 
 def test_listed_reason_makes_a_fault_harmless(monkeypatch: pytest.MonkeyPatch) -> None:
-    (one, *_), *_ = all_faults(ROOT, ["ocp/status.py"])
+    (one, *_), *_ = all_faults(ROOT, ["ocp/multistart.py"])
     assert not faults.reason_of(one)
     for after, applies in ((one.after, True), ("*", True), ("another", False)):
         listed = ((one.file, one.before, after, "text"),)

@@ -30,8 +30,8 @@ from swarmstart.ocp import (
     SearchSettings,
     Source,
 )
-from swarmstart.ocp.planner import WarmStart
 from swarmstart.ocp.polish import is_better
+from swarmstart.ocp.search_space import WarmStart
 
 Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]

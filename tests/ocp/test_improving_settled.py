@@ -19,8 +19,8 @@ from swarmstart.ocp import (
     solve,
 )
 from swarmstart.ocp.fitness import NOTHING
+from swarmstart.ocp.improving import STARTS, settled
 from swarmstart.ocp.optimality import Curvature, curvature
-from swarmstart.ocp.perturbation import STARTS, settled
 
 Array = NDArray[np.float64]
 X, U = ca.SX.sym("x"), ca.SX.sym("u")

@@ -25,8 +25,8 @@ from swarmstart.ocp import (
     Source,
     TrajectoryFamily,
 )
-from swarmstart.ocp.family import FamilySpace
 from swarmstart.ocp.fitness import Fitness
+from swarmstart.ocp.search_space import FamilySpace
 
 Array = NDArray[np.float64]
 HORIZON, INTERVALS, CHECKS = 4.0, 8, 2
