@@ -10,10 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics import Pointers
-from swarmstart.ocp.compiled.backend import evaluator, require_precision
+from swarmstart.ocp.compiled.backend import (
+    BatchEvaluator,
+    BoundEvaluator,
+    evaluator,
+    require_precision,
+)
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.formats import Precision
-from swarmstart.ocp.compiled.interface import BatchEvaluator, BoundEvaluator
 from swarmstart.ocp.compiled.simd import compile_rollout
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.model import shortened

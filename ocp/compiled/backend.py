@@ -1,4 +1,4 @@
-"""Which evaluator serves a problem: machine code, or CasADi where that cannot.
+"""The interface of what evaluates populations, and the choice: machine code or CasADi.
 
 The choice is `backend`: "llvm", "casadi", or "auto" (None means the same): what the
 environment's SWARMSTART_BACKEND says, else machine code where possible. Where machine
@@ -7,19 +7,64 @@ code cannot serve, CasADi's map evaluates, and a warning says once which and why
 
 import os
 import warnings
-from collections.abc import Callable
-from typing import Literal, get_args
+from collections.abc import Callable, Sequence
+from typing import Literal, Protocol, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.heuristics import Pointers
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
 from swarmstart.ocp.compiled.formats import FORMATS
-from swarmstart.ocp.compiled.interface import BatchEvaluator
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.tape import UnknownOperationError
 
+Array = NDArray[np.float64]
 Backend = Literal["auto", "llvm", "casadi"]
 BACKENDS = get_args(Backend)
 VARIABLE = "SWARMSTART_BACKEND"
+
+
+class BoundEvaluator(Protocol):
+    """An evaluator whose shared arguments are fixed."""
+
+    def __call__(self, population: Array) -> Array:
+        """Return all outputs in a new array, shape (rows of all outputs, size).
+
+        Args:
+            population: Shape (dim, size), one column an individual; not kept.
+        """
+
+    def attach(self, population: Array, outputs: Sequence[Array]) -> Pointers | None:
+        """Bind to buffers, for a caller that is compiled itself.
+
+        Args:
+            population: Shape (dim, size), contiguous doubles.
+            outputs: One for each output, rows * size doubles, contiguous.
+
+        Returns:
+            The addresses, valid as long as this object and the buffers live; None
+            where only the call from Python works.
+        """
+
+
+class BatchEvaluator(Protocol):
+    """A `casadi.Function` applied to every individual of a population.
+
+    The function's first argument differs per individual, the others are shared by all.
+    """
+
+    @property
+    def backend(self) -> str:
+        """What evaluates, as recorded with a run."""
+
+    def bind(self, shared: tuple[Array, ...]) -> BoundEvaluator:
+        """Return population -> outputs, for fixed other arguments.
+
+        Args:
+            shared: The other arguments, flattened column by column; copied.
+        """
 
 
 class BackendWarning(UserWarning):

@@ -8,14 +8,22 @@ beyond n are masked: neither read nor written.
 
 Where a fast body marks an individual whose arguments it cannot serve (elementary.py), a
 careful body evaluates that individual once more.
+
+A block is one, two or four vectors of individuals. A processor starts two vector
+operations a cycle but has each result only some cycles later. Where every operation of
+a tape waits for the one before it, as in the steps of an integrator of one equation, it
+idles; a second and a third vector of individuals fill the gaps. Where a tape has much
+to do at a time, they only crowd the registers.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from swarmstart.ocp.compiled.elementary import is_unserved
+from swarmstart.ocp.compiled.engine import machine
 from swarmstart.ocp.compiled.formats import DOUBLE, FORMATS, Format, Precision
 from swarmstart.ocp.compiled.vector_ir import Module, VectorIR, converted
+from swarmstart.tape import Tape
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -38,6 +46,77 @@ class Target:
     def form(self) -> Format:
         """The format of the arithmetic."""
         return FORMATS[self.precision]
+
+
+def target_of(tapes: Iterable[Tape], precision: Precision) -> Target:
+    """Return what code is made for on this machine."""
+    here, bits = machine(), FORMATS[precision].bits
+    lanes = here.lanes * DOUBLE.bits // bits
+    registers = here.lanes * DOUBLE.bits // here.register_bits
+    return Target(
+        lanes=lanes * side_by_side(tapes, registers=registers),
+        precision=precision,
+        register_bits=here.register_bits,
+        has_scale=here.has_scale,
+    )
+
+
+# (instructions, cycles until the result is there), round numbers for recent x86 cores;
+# a division keeps its unit busy as long as this many instructions take.
+SIMPLE = (1, 4)
+COSTS = {
+    "div": (24, 24),
+    "inv": (24, 24),
+    "sqrt": (32, 30),
+    "sin": (15, 70),
+    "cos": (15, 70),
+    "exp": (22, 75),
+    "log": (50, 100),
+    "tanh": (85, 160),
+    "atan": (75, 110),
+    "atan2": (110, 140),
+    "pow": (140, 330),
+    "constpow": (140, 330),
+}
+FREE = ("constant", "input", "neg", "twice")
+STARTED_A_CYCLE = 2
+LOOK_AHEAD = 1.7
+"""How far beyond one operation after the other a core gets by itself."""
+MOST = 4
+
+
+def side_by_side(tapes: Iterable[Tape], *, registers: int) -> int:
+    """Return 1, 2 or 4: how many times a vector's lanes a kernel should take at once.
+
+    Args:
+        tapes: What the kernel computes, one after the other.
+        registers: Registers that one vector needs.
+    """
+    tapes = tuple(tapes)
+    busy = sum(_work(tape) for tape in tapes) * registers / STARTED_A_CYCLE
+    waiting = sum(_depth(tape) for tape in tapes)
+    times = 1
+    while times < MOST and waiting > LOOK_AHEAD * times * busy:
+        times *= 2
+    return times
+
+
+def _cost(operation: str) -> tuple[int, int]:
+    return (0, 0) if operation in FREE else COSTS.get(operation, SIMPLE)
+
+
+def _work(tape: Tape) -> int:
+    return sum(_cost(node.operation)[0] for node in tape.nodes)
+
+
+def _depth(tape: Tape) -> int:
+    """Return the cycles of the longest chain of operations."""
+    ready: list[int] = []
+    for node in tape.nodes:
+        known = () if node.operation == "input" else node.arguments
+        begin = max((ready[a] for a in known), default=0)
+        ready.append(begin + _cost(node.operation)[1])
+    return max(ready, default=0)
 
 
 _AHEAD = 16

@@ -2,7 +2,7 @@
 
 import ctypes
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import NamedTuple
@@ -15,14 +15,12 @@ from swarmstart.code_cache import load, store
 from swarmstart.compile_time import compiling
 from swarmstart.fingerprint import source, sources
 from swarmstart.heuristics import Pointers
-from swarmstart.ocp.compiled.emitter import Roll, emit_flat, emit_rollout
+from swarmstart.ocp.compiled.emitter import Roll, emit_flat, emit_rollout, simplified
 from swarmstart.ocp.compiled.engine import Compiled, link, machine, translate
-from swarmstart.ocp.compiled.formats import DOUBLE, FORMATS, Precision
-from swarmstart.ocp.compiled.frame import Target
-from swarmstart.ocp.compiled.interleaving import side_by_side
-from swarmstart.ocp.compiled.simplification import simplified
+from swarmstart.ocp.compiled.formats import Precision
+from swarmstart.ocp.compiled.frame import target_of
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.tape import Tape, read_tape
+from swarmstart.tape import read_tape
 
 Array = NDArray[np.float64]
 Shapes = tuple[tuple[int, ...], ...]
@@ -305,7 +303,7 @@ def compile_flat(
     def emit() -> str:
         tape = simplified(read_tape(function))
         return emit_flat(
-            tape, per_individual=per_individual, target=_target([tape], precision)
+            tape, per_individual=per_individual, target=target_of([tape], precision)
         )
 
     key = _key([function], (per_individual, precision))
@@ -346,26 +344,13 @@ def compile_rollout(
             intervals=intervals,
             signals_per_interval=signals_per_interval,
         )
-        return emit_rollout(roll, target=_target([roll.stage], precision))
+        return emit_rollout(roll, target=target_of([roll.stage], precision))
 
     nx, nu, np_ = (stage.numel_in(i) for i in range(3))
     nodes = intervals * signals_per_interval + end.numel_in(2)
     shape = Shape((True, False, False, False), (nu * intervals, nx, np_, nodes), (1, 1))
     key = _key([stage, end], (intervals, signals_per_interval, precision))
     return SimdBatch(_cached(key, emit), shape)
-
-
-def _target(tapes: Iterable[Tape], precision: Precision) -> Target:
-    """Return what code is made for on this machine."""
-    here, bits = machine(), FORMATS[precision].bits
-    lanes = here.lanes * DOUBLE.bits // bits
-    registers = here.lanes * DOUBLE.bits // here.register_bits
-    return Target(
-        lanes=lanes * side_by_side(tapes, registers=registers),
-        precision=precision,
-        register_bits=here.register_bits,
-        has_scale=here.has_scale,
-    )
 
 
 def _cached(key: str, emit: Callable[[], str]) -> Compiled:
@@ -387,7 +372,7 @@ def _key(functions: Sequence[ca.Function], settings: tuple[object, ...]) -> str:
 
 
 HERE = "swarmstart.ocp.compiled"
-MAKERS = ("emitter", "engine", "interleaving", "simplification")
+MAKERS = ("emitter", "engine")
 """The modules that make the code; their text, and that of all they import, is its
 version."""
 

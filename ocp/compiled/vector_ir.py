@@ -2,7 +2,7 @@
 
 A value is the name of a register or the text of a constant; a mask is a vector of bits.
 Nothing is reordered or contracted here: what is asked for is what is computed. What is
-put together before, and where `fma` is asked for, is in simplification.py and
+put together before, and where `fma` is asked for, is in emitter.py and
 operations.py.
 """
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.ocp.compiled.emitter import simplified
 from swarmstart.ocp.compiled.operations import fused_products
 from swarmstart.ocp.compiled.simd import compile_flat
-from swarmstart.ocp.compiled.simplification import simplified
 from swarmstart.tape import OPERATIONS, Tape, read_tape
 
 Array = NDArray[np.float64]

@@ -11,12 +11,12 @@ from swarmstart.ocp.compiled import engine, operations
 from swarmstart.ocp.compiled.backend import (
     VARIABLE,
     BackendWarning,
+    BatchEvaluator,
     chosen_backend,
     evaluator,
 )
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.engine import machine
-from swarmstart.ocp.compiled.interface import BatchEvaluator
 from swarmstart.ocp.compiled.simd import compile_flat
 from swarmstart.ocp.errors import InvalidProblemError
 

@@ -296,7 +296,6 @@ def test_key_tells_functions_and_settings_apart(
     "module",
     [
         "swarmstart.tape",
-        f"{simd.HERE}.simplification",
         f"{simd.HERE}.formats",
         f"{simd.HERE}.vector_ir",
         f"{simd.HERE}.coefficients",
@@ -305,7 +304,6 @@ def test_key_tells_functions_and_settings_apart(
         f"{simd.HERE}.operations",
         f"{simd.HERE}.frame",
         f"{simd.HERE}.emitter",
-        f"{simd.HERE}.interleaving",
         f"{simd.HERE}.engine",
         f"{simd.HERE}.simd",
     ],
@@ -316,7 +314,7 @@ def test_key_changes_with_what_makes_the_code(
     assert sources_after_a_change(module, monkeypatch) != simd._sources()
 
 
-@pytest.mark.parametrize("module", ["batch", "casadi_map", "interface"])
+@pytest.mark.parametrize("module", ["batch", "casadi_map", "backend"])
 def test_key_does_not_change_with_what_only_calls_the_code(
     monkeypatch: pytest.MonkeyPatch, module: str
 ) -> None:

@@ -16,12 +16,16 @@ from swarmstart.heuristics import Pointers
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem, PathConstraint
 from swarmstart.ocp.compiled import simd
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
-from swarmstart.ocp.compiled.emitter import Roll, emit_rollout
+from swarmstart.ocp.compiled.emitter import (
+    Roll,
+    emit_rollout,
+    repeated_functions,
+    simplified,
+)
 from swarmstart.ocp.compiled.engine import machine, translate
 from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat, compile_rollout, split
-from swarmstart.ocp.compiled.simplification import repeated_functions, simplified
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.shooting import Shooting
 from swarmstart.tape import read_tape

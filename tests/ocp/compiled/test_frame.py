@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from swarmstart.ocp.compiled.emitter import emit_flat
 from swarmstart.ocp.compiled.engine import link, machine, translate
 from swarmstart.ocp.compiled.formats import Precision
-from swarmstart.ocp.compiled.frame import Target
-from swarmstart.ocp.compiled.interleaving import side_by_side
+from swarmstart.ocp.compiled.frame import Target, side_by_side
 from swarmstart.ocp.compiled.simd import Shape, SimdBatch
 from swarmstart.tape import Tape, read_tape
 

@@ -1,7 +1,7 @@
 import casadi as ca
 import pytest
 
-from swarmstart.ocp.compiled.simplification import repeated_functions, simplified
+from swarmstart.ocp.compiled.emitter import repeated_functions, simplified
 from swarmstart.tape import Node, Tape, read_tape
 
 
