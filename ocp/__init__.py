@@ -24,7 +24,7 @@ from swarmstart.ocp.dual_mode import DualMode, UncertifiedSetError
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import Fitness, Known
 from swarmstart.ocp.guess import shifted_controls, zero_controls
-from swarmstart.ocp.integrators import INTEGRATORS, held_step
+from swarmstart.ocp.integrators import INTEGRATORS, Integrator, held_step
 from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.multistart import multistart
@@ -64,6 +64,7 @@ __all__ = [
     "DenseOutput",
     "DualMode",
     "Fitness",
+    "Integrator",
     "InvalidProblemError",
     "IpoptOptions",
     "Known",

@@ -9,6 +9,7 @@ arrays: whatever r returns.
 """
 
 from collections.abc import Callable
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -34,6 +35,8 @@ def euler(rate: Rate, x: ca.SX, t: float, h: float) -> ca.SX:
     return x + h * rate(t, x)
 
 
+Integrator = Literal["rk4", "euler"]
+"""A name of an integrator, for where names must be known before anything runs."""
 INTEGRATORS: dict[str, Callable[[Rate, ca.SX, float, float], ca.SX]] = {
     "rk4": rk4,
     "euler": euler,

@@ -154,7 +154,6 @@ class GridPart(Part):
 
 
 Checks = Annotated[int, Field(ge=1, le=100)]
-IntegratorName = Literal["rk4", "euler"]
 
 
 class BudgetPart(Part):

@@ -1,11 +1,19 @@
 """Integrators against closed forms."""
 
+from typing import get_args
+
 import casadi as ca
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from swarmstart.ocp import InvalidProblemError, Model, held_step
+from swarmstart.ocp import (
+    INTEGRATORS,
+    Integrator,
+    InvalidProblemError,
+    Model,
+    held_step,
+)
 from swarmstart.ocp.integrators import integrate
 
 LOGISTIC_AT_2 = 1 / (1 + 9 * np.exp(-2.0))  # x' = x (1 - x), x(0) = 0.1
@@ -79,3 +87,7 @@ def test_refuses_what_is_no_step(
 ) -> None:
     with pytest.raises(InvalidProblemError, match=message):
         held_step(double_integrator, dt, **options)  # type: ignore[arg-type]
+
+
+def test_names_known_before_anything_runs_are_those_of_the_integrators() -> None:
+    assert get_args(Integrator) == tuple(INTEGRATORS)

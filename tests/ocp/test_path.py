@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from swarmstart.ocp import (
+    Integrator,
     Model,
     OptimalControlProblem,
     PathConstraint,
@@ -43,7 +44,7 @@ def traced(
 def test_path_is_that_of_an_independent_integrator(
     pendulum: Model,
     quadrature: Literal["integral", "left", "right"],
-    integrator: Literal["rk4", "euler"],
+    integrator: Integrator,
 ) -> None:
     """States and cost, with parameters, and with signals linear between the nodes."""
     x, u, p = pendulum.states, pendulum.controls, ca.SX.sym("p")

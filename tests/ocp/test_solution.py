@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 
 from swarmstart.ocp import (
     Bounds,
+    Integrator,
     IpoptOptions,
     Model,
     OptimalControlProblem,
@@ -286,7 +286,7 @@ def test_start_outside_is_told_beside_the_status() -> None:
 
 
 def _free(
-    integrator: Literal["rk4", "euler"], intervals: int, ode: ca.SX, x0: float = 1.0
+    integrator: Integrator, intervals: int, ode: ca.SX, x0: float = 1.0
 ) -> Solution:
     """Return what is said of no control at all over 2 s."""
     problem = OptimalControlProblem(

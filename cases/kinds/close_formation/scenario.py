@@ -10,7 +10,6 @@ from pydantic import Field
 
 from swarmstart.cases.format.settings import (
     GridPart,
-    IntegratorName,
     NonNegative,
     Number,
     Part,
@@ -19,6 +18,7 @@ from swarmstart.cases.format.settings import (
     Range,
     Scenario,
 )
+from swarmstart.ocp.integrators import Integrator
 
 
 class AircraftPart(Part):
@@ -99,7 +99,7 @@ class Commands(Part):
 class Prediction(GridPart):
     """What the controller believes, and how far it looks."""
 
-    integrator: IntegratorName = "rk4"
+    integrator: Integrator = "rk4"
     model: Literal["corrected", "literal"] = "corrected"
     kinematics: Literal["fixed", "exact"] = "fixed"
     aerodynamics: Literal["linear", "none"] = "linear"

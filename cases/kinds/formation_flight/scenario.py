@@ -13,7 +13,6 @@ from pydantic import Field
 from swarmstart.cases.format.settings import (
     Checks,
     GridPart,
-    IntegratorName,
     NonNegative,
     Number,
     Part,
@@ -28,6 +27,7 @@ from swarmstart.cases.kinds.planar import (
     distance,
     start_speed_problems,
 )
+from swarmstart.ocp.integrators import Integrator
 
 
 class Disc(Point):
@@ -67,7 +67,7 @@ class Prediction(GridPart):
 
     intervals: int = Field(ge=1, le=1000)
     checks: Checks = 1
-    integrator: IntegratorName = "rk4"
+    integrator: Integrator = "rk4"
 
 
 class Weights(Part):

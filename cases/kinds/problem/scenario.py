@@ -23,7 +23,6 @@ from swarmstart.cases.format.settings import (
     BudgetPart,
     Checks,
     GridPart,
-    IntegratorName,
     Number,
     Part,
     Positive,
@@ -31,6 +30,7 @@ from swarmstart.cases.format.settings import (
 )
 from swarmstart.cases.record.first_plan import recorded_plan
 from swarmstart.ocp.guess import Appended
+from swarmstart.ocp.integrators import Integrator
 from swarmstart.ocp.problem import Quadrature
 
 EVALUATIONS = 20_000
@@ -190,7 +190,7 @@ class Prediction(GridPart):
     intervals: int = Field(ge=1, le=10_000)
     checks: Checks = 1
     substeps: int = Field(default=4, ge=1, le=1000)
-    integrator: IntegratorName = "rk4"
+    integrator: Integrator = "rk4"
     quadrature: Quadrature = "integral"
     tolerance: Positive = 1e-6
     path_tolerance: Positive = 1e-4
