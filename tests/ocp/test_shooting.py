@@ -1,6 +1,7 @@
 """The rollout against scipy, and against a simulation written in NumPy."""
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Any, Literal, cast
 
 import casadi as ca
 import numpy as np
@@ -18,6 +19,8 @@ from swarmstart.ocp import (
     OptimalControlProblem,
     PathConstraint,
     TerminalConstraint,
+    shooting,
+    solve,
 )
 from swarmstart.ocp.fitness import flatten
 from swarmstart.ocp.shooting import Shooting
@@ -210,3 +213,26 @@ def test_arguments_are_column_after_column(crossing: Posed) -> None:
         "parameters",
         "signals",
     ]
+
+
+def test_planner_and_all_its_parts_share_functions_built_once(
+    pendulum: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built: list[str] = []
+    for name in ("_stage", "_terminal", "Sizing"):
+        original = getattr(shooting, name)
+
+        def noted(given: object, name: str = name, original: object = original) -> Any:
+            built.append(name)
+            return cast(Callable[[object], Any], original)(given)
+
+        monkeypatch.setattr(shooting, name, noted)
+    problem = OptimalControlProblem(
+        pendulum,
+        horizon=1.0,
+        intervals=5,
+        stage_cost=pendulum.controls**2 + pendulum.states[0] ** 2,
+        bounds=Bounds(controls=(-8, 8)),
+    )
+    solve(problem, [0.5, 0.0], budget=200, seed=0, backend="casadi")
+    assert sorted(built) == ["Sizing", "_stage", "_terminal"]
