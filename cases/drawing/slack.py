@@ -19,6 +19,7 @@ from swarmstart.ocp import Constraint, Known, OptimalControlProblem, Trajectory
 from swarmstart.ocp.checking import ConstraintRows
 from swarmstart.ocp.fitness import Arguments, at_nodes, shared_arguments
 from swarmstart.ocp.path import signals_between
+from swarmstart.ocp.shooting import Shooting
 
 Array = NDArray[np.float64]
 KnownAt = Callable[[int], Known]
@@ -60,7 +61,7 @@ def slacks(
     if not (stated or ends):
         return []
     times, arguments = _along(problem, trajectory, known)
-    sizes = Arguments(problem).sizes(trajectory.states[:, 0], known(0))
+    sizes = Arguments(Shooting(problem)).sizes(trajectory.states[:, 0], known(0))
     groups: list[tuple[tuple[Constraint, ...], int]] = [
         (stated, 0),
         (ends, len(problem.path_constraints)),
