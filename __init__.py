@@ -3,137 +3,175 @@
 Public names are imported when first used, so that the command line stays quick.
 """
 
+# ruff: noqa: I001  (it would write one statement for each name)
 import importlib
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from swarmstart.errors import SwarmstartError
+if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
+    from swarmstart.errors import (
+        SwarmstartError as SwarmstartError,
+    )
     from swarmstart.heuristics import (
-        CMAES,
-        LSHADE,
-        Box,
-        Budget,
-        ChaoticPSO,
-        DifferentialEvolution,
-        GeneticAlgorithm,
-        ParticleSwarm,
-        RandomSearch,
-        SearchInterrupted,
-        SelfAdaptiveDE,
-        default_order,
-        epsilon_level,
-        feasibility_first,
-        minimize,
-        static_penalty,
+        CMAES as CMAES,
+        LSHADE as LSHADE,
+        AskTellError as AskTellError,
+        Box as Box,
+        Budget as Budget,
+        ChaoticPSO as ChaoticPSO,
+        DifferentialEvolution as DifferentialEvolution,
+        GeneticAlgorithm as GeneticAlgorithm,
+        Initial as Initial,
+        InvalidBoxError as InvalidBoxError,
+        InvalidBudgetError as InvalidBudgetError,
+        InvalidEvaluationError as InvalidEvaluationError,
+        InvalidOrderError as InvalidOrderError,
+        InvalidPointsError as InvalidPointsError,
+        InvalidSettingsError as InvalidSettingsError,
+        InvalidSnapshotError as InvalidSnapshotError,
+        ParticleSwarm as ParticleSwarm,
+        RandomSearch as RandomSearch,
+        Search as Search,
+        SearchInterrupted as SearchInterrupted,
+        SearchResult as SearchResult,
+        SelfAdaptiveDE as SelfAdaptiveDE,
+        StopReason as StopReason,
+        default_algorithm as default_algorithm,
+        default_order as default_order,
+        epsilon_level as epsilon_level,
+        feasibility_first as feasibility_first,
+        minimize as minimize,
+        static_penalty as static_penalty,
     )
     from swarmstart.ocp import (
-        Agent,
-        Bounds,
-        Connection,
-        DualMode,
-        IpoptOptions,
-        Model,
-        NlpOptions,
-        OptimalControlProblem,
-        PathConstraint,
-        Planner,
-        Plant,
-        RecedingHorizon,
-        SearchSettings,
-        Separation,
-        Solution,
-        SolutionStatus,
-        SolveInterrupted,
-        Team,
-        TerminalConstraint,
-        Trajectory,
-        compile_batch,
-        disc,
-        multistart,
-        simulate,
-        solve,
-        terminal_set_of,
+        Agent as Agent,
+        BackendWarning as BackendWarning,
+        Bounds as Bounds,
+        Connection as Connection,
+        Decision as Decision,
+        DualMode as DualMode,
+        Fitness as Fitness,
+        InvalidProblemError as InvalidProblemError,
+        IpoptOptions as IpoptOptions,
+        Known as Known,
+        LocalAgent as LocalAgent,
+        LocalTeam as LocalTeam,
+        Mode as Mode,
+        Model as Model,
+        NlpOptions as NlpOptions,
+        OpenLoop as OpenLoop,
+        OptimalControlProblem as OptimalControlProblem,
+        PathConstraint as PathConstraint,
+        Plan as Plan,
+        Planner as Planner,
+        PlanningInterrupted as PlanningInterrupted,
+        Plant as Plant,
+        PolishStatus as PolishStatus,
+        RecedingHorizon as RecedingHorizon,
+        SearchReport as SearchReport,
+        SearchSettings as SearchSettings,
+        Separation as Separation,
+        Solution as Solution,
+        SolutionStatus as SolutionStatus,
+        SolveError as SolveError,
+        SolveInterrupted as SolveInterrupted,
+        Source as Source,
+        Step as Step,
+        Team as Team,
+        TerminalConstraint as TerminalConstraint,
+        Trajectory as Trajectory,
+        TrajectoryFamily as TrajectoryFamily,
+        UncertifiedSetError as UncertifiedSetError,
+        compile_batch as compile_batch,
+        disc as disc,
+        fly as fly,
+        interpolate as interpolate,
+        multistart as multistart,
+        simulate as simulate,
+        solve as solve,
+        stack_models as stack_models,
+        terminal_set_of as terminal_set_of,
     )
     from swarmstart.terminal_set import (
-        ProofOptions,
-        Reference,
-        TerminalSet,
-        Weights,
-        certify,
-        sampled_terminal_set,
+        AsymmetricMatrixError as AsymmetricMatrixError,
+        Certificate as Certificate,
+        CoarseHoldError as CoarseHoldError,
+        ForeignCertificateError as ForeignCertificateError,
+        HeldTooLongError as HeldTooLongError,
+        IndefiniteMatrixError as IndefiniteMatrixError,
+        InvalidDynamicsError as InvalidDynamicsError,
+        InvalidPlaneError as InvalidPlaneError,
+        InvalidReserveError as InvalidReserveError,
+        InvalidShapeError as InvalidShapeError,
+        MovingCentreError as MovingCentreError,
+        NoProvenSetError as NoProvenSetError,
+        NotAnEquilibriumError as NotAnEquilibriumError,
+        NotFiniteError as NotFiniteError,
+        NotPositiveError as NotPositiveError,
+        NotSmoothError as NotSmoothError,
+        NotStabilisableError as NotStabilisableError,
+        ProofOptions as ProofOptions,
+        Reference as Reference,
+        SaturatedReferenceError as SaturatedReferenceError,
+        TerminalSet as TerminalSet,
+        TooFewSubstepsError as TooFewSubstepsError,
+        UnknownIntervalOperationError as UnknownIntervalOperationError,
+        UnprovenSetError as UnprovenSetError,
+        UnreliableSolutionError as UnreliableSolutionError,
+        UnstableLoopError as UnstableLoopError,
+        UnweightedModeError as UnweightedModeError,
+        Weights as Weights,
+        certify as certify,
+        sampled_terminal_set as sampled_terminal_set,
     )
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "CMAES",
-    "LSHADE",
-    "Agent",
-    "Bounds",
-    "Box",
-    "Budget",
-    "ChaoticPSO",
-    "Connection",
-    "DifferentialEvolution",
-    "DualMode",
-    "GeneticAlgorithm",
-    "IpoptOptions",
-    "Model",
-    "NlpOptions",
-    "OptimalControlProblem",
-    "ParticleSwarm",
-    "PathConstraint",
-    "Planner",
-    "Plant",
-    "ProofOptions",
-    "RandomSearch",
-    "RecedingHorizon",
-    "Reference",
-    "SearchInterrupted",
-    "SearchSettings",
-    "SelfAdaptiveDE",
-    "Separation",
-    "Solution",
-    "SolutionStatus",
-    "SolveInterrupted",
-    "SwarmstartError",
-    "Team",
-    "TerminalConstraint",
-    "TerminalSet",
-    "Trajectory",
-    "Weights",
-    "certify",
-    "compile_batch",
-    "default_order",
-    "disc",
-    "epsilon_level",
-    "feasibility_first",
-    "minimize",
-    "multistart",
-    "sampled_terminal_set",
-    "simulate",
-    "solve",
-    "static_penalty",
-    "terminal_set_of",
-]
-
-_HOMES = (
-    "swarmstart.errors",
-    "swarmstart.ocp",
-    "swarmstart.heuristics",
-    "swarmstart.terminal_set",
-)
+_NAMES = {
+    "swarmstart.errors": """
+        SwarmstartError
+    """,
+    "swarmstart.heuristics": """
+        CMAES LSHADE AskTellError Box Budget ChaoticPSO DifferentialEvolution
+        GeneticAlgorithm Initial InvalidBoxError InvalidBudgetError
+        InvalidEvaluationError InvalidOrderError InvalidPointsError
+        InvalidSettingsError InvalidSnapshotError ParticleSwarm RandomSearch
+        Search SearchInterrupted SearchResult SelfAdaptiveDE StopReason
+        default_algorithm default_order epsilon_level feasibility_first minimize
+        static_penalty
+    """,
+    "swarmstart.ocp": """
+        Agent BackendWarning Bounds Connection Decision DualMode Fitness
+        InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Mode Model
+        NlpOptions OpenLoop OptimalControlProblem PathConstraint Plan Planner
+        PlanningInterrupted Plant PolishStatus RecedingHorizon SearchReport
+        SearchSettings Separation Solution SolutionStatus SolveError
+        SolveInterrupted Source Step Team TerminalConstraint Trajectory
+        TrajectoryFamily UncertifiedSetError compile_batch disc fly interpolate
+        multistart simulate solve stack_models terminal_set_of
+    """,
+    "swarmstart.terminal_set": """
+        AsymmetricMatrixError Certificate CoarseHoldError
+        ForeignCertificateError HeldTooLongError IndefiniteMatrixError
+        InvalidDynamicsError InvalidPlaneError InvalidReserveError
+        InvalidShapeError MovingCentreError NoProvenSetError
+        NotAnEquilibriumError NotFiniteError NotPositiveError NotSmoothError
+        NotStabilisableError ProofOptions Reference SaturatedReferenceError
+        TerminalSet TooFewSubstepsError UnknownIntervalOperationError
+        UnprovenSetError UnreliableSolutionError UnstableLoopError
+        UnweightedModeError Weights certify sampled_terminal_set
+    """,
+}
+_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+__all__ = list(_HOMES)
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used."""
-    if name in __all__:
-        for home in map(importlib.import_module, _HOMES):
-            if hasattr(home, name):
-                return getattr(home, name)
+    if name in _HOMES:
+        return getattr(importlib.import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'swarmstart' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
     """List the public names."""
-    return sorted([*globals(), *__all__])
+    return [*__all__, *(name for name in globals() if name.startswith("__"))]

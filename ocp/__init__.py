@@ -31,6 +31,7 @@ from swarmstart.ocp.multistart import multistart
 from swarmstart.ocp.planner import (
     Plan,
     Planner,
+    PlanningInterrupted,
     SearchReport,
     Source,
 )
@@ -78,6 +79,7 @@ __all__ = [
     "PathConstraint",
     "Plan",
     "Planner",
+    "PlanningInterrupted",
     "Plant",
     "PolishStatus",
     "Polished",
