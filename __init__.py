@@ -8,6 +8,13 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
+    from swarmstart.cases.record.results import (
+        Record as Record,
+        load as load,
+    )
+    from swarmstart.cases.record.tables import (
+        MissingPackageError as MissingPackageError,
+    )
     from swarmstart.errors import (
         SwarmstartError as SwarmstartError,
     )
@@ -127,6 +134,12 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
 __version__ = "0.1.0"
 
 _NAMES = {
+    "swarmstart.cases.record.results": """
+        Record load
+    """,
+    "swarmstart.cases.record.tables": """
+        MissingPackageError
+    """,
     "swarmstart.errors": """
         SwarmstartError
     """,

@@ -17,6 +17,7 @@ from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import numbers_of
 from swarmstart.ocp.integrators import held_step, require_count
 from swarmstart.ocp.model import Model, shortened
+from swarmstart.ocp.presentation import Presented
 
 Array = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ class Step:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Trajectory:
+class Trajectory(Presented):
     """A flight.
 
     Attributes:
@@ -58,6 +59,8 @@ class Trajectory:
         decisions: What the controller decided, T of them.
         step_seconds: Wall time of each decision, shape (T,) [s], without that of
             loading and compiling machine code.
+        state_names: The model's names of the states; numbered where it has none.
+        control_names: The same of the controls.
     """
 
     times: Array
@@ -67,6 +70,15 @@ class Trajectory:
     dense_states: Array
     decisions: tuple[Decision, ...]
     step_seconds: Array
+    state_names: tuple[str, ...] = ()
+    control_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Number states and controls that have no names."""
+        for role, rows in (("state", self.states), ("control", self.controls)):
+            numbered = tuple(f"{role}_{i}" for i in range(rows.shape[0]))
+            names = tuple(getattr(self, f"{role}_names")) or numbered
+            object.__setattr__(self, f"{role}_names", names)
 
     def __repr__(self) -> str:
         """Return length, sizes and how the plans went, in a few lines."""
@@ -249,4 +261,6 @@ def collected(plant: Plant, steps: Sequence[Step]) -> Trajectory:
         dense_states=dense,
         decisions=tuple(s.decision for s in steps),
         step_seconds=np.array([s.seconds for s in steps]),
+        state_names=plant.model.state_names,
+        control_names=plant.model.control_names,
     )

@@ -26,6 +26,7 @@ from swarmstart.ocp.optimality import Curvature, curvature, is_stationary
 from swarmstart.ocp.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.planner import Plan
 from swarmstart.ocp.polish_options import PolishStatus
+from swarmstart.ocp.presentation import Presented
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.status import Found, SolutionStatus, advice_for, stiffness
@@ -41,7 +42,7 @@ _NOTHING_MOVES = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Solution:
+class Solution(Presented):
     """The best answer found, and what a finer integration says of it.
 
     Attributes:
@@ -78,9 +79,19 @@ class Solution:
     plan: Plan
     compile_seconds: float = 0.0
 
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The model's names of the states."""
+        return self.problem.model.state_names
+
+    @property
+    def control_names(self) -> tuple[str, ...]:
+        """The model's names of the controls."""
+        return self.problem.model.control_names
+
     def __repr__(self) -> str:
         """Return a summary in about ten lines."""
-        model, plan = self.problem.model, self.plan
+        plan = self.plan
         lines = [
             f"Solution: {self.status.value}",
             f"  reason      {self.reason}",
@@ -92,8 +103,8 @@ class Solution:
             + (f"; polish {plan.polish_status.value}" if plan.polish_status else ""),
             f"  horizon     {self.problem.horizon:g} s, {self.problem.intervals} "
             f"intervals of {self.problem.dt:g} s",
-            f"  states      {_ranges(model.state_names, self.states)}",
-            f"  controls    {_ranges(model.control_names, self.controls)}",
+            f"  states      {_ranges(self.state_names, self.states)}",
+            f"  controls    {_ranges(self.control_names, self.controls)}",
         ]
         return "\n".join(lines)
 

@@ -19,14 +19,27 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.record.files import RecordError, to_json, write_arrays, write_text
+from swarmstart.cases.record.files import (
+    RecordError,
+    read_arrays,
+    to_json,
+    write_arrays,
+    write_text,
+)
 from swarmstart.cases.record.trajectory_arrays import steps_of, trajectory_arrays
 from swarmstart.ocp import Step, Trajectory
 
 MARK, ARRAYS = "partial.json", "partial.npz"
-_UNREADABLE = (
+UNREADABLE = (
     *(OSError, LookupError, TypeError, ValueError, AttributeError, EOFError),
-    *(BadZipFile, NotImplementedError, zlib.error, struct.error, SyntaxError),
+    *(
+        ZeroDivisionError,
+        BadZipFile,
+        NotImplementedError,
+        zlib.error,
+        struct.error,
+        SyntaxError,
+    ),
 )
 
 
@@ -71,7 +84,7 @@ def partial_key(folder: Path) -> str | None:
             return str(_mark(folder)["key"])
         if (folder / ARRAYS).exists():  # Killed before the first mark.
             return str(_arrays(folder)["key"])
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise _broken(folder, error) from error
     return None
 
@@ -105,7 +118,7 @@ def load_partial(
         steps = steps_of(arrays, substeps)[: mark["steps"]]
         if len(steps) != mark["steps"]:
             raise ValueError(f"{len(steps)} of {mark['steps']} steps")
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise _broken(folder, error) from error
     return steps, mark["rng"]
 
@@ -125,11 +138,7 @@ def _with_checksum(mark: Mapping[str, Any]) -> str:
 
 
 def _arrays(folder: Path) -> dict[str, NDArray[Any]]:
-    with (
-        (folder / ARRAYS).open("rb") as file,
-        np.load(file, allow_pickle=False) as opened,
-    ):
-        arrays = dict(opened)
+    arrays = read_arrays(folder / ARRAYS)
     if str(arrays.pop("checksum")) != _checksum_of_arrays(arrays):
         raise ValueError("a wrong checksum")
     return arrays

@@ -46,7 +46,26 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "plan_is_new": new_plans(trajectory.decisions),
         "search_history": _histories(plans, lambda search: search.history),
         "search_evaluations": _histories(plans, lambda search: search.evaluations),
+        "state_names": np.array(trajectory.state_names),
+        "control_names": np.array(trajectory.control_names),
     }
+
+
+def trajectory_of(arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
+    """Return arrays of `trajectory_arrays` as a trajectory, without plans' states."""
+    pieces, count = arrays["dense_times"].size - 1, arrays["step_seconds"].size
+    steps = steps_of(arrays, pieces // count)
+    return Trajectory(
+        times=arrays["times"],
+        states=arrays["states"],
+        controls=arrays["controls"],
+        dense_times=arrays["dense_times"],
+        dense_states=arrays["dense_states"],
+        decisions=tuple(step.decision for step in steps),
+        step_seconds=arrays["step_seconds"],
+        state_names=tuple(map(str, arrays.get("state_names", ()))),
+        control_names=tuple(map(str, arrays.get("control_names", ()))),
+    )
 
 
 def steps_of(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
@@ -91,8 +110,8 @@ def _histories(
     plans: Sequence[Sequence[Plan]], history: Callable[[SearchReport], Array]
 ) -> Array:
     """Return the searches' histories, shape (T, agents, longest), NaN at the end."""
-    longest = max(history(plan.search).size for row in plans for plan in row)
-    padded = np.full((len(plans), len(plans[0]), longest), np.nan)
+    sizes = [history(plan.search).size for row in plans for plan in row]
+    padded = np.full((len(plans), len(plans[0]), max(sizes, default=0)), np.nan)
     for k, row in enumerate(plans):
         for agent, plan in enumerate(row):
             values = history(plan.search)

@@ -30,6 +30,7 @@ from swarmstart.ocp import (
 )
 
 AGENTS, SUBSTEPS = 2, 3
+STACKED = stack_models([unicycle()] * AGENTS)
 
 
 def flight(count: int) -> Trajectory:
@@ -68,12 +69,13 @@ def flight(count: int) -> Trajectory:
         dense_states=dense,
         decisions=decisions,
         step_seconds=rng.random(count),
+        state_names=STACKED.state_names,
+        control_names=STACKED.control_names,
     )
 
 
 def collected(steps: list[Step]) -> dict[str, Any]:
-    model = stack_models([unicycle()] * AGENTS)
-    plant = Plant(model, dt=1.0, substeps=SUBSTEPS)
+    plant = Plant(STACKED, dt=1.0, substeps=SUBSTEPS)
     return trajectory_arrays(ocp.collected(plant, steps))
 
 

@@ -1,0 +1,182 @@
+"""Results of the library in folders, and any record read again as data.
+
+    result.json      status, cost, names; written last: the commit mark
+    solution.npz     of a Solution: nodes, controls and the finer path
+    trajectory.npz   of a Trajectory, as in the record of a run
+
+A record of `swarmstart run` is read the same way. No file is unpickled, no code is run.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.yaml_reader import read_yaml
+from swarmstart.cases.record.files import (
+    RecordError,
+    is_temporary,
+    locked,
+    read_arrays,
+    write_arrays,
+    write_json,
+)
+from swarmstart.cases.record.partial import UNREADABLE
+from swarmstart.cases.record.record import (
+    MARK,
+    SCENARIO,
+    TRAJECTORY,
+    OccupiedFolderError,
+)
+from swarmstart.cases.record.trajectory_arrays import trajectory_arrays, trajectory_of
+from swarmstart.cases.record.versions import versions
+from swarmstart.ocp import Solution, Trajectory
+
+RESULT, SOLUTION = "result.json", "solution.npz"
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Record:
+    """A folder that a run, or `save` of a result, has left, as data.
+
+    Attributes:
+        folder: The folder.
+        summary: run.json of a run, result.json of a saved result; see docs/record.md.
+        arrays: The arrays by name, as stored.
+        trajectory: The flight; None in the record of a Solution. Its plans are without
+            states.
+        scenario: The scenario as it was run, plain data; None where there is none.
+    """
+
+    folder: Path
+    summary: Mapping[str, Any]
+    arrays: Mapping[str, NDArray[Any]]
+    trajectory: Trajectory | None = None
+    scenario: Mapping[str, Any] | None = None
+
+    def __repr__(self) -> str:
+        """Return folder and status in one line."""
+        return f"Record in {self.folder}: {self.summary.get('status', 'a flight')}"
+
+
+def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
+    """Write a solution; see `Presented.save`."""
+    path, plan = solution.path, solution.plan
+    arrays = {
+        "times": solution.times,
+        "states": solution.states,
+        "controls": solution.controls,
+        "dense_times": path.times,
+        "dense_states": path.states,
+        "state_names": np.array(solution.state_names),
+        "control_names": np.array(solution.control_names),
+    }
+    summary = {
+        "result": "solution",
+        "status": solution.status.value,
+        "reason": solution.reason,
+        "advice": solution.advice,
+        "cost": solution.cost,
+        "violation": solution.violation,
+        "verified_cost": solution.verified_cost,
+        "verified_violation": solution.verified_violation,
+        "source": plan.source.value,
+        "evaluations": plan.evaluations,
+        "compile_seconds": solution.compile_seconds,
+    }
+    return _saved(folder, SOLUTION, arrays, summary, force=force)
+
+
+def save_trajectory(trajectory: Trajectory, folder: Path, *, force: bool) -> Path:
+    """Write a trajectory; see `Presented.save`."""
+    plans = [plan for decision in trajectory.decisions for plan in decision.plans]
+    summary = {
+        "result": "trajectory",
+        "steps": len(trajectory.decisions),
+        "plans": len(plans),
+        "feasible_plans": sum(plan.feasible for plan in plans),
+    }
+    arrays = trajectory_arrays(trajectory)
+    return _saved(folder, TRAJECTORY, arrays, summary, force=force)
+
+
+def _saved(
+    folder: Path,
+    name: str,
+    arrays: Mapping[str, NDArray[Any]],
+    summary: Mapping[str, Any],
+    *,
+    force: bool,
+) -> Path:
+    """Write arrays, then the mark; the mark that was there goes first."""
+    with locked(folder):
+        found = sorted(f.name for f in folder.iterdir() if not is_temporary(f.name))
+        if found and not (force and MARK not in found):
+            whose = "the record of a run" if MARK in found else "other files"
+            raise OccupiedFolderError(folder, f"{whose} ({', '.join(found[:3])})")
+        for old in (RESULT, SOLUTION, TRAJECTORY):
+            (folder / old).unlink(missing_ok=True)
+        write_arrays(folder / name, arrays)
+        mark = {"schema": 1, **summary, "arrays": name, "versions": versions()}
+        write_json(folder / RESULT, mark)
+    return folder
+
+
+def load(folder: str | Path) -> Record:
+    """Return what a run, or `save` of a result, has left in a folder, as data.
+
+    Args:
+        folder: The folder, finished: an interrupted run has no mark yet.
+
+    Raises:
+        RecordError: If there is no finished record, or a file cannot be read.
+        UnreadableFileError: If a run's scenario.yaml cannot be read.
+        YamlError: If that file is not the format.
+    """
+    folder = Path(folder)
+    is_run = (folder / MARK).is_file()
+    mark = folder / (MARK if is_run else RESULT)
+    if not mark.is_file():
+        raise RecordError(
+            f"{folder}: expected a finished record with {MARK} or {RESULT}, found "
+            f"{'neither' if folder.is_dir() else 'no such folder'}"
+        )
+    summary = _read(mark, _summary)
+    is_solution = summary.get("result") == "solution"
+    file = folder / (SOLUTION if is_solution else TRAJECTORY)
+    arrays = _read(file, read_arrays)
+    return Record(
+        folder=folder,
+        summary=summary,
+        arrays=arrays,
+        trajectory=None
+        if is_solution
+        else _read(file, lambda _: trajectory_of(arrays)),
+        scenario=read_yaml(str(folder / SCENARIO)).data if is_run else None,
+    )
+
+
+def _read(file: Path, read: Callable[[Path], T]) -> T:
+    """Return what is read of a file.
+
+    Raises:
+        RecordError: If it cannot be read.
+    """
+    try:
+        return read(file)
+    except UNREADABLE as error:
+        raise RecordError(
+            f"{file}: expected a file of a record, found: {error}"
+        ) from error
+
+
+def _summary(file: Path) -> Mapping[str, Any]:
+    found = json.loads(file.read_text(encoding="utf-8"))
+    if not isinstance(found, dict):
+        raise TypeError("no mapping")
+    return found
