@@ -8,6 +8,39 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
+    from swarmstart.cases.campaign.comparison import (
+        Row as Row,
+    )
+    from swarmstart.cases.campaign.library import (
+        compare as compare,
+        run as run,
+    )
+    from swarmstart.cases.campaign.run import (
+        Interrupted as Interrupted,
+        Run as Run,
+    )
+    from swarmstart.cases.campaign.solvers import (
+        InvalidBudgetTextError as InvalidBudgetTextError,
+        UnknownSolverError as UnknownSolverError,
+    )
+    from swarmstart.cases.format.document import (
+        UnreadableFileError as UnreadableFileError,
+        YamlError as YamlError,
+    )
+    from swarmstart.cases.format.kind import (
+        SeveralPlansError as SeveralPlansError,
+    )
+    from swarmstart.cases.format.scenario import (
+        InvalidScenarioError as InvalidScenarioError,
+        UnknownScenarioError as UnknownScenarioError,
+    )
+    from swarmstart.cases.record.files import (
+        FolderInUseError as FolderInUseError,
+        RecordError as RecordError,
+    )
+    from swarmstart.cases.record.record import (
+        OccupiedFolderError as OccupiedFolderError,
+    )
     from swarmstart.cases.record.results import (
         Record as Record,
         load as load,
@@ -134,15 +167,18 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
 __version__ = "0.1.0"
 
 _NAMES = {
-    "swarmstart.cases.record.results": """
-        Record load
-    """,
-    "swarmstart.cases.record.tables": """
-        MissingPackageError
-    """,
-    "swarmstart.errors": """
-        SwarmstartError
-    """,
+    "swarmstart.cases.campaign.comparison": "Row",
+    "swarmstart.cases.campaign.library": "compare run",
+    "swarmstart.cases.campaign.run": "Interrupted Run",
+    "swarmstart.cases.campaign.solvers": "InvalidBudgetTextError UnknownSolverError",
+    "swarmstart.cases.format.document": "UnreadableFileError YamlError",
+    "swarmstart.cases.format.kind": "SeveralPlansError",
+    "swarmstart.cases.format.scenario": "InvalidScenarioError UnknownScenarioError",
+    "swarmstart.cases.record.files": "FolderInUseError RecordError",
+    "swarmstart.cases.record.record": "OccupiedFolderError",
+    "swarmstart.cases.record.results": "Record load",
+    "swarmstart.cases.record.tables": "MissingPackageError",
+    "swarmstart.errors": "SwarmstartError",
     "swarmstart.heuristics": """
         CMAES LSHADE AskTellError Box Budget ChaoticPSO DifferentialEvolution
         GeneticAlgorithm Initial InvalidBoxError InvalidBudgetError

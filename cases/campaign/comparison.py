@@ -71,6 +71,16 @@ class Row:
     evaluations: float | None
     against_first: str
 
+    def __repr__(self) -> str:
+        """Return problem, solver and what it has shown in one line."""
+        cost = f"{statistics.median(self.costs):.6g}" if self.costs else "-"
+        said = f"; {self.against_first}" if self.against_first else ""
+        return (
+            f"{self.entry.scenario}, {self.entry.solver.name}: {self.feasible} of "
+            f"{len(self.outcomes)} feasible, {self.successes} near the best, "
+            f"median cost {cost}{said}"
+        )
+
 
 def entry_of(
     resolved: Resolved,

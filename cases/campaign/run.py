@@ -110,6 +110,11 @@ class Run:
     figures: tuple[Path, ...] = ()
     resumed: int = 0
 
+    def __repr__(self) -> str:
+        """Return scenario, seed and how it ended in one line."""
+        name = self.resolved.scenario.name
+        return f"Run of {name}, seed {self.seed}: {self.status}"
+
     def summary(self) -> dict[str, Any]:
         """Return what `--json` prints and run.json holds."""
         settings = self.resolved.settings

@@ -23,7 +23,6 @@ import numpy as np
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.cases.format.scenario import resolved_again
-from swarmstart.cases.format.settings import Scenario
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
@@ -43,7 +42,7 @@ SEARCH_SHARE = 0.9
 """Of the budget, where a polish follows."""
 MOST_ITERATIONS = 300
 LARGEST = 1e12
-"""Upper limit for a budget."""
+"""Budgets are below it."""
 _BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m)")
 
 
@@ -133,22 +132,55 @@ Answered = tuple[Planner, Plan, float]
 """A plan, the planner that made it, and when that began [s]."""
 
 
-def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Solve a planning problem; called in a worker.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Trial:
+    """A solver with a budget and a seed.
 
-    The answer is simulated again ten times finer: "claimed" is what the solver says of
-    it, "verified" what the one reference says. With "repair", an answer that breaks a
-    constraint between the checks is solved again with a margin, whatever the solver.
+    Attributes:
+        solver: The solver.
+        budget: Of one planning problem, as `heuristics.Budget` takes it.
+        seed: Seed of all randomness.
+        search: The search that the solver names; its own budget is not used.
+        repair: Whether an answer that breaks a constraint between the checks is solved
+            again with a margin, whatever the solver.
+        backend: What evaluates populations.
     """
+
+    solver: Solver
+    budget: Mapping[str, Any]
+    seed: int
+    search: SearchSettings | None
+    repair: bool = False
+    backend: str | None = None
+
+
+def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Solve a scenario's planning problem; called in a worker."""
     del folder
     resolved = resolved_again(job["settings"], job["variant"])
     posed = first_problem(resolved.kind.pose(resolved.scenario))
-    solver = solver_of(job["solver"])
-    rng = np.random.default_rng(job["seed"])
-    solve = _many_starts if solver.starts == "many" else _planned
-    planner, plan, began = solve(resolved.scenario, posed, solver, job["budget"], rng)
+    trial = Trial(
+        solver=solver_of(job["solver"]),
+        budget=job["budget"],
+        seed=job["seed"],
+        search=resolved.scenario.search_settings(),
+        repair=job["repair"],
+        backend=resolved.scenario.backend,
+    )
+    return answered(posed, trial)
+
+
+def answered(posed: PlanningProblem, trial: Trial) -> dict[str, Any]:
+    """Solve a planning problem, and return what `comparison` looks at.
+
+    The answer is simulated again ten times finer: "claimed" is what the solver says of
+    it, "verified" what the one reference says.
+    """
+    rng = np.random.default_rng(trial.seed)
+    solve = _many_starts if trial.solver.starts == "many" else _planned
+    planner, plan, began = solve(posed, trial, rng)
     found = verified(posed.problem, plan, posed.x0, posed.known)
-    if job["repair"]:
+    if trial.repair:
         answer = repaired(planner, found, posed.x0, posed.known, rng=rng)
         found = answer.solution
     seconds, plan = clock.perf_counter() - began, found.plan
@@ -165,22 +197,24 @@ def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     }
 
 
-def _planned(
-    scenario: Scenario,
-    posed: PlanningProblem,
-    solver: Solver,
-    budget: Mapping[str, Any],
-    rng: np.random.Generator,
-) -> Answered:
+def _planned(posed: PlanningProblem, trial: Trial, rng: np.random.Generator) -> Answered:
     """Return the plan of a search, a polish or both, its planner and when it began."""
-    alone = solver.search == "none"
-    polish = _ipopt(budget, 1.0 if alone else 1 - SEARCH_SHARE)
+    solver, search = trial.solver, trial.search
+    if search is not None:
+        share = Budget(**search_share(solver, trial.budget))
+        search = SearchSettings(
+            algorithm=search.algorithm,
+            budget=share,
+            order=search.order,
+            sampling=search.sampling,
+        )
+    polish = _ipopt(trial.budget, 1.0 if search is None else 1 - SEARCH_SHARE)
     planner = Planner(
         posed.problem,
-        search=_search(scenario, search_share(solver, budget)),
+        search=search,
         polish=polish if solver.polished else None,
         family=posed.family,
-        backend=scenario.backend,
+        backend=trial.backend,
     )
     began = clock.perf_counter()
     return planner, planner.plan(posed.x0, known=posed.known, rng=rng), began
@@ -195,19 +229,6 @@ def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
     return parts
 
 
-def _search(scenario: Scenario, budget: Mapping[str, Any]) -> SearchSettings | None:
-    """Return the scenario's search with another budget."""
-    settings = scenario.search_settings()
-    if settings is None:
-        return None
-    return SearchSettings(
-        algorithm=settings.algorithm,
-        budget=Budget(**budget),
-        order=settings.order,
-        sampling=settings.sampling,
-    )
-
-
 def _ipopt(budget: Mapping[str, Any], share: float) -> IpoptOptions:
     """Return IPOPT with a share of the budget; an iteration counts as an evaluation."""
     evaluations, seconds = budget.get("evaluations"), budget.get("seconds")
@@ -219,23 +240,15 @@ def _ipopt(budget: Mapping[str, Any], share: float) -> IpoptOptions:
     )
 
 
-def _many_starts(
-    scenario: Scenario,
-    posed: PlanningProblem,
-    solver: Solver,
-    budget: Mapping[str, Any],
-    rng: np.random.Generator,
-) -> Answered:
+def _many_starts(posed: PlanningProblem, trial: Trial, rng: np.random.Generator) -> Answered:
     """Return the best of IPOPT from random points until the budget is spent."""
-    del solver
-    planner = Planner(
-        posed.problem, search=None, polish=_ipopt(budget, 1.0), backend=scenario.backend
-    )
+    polish = _ipopt(trial.budget, 1.0)
+    planner = Planner(posed.problem, search=None, polish=polish, backend=trial.backend)
     began = clock.perf_counter()
     plan = multistart(
         planner,
         posed.x0,
-        budget=Budget(**budget),
+        budget=Budget(**trial.budget),
         known=posed.known,
         family=posed.family,
         rng=rng,

@@ -1,0 +1,229 @@
+"""What the commands `run` and `compare` do, as functions of the library."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.cases.campaign.cells import Cell, Outcome
+from swarmstart.cases.campaign.comparison import Entry, Row, rows_of
+from swarmstart.cases.campaign.run import Progress, Run
+from swarmstart.cases.campaign.run import run as run_resolved
+from swarmstart.cases.campaign.solvers import (
+    Solver,
+    Trial,
+    answered,
+    budget_of,
+    search_share,
+    solver_of,
+)
+from swarmstart.cases.format.kind import PlanningProblem
+from swarmstart.cases.format.scenario import Resolved, read_document, resolve
+from swarmstart.cases.kinds.flight import first_problem
+from swarmstart.cases.record.files import to_json
+from swarmstart.cases.record.record import Recording
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics import ALGORITHMS, Budget
+from swarmstart.ocp import Known, OptimalControlProblem, SearchSettings
+
+Scenario = str | Path
+Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]
+"""A scenario; or a problem, its initial state and, where it has any, what is known."""
+NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
+
+
+def run(  # noqa: PLR0913 - the options of a command
+    scenario: Scenario,
+    *,
+    seed: int,
+    out: str | Path | None = None,
+    variant: str | None = None,
+    search: str | None = None,
+    polish: str | None = None,
+    figures: bool = True,
+    force: bool = False,
+    settings: Mapping[str, Any] = NO_SETTINGS,
+    progress: Progress | None = None,
+) -> Run:
+    """Fly a scenario, measure it and judge its claims, as `swarmstart run` does.
+
+    Args:
+        scenario: The name of a shipped scenario, or the path of a file.
+        seed: The seed of all randomness.
+        out: The record's folder; None: nothing is written, and nothing drawn.
+        variant: As --variant.
+        search: As --search.
+        polish: As --polish.
+        figures: Whether the record has figures.
+        force: As --force: whether files of the record's names are replaced.
+        settings: As --set, such as {"steps": 2, "budget.evaluations": 600}.
+        progress: Told (finished steps, all steps, what is being done).
+
+    Returns:
+        Measures, claims, trajectory and all else.
+
+    Raises:
+        InvalidScenarioError: If the scenario can be read but not run.
+        UnknownScenarioError: If there is none of that name.
+        UnreadableFileError: If its file cannot be read.
+        YamlError: If its file is not the format.
+        OccupiedFolderError: If the folder holds anything but a record of this run.
+        RecordError: If a file cannot be written.
+    """
+    resolved = _resolved(
+        scenario, settings, variant=variant, search=search, polish=polish
+    )
+    recording = None
+    if out is not None:
+        recording = Recording(folder=Path(out), figures=figures, force=force)
+    told = progress or (lambda done, steps, what: None)
+    return run_resolved(resolved, seed=seed, recording=recording, progress=told)
+
+
+def compare(  # noqa: PLR0913 - the options of a command
+    problems: Compared | Sequence[Compared] | Mapping[str, Compared],
+    solvers: str | Sequence[str],
+    *,
+    seeds: int = 10,
+    budget: str | int = "4000evals",
+    repair: bool = True,
+    settings: Mapping[str, Any] = NO_SETTINGS,
+    progress: Progress | None = None,
+) -> list[Row]:
+    """Solve problems by several solvers and seeds under equal budgets, side by side.
+
+    All is done here, one after the other, and nothing is kept; `swarmstart compare`
+    takes processes and goes on where it was interrupted. The same seeds give the same
+    answers in both.
+
+    Args:
+        problems: Scenarios; or (problem, x0) or (problem, x0, known); one, several, or
+            several by names.
+        solvers: Names such as "lshade", "lshade+ipopt", "multistart-ipopt", "ipopt";
+            the others are compared with the first.
+        seeds: Their number, from 0 on.
+        budget: Of one planning problem: "4000evals", "5s" or a number of evaluations.
+        repair: Whether an answer that breaks a constraint between the checks is solved
+            again with a margin.
+        settings: Of the scenarios, as in `run`.
+        progress: Told (finished, all, the next one's name).
+
+    Returns:
+        A row for each problem and solver, in this order.
+
+    Raises:
+        UnknownSolverError: If there is no such solver.
+        InvalidBudgetTextError: If the budget is none.
+        SeveralPlansError: If a step of a scenario has several planning problems.
+    """
+    names = [solvers] if isinstance(solvers, str) else solvers
+    chosen = [solver_of(name) for name in dict.fromkeys(names)]
+    share = budget_of(f"{budget}evals" if isinstance(budget, int) else budget)
+    named = _named(problems)
+    ways = {  # All are refused here, before any is solved.
+        (name, solver.name): _way(problem, solver, share, settings)
+        for name, problem in named.items()
+        for solver in chosen
+    }
+    entries = [[_entry(name, solver, seeds) for solver in chosen] for name in named]
+    cells = [(e, cell) for each in entries for e in each for cell in e.cells]
+    outcomes = {}
+    for number, (entry, cell) in enumerate(cells):
+        if progress is not None:
+            progress(number, len(cells), cell.label)
+        posed, search, backend = ways[entry.scenario, entry.solver.name]
+        trial = Trial(
+            solver=entry.solver,
+            budget=share,
+            seed=cell.job["seed"],
+            search=search,
+            repair=repair,
+            backend=backend,
+        )
+        outcomes[cell.key] = _outcome(posed, trial)
+    return [row for each in entries for row in rows_of(each, outcomes, seeds=seeds)]
+
+
+def _resolved(
+    scenario: Scenario, settings: Mapping[str, Any], **given: Any
+) -> Resolved:
+    """Return a scenario with settings laid over it, arrays of NumPy among them."""
+    plain = {
+        key: value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+        for key, value in settings.items()
+    }
+    assignments = [f"{key}={to_json(value)}" for key, value in plain.items()]
+    return resolve(read_document(str(scenario)), assignments=assignments, **given)
+
+
+def _named(
+    problems: Compared | Sequence[Compared] | Mapping[str, Compared],
+) -> Mapping[str, Compared]:
+    """Return problems by names: those of the scenarios, else their numbers."""
+    if isinstance(problems, Mapping):
+        return problems
+    is_one = isinstance(problems, str | Path) or (
+        isinstance(problems, tuple) and isinstance(problems[0], OptimalControlProblem)
+    )
+    several = cast(Sequence[Compared], [problems] if is_one else problems)
+    return {
+        f"problem {number}" if isinstance(one, tuple) else str(one): one
+        for number, one in enumerate(several, 1)
+    }
+
+
+def _way(
+    problem: Compared,
+    solver: Solver,
+    budget: Mapping[str, float | int],
+    settings: Mapping[str, Any],
+) -> tuple[PlanningProblem, SearchSettings | None, str | None]:
+    """Return what is solved, the search that a solver names, and the backend."""
+    searched = solver.search != "none"
+    share = search_share(solver, budget)
+    if isinstance(problem, tuple):
+        ocp, x0, *known = problem
+        state = np.asarray(x0, dtype=np.float64)
+        posed = PlanningProblem(problem=ocp, x0=state, known=known[0] if known else Known())
+        algorithm = ALGORITHMS[solver.search]() if searched else None
+        if algorithm is None:
+            return posed, None, None
+        return posed, SearchSettings(algorithm=algorithm, budget=Budget(**share)), None
+    resolved = _resolved(
+        problem,
+        {**settings, "budget": share} if searched else settings,
+        search=solver.search,
+        polish="ipopt" if solver.polished else "none",
+    )
+    scenario = resolved.scenario
+    posed = first_problem(resolved.kind.pose(scenario))
+    return posed, scenario.search_settings(), scenario.backend
+
+
+def _entry(name: str, solver: Solver, seeds: int) -> Entry:
+    """Return the cells of a solver on a problem, which are not kept."""
+    cells = [
+        Cell(
+            work="swarmstart.cases.campaign.library:compare",
+            job={"problem": name, "solver": solver.name, "seed": seed},
+            label=f"{name}, {solver.name}, seed {seed}",
+        )
+        for seed in range(1 if solver.is_deterministic else seeds)
+    ]
+    return Entry(scenario=name, solver=solver, cells=tuple(cells))
+
+
+def _outcome(posed: PlanningProblem, trial: Trial) -> Outcome:
+    """Return a solver's answer, or why there is none."""
+    result, failure = None, ""
+    try:
+        result = answered(posed, trial)
+    except SwarmstartError as error:
+        failure = str(error)
+    seconds = result["seconds"] if result else 0.0
+    return Outcome(result=result, failure=failure, seconds=seconds, folder=Path())

@@ -1,0 +1,124 @@
+"""`run` and `compare` as functions of the library."""
+
+import json
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import swarmstart as ss
+from swarmstart.cases.campaign.library import Compared
+from swarmstart.cases.campaign.run import run
+from swarmstart.cases.format.scenario import read_document, resolve
+
+SMALL = {"steps": 2, "budget": {"evaluations": 40}}
+
+
+def landing() -> tuple[ss.OptimalControlProblem, list[float]]:
+    """A double integrator with a quadratic cost: convex, so every start leads there."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    problem = ss.OptimalControlProblem(
+        ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
+        horizon=2.0,
+        intervals=5,
+        stage_cost=ca.sumsqr(x) + u**2,
+        bounds=ss.Bounds(controls=(-2, 2)),
+    )
+    return problem, [1.0, 0.0]
+
+
+def test_a_run_of_the_library_is_that_of_the_command() -> None:
+    resolved = resolve(
+        read_document("formation_v"),
+        assignments=["steps=2", "budget.evaluations=40"],
+    )
+    expected = run(resolved, seed=3)
+    told: list[tuple[int, int, str]] = []
+    found = ss.run(
+        "formation_v",
+        seed=3,
+        settings={"steps": np.int64(2), "budget.evaluations": 40},
+        progress=lambda *news: told.append(news),
+    )
+    assert found.measures == {
+        **expected.measures,
+        **{k: v for k, v in found.measures.items() if "seconds" in k},
+    }
+    assert found.resolved.settings == expected.resolved.settings
+    assert told[-1] == (2, 2, "flying")
+    assert repr(found).startswith("Run of formation_v, seed 3: flown to the end")
+
+
+def test_a_run_is_recorded_where_it_is_asked_to_be_and_loaded_again(
+    tmp_path: Path,
+) -> None:
+    finished = ss.run(
+        "formation_v", seed=0, out=tmp_path / "a", figures=False, settings=SMALL
+    )
+    assert finished.folder == tmp_path / "a"
+    again = ss.load(tmp_path / "a")
+    assert again.summary["measures"] == finished.summary()["measures"]
+
+
+def test_a_file_is_run_by_its_path(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    settings = resolve(read_document("formation_v"), assignments=["steps=1"]).settings
+    file.write_text(json.dumps(dict(settings)))
+    assert ss.run(file, seed=0, settings=SMALL).resolved.settings["steps"] == 2
+
+
+def test_a_wrong_setting_is_refused_with_its_place() -> None:
+    with pytest.raises(ss.InvalidScenarioError, match="expected steps to be"):
+        ss.run("formation_v", seed=0, settings={"steps": 0.5})
+    with pytest.raises(ss.UnknownScenarioError, match="did you mean formation_v"):
+        ss.run("formation_w", seed=0)
+
+
+def test_solvers_of_a_users_problem_are_compared_under_one_budget() -> None:
+    told: list[str] = []
+    solvers = ["ipopt", "lshade", "lshade+ipopt"]
+    rows = ss.compare(
+        landing(),
+        solvers,
+        seeds=2,
+        budget=600,
+        progress=lambda done, of, what: told.append(f"{done} of {of}: {what}"),
+    )
+    assert [row.entry.solver.name for row in rows] == solvers
+    assert [len(row.outcomes) for row in rows] == [1, 2, 2]
+    assert all(row.feasible == len(row.outcomes) for row in rows)
+    least = rows[0].costs[0]
+    np.testing.assert_allclose(rows[2].costs, least, rtol=1e-6)
+    assert rows[1].costs[0] >= least - 1e-9
+    assert rows[1].evaluations is not None and rows[1].evaluations <= 600
+    assert told[0] == "0 of 5: problem 1, ipopt, seed 0"
+    assert repr(rows[0]).startswith(
+        "problem 1, ipopt: 1 of 1 feasible, 1 near the best"
+    )
+
+
+def test_problems_with_names_stand_beside_scenarios() -> None:
+    problems: dict[str, Compared] = {"landing": landing(), "side": "passing_side"}
+    rows = ss.compare(problems, "ipopt", seeds=1, budget="200evals")
+    assert [row.entry.scenario for row in rows] == ["landing", "side"]
+    # From zero controls IPOPT passes the disc on the dear side, here with a margin.
+    assert rows[1].costs == pytest.approx([1846.8], abs=0.1)
+
+
+def test_what_no_solver_can_do_is_a_failure_of_its_row() -> None:
+    problem, x0 = landing()
+    free = ss.OptimalControlProblem(
+        problem.model, horizon=1.0, intervals=2, stage_cost=problem.stage_cost
+    )
+    (row,) = ss.compare((free, x0), "lshade", seeds=1, budget=100)
+    assert row.feasible == 0 and "bounds" in row.outcomes[0].failure
+
+
+def test_wrong_names_and_budgets_are_refused_before_anything_is_solved() -> None:
+    with pytest.raises(ss.UnknownSolverError, match="found 'snopt'"):
+        ss.compare(landing(), ["lshade", "snopt"])
+    with pytest.raises(ss.InvalidBudgetTextError, match="found '0evals'"):
+        ss.compare(landing(), "lshade", budget=0)
+    with pytest.raises(ss.SeveralPlansError):
+        ss.compare([landing(), "formation_v"], "ipopt", seeds=1)
