@@ -116,6 +116,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         SolveInterrupted as SolveInterrupted,
         Source as Source,
         Step as Step,
+        SteppedPlant as SteppedPlant,
         Team as Team,
         TerminalConstraint as TerminalConstraint,
         Trajectory as Trajectory,
@@ -194,7 +195,7 @@ _NAMES = {
         NlpOptions OpenLoop OptimalControlProblem PathConstraint Plan Planner
         PlanningInterrupted Plant PolishStatus RecedingHorizon SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError
-        SolveInterrupted Source Step Team TerminalConstraint Trajectory
+        SolveInterrupted Source Step SteppedPlant Team TerminalConstraint Trajectory
         TrajectoryFamily UncertifiedSetError compile_batch disc fly interpolate
         multistart simulate solve stack_models terminal_set_of
     """,

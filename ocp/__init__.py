@@ -1,6 +1,6 @@
 """The optimal-control problem and everything done to one."""
 
-from swarmstart.ocp.closed_loop import Plant, Step, Trajectory, collected, fly, simulate
+from swarmstart.ocp.closed_loop import Step, Trajectory, collected, fly, simulate
 from swarmstart.ocp.compiled.backend import Backend, BackendWarning, chosen_backend
 from swarmstart.ocp.compiled.batch import BatchFunction, compile_batch
 from swarmstart.ocp.compiled.simd import Prepared
@@ -35,6 +35,7 @@ from swarmstart.ocp.planner import (
     SearchReport,
     Source,
 )
+from swarmstart.ocp.plant import Plant, SteppedPlant, Steps
 from swarmstart.ocp.polish import Polished, Polisher
 from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -97,6 +98,8 @@ __all__ = [
     "Source",
     "Start",
     "Step",
+    "SteppedPlant",
+    "Steps",
     "Team",
     "TerminalConstraint",
     "Trajectory",

@@ -1,23 +1,24 @@
 """A plant under a controller: the closed loop, one control interval after another.
 
-The plant is integrated finer than the controller's model, by classical Runge-Kutta.
 `fly` yields each finished step, so that nothing finished is lost when it is stopped;
 `simulate` collects them.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.compile_time import stopwatch
+from swarmstart.heuristics import generator_of
 from swarmstart.ocp.controller import Controller, Decision
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import numbers_of
-from swarmstart.ocp.integrators import held_step, require_count
-from swarmstart.ocp.model import Model, shortened
+from swarmstart.ocp.model import shortened
+from swarmstart.ocp.plant import AnyPlant, Plant, SteppedPlant, plant_of
 from swarmstart.ocp.presentation import Presented
+from swarmstart.ocp.progress import Progress, tell_nothing
 
 Array = NDArray[np.float64]
 
@@ -94,73 +95,8 @@ class Trajectory(Presented):
         )
 
 
-class Plant:
-    """A model integrated finely over a control interval with held controls.
-
-    Attributes:
-        model: The model.
-        dt: Length of a control interval [s].
-        substeps: Steps of the integrator in it.
-    """
-
-    def __init__(
-        self,
-        model: Model,
-        *,
-        dt: float,
-        substeps: int,
-        parameters: Callable[[Array], Array] | None = None,
-    ) -> None:
-        """Compile the plant.
-
-        Args:
-            model: The model.
-            dt: Length of a control interval [s].
-            substeps: Steps of the integrator in it, at least 1.
-            parameters: Times (n,) [s] -> the model's parameters (np, n), each held over
-                one step of the integrator; None where the model has none.
-
-        Raises:
-            InvalidProblemError: If the model has parameters that nobody gives, or a
-                number is none.
-        """
-        if model.np and parameters is None:
-            raise InvalidProblemError(
-                f"the model of a plant has {model.np} parameters: expected a function "
-                "of time for them, got none"
-            )
-        require_count("substeps", substeps)
-        if not dt > 0:
-            raise InvalidProblemError(f"dt must be positive, got {dt}")
-        self.model, self.dt, self.substeps = model, dt, substeps
-        self._parameters = parameters
-        self._interval = held_step(model, dt / substeps).mapaccum("plant", substeps)
-
-    def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
-        """Return the states after each step of the interval, shape (nx, substeps).
-
-        Args:
-            state: At its beginning, shape (nx,).
-            control: Held over it, shape (nu,).
-            time: Of its beginning [s].
-        """
-        held = np.repeat(control[:, None], self.substeps, axis=1)
-        begins = time + self.dt * (np.arange(self.substeps) / self.substeps)
-        return np.array(self._interval(state, held, self.parameters(begins)))
-
-    def parameters(self, times: Array) -> Array:
-        """Return the parameters held over steps of the integrator, shape (np, n).
-
-        Args:
-            times: Beginnings of the steps, shape (n,) [s].
-        """
-        if self._parameters is None:
-            return np.empty((0, times.size))
-        return self._parameters(times)
-
-
 def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
-    plant: Plant,
+    plant: AnyPlant,
     controller: Controller,
     x0: ArrayLike,
     *,
@@ -172,7 +108,7 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
     """Yield the closed loop, one finished control interval at a time.
 
     Args:
-        plant: The plant.
+        plant: A `Plant`, or any object with `step(x, u, dt)`.
         controller: The controller.
         x0: State at the first interval flown here, shape (nx,).
         steps: Number of the interval to stop before.
@@ -184,22 +120,18 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         InvalidProblemError: If x0 does not fit the plant, intervals differ, or the
             plant leaves the finite numbers.
     """
-    if not isinstance(plant, Plant):
-        raise InvalidProblemError(
-            f"plant must be a swarmstart.Plant, got {shortened(plant)}"
-        )
     if not (hasattr(controller, "decide") and hasattr(controller, "dt")):
         raise InvalidProblemError(
             "controller must have decide() and dt, such as RecedingHorizon, "
             f"got {shortened(controller)}"
         )
+    plant = plant_of(plant, controller.dt)
     state = numbers_of("x0", x0)
-    if state.shape == (plant.model.nx, 1):
+    nx = plant.model.nx if isinstance(plant, Plant) else state.size
+    if state.shape == (nx, 1):
         state = state[:, 0]
-    if state.shape != (plant.model.nx,):
-        raise InvalidProblemError(
-            f"x0 must have shape ({plant.model.nx},), got {state.shape}"
-        )
+    if state.shape != (nx,):
+        raise InvalidProblemError(f"x0 must have shape ({nx},), got {state.shape}")
     if not np.isclose(plant.dt, controller.dt):
         raise InvalidProblemError(
             f"plant and controller must share one interval, got {plant.dt} s "
@@ -226,19 +158,40 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         state, previous = dense[:, -1], decision
 
 
-def simulate(
-    plant: Plant,
+def simulate(  # noqa: PLR0913 - a closed loop in one call
+    plant: AnyPlant,
     controller: Controller,
     x0: ArrayLike,
     *,
     steps: int,
-    rng: np.random.Generator,
+    rng: np.random.Generator | None = None,
+    seed: int | Sequence[int] | None = None,
+    progress: Progress = tell_nothing,
 ) -> Trajectory:
-    """Return the whole closed loop over `steps` control intervals; see `fly`."""
-    return collected(plant, list(fly(plant, controller, x0, steps=steps, rng=rng)))
+    """Return the whole closed loop over `steps` control intervals.
+
+    Args:
+        plant: A `Plant`, or any object with `step(x, u, dt)`, which returns the state
+            after dt seconds; the flight then has no path between the control instants.
+        controller: The controller.
+        x0: State at the start, shape (nx,).
+        steps: Number of control intervals.
+        rng: Source of all randomness; either this or a seed.
+        seed: Seed of a new generator.
+        progress: Told (finished steps, all steps, "flying") after each step.
+
+    Raises:
+        InvalidProblemError: As in `fly`.
+    """
+    rng = generator_of(rng, seed)
+    flown: list[Step] = []
+    for step in fly(plant, controller, x0, steps=steps, rng=rng):
+        flown.append(step)
+        progress(len(flown), steps, "flying")
+    return collected(plant_of(plant, controller.dt), flown)
 
 
-def collected(plant: Plant, steps: Sequence[Step]) -> Trajectory:
+def collected(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> Trajectory:
     """Return finished steps, from number 0 on without a gap, as a trajectory.
 
     Raises:
@@ -261,6 +214,6 @@ def collected(plant: Plant, steps: Sequence[Step]) -> Trajectory:
         dense_states=dense,
         decisions=tuple(s.decision for s in steps),
         step_seconds=np.array([s.seconds for s in steps]),
-        state_names=plant.model.state_names,
-        control_names=plant.model.control_names,
+        state_names=plant.state_names,
+        control_names=plant.control_names,
     )

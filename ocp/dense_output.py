@@ -23,9 +23,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.closed_loop import Plant, Trajectory
+from swarmstart.ocp.closed_loop import Trajectory
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.model import Model
+from swarmstart.ocp.plant import Plant
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.cases.campaign.cells import Cell, Outcome
 from swarmstart.cases.campaign.comparison import Entry, Row, rows_of
-from swarmstart.cases.campaign.run import Progress, Run
+from swarmstart.cases.campaign.run import Run
 from swarmstart.cases.campaign.run import run as run_resolved
 from swarmstart.cases.campaign.solvers import (
     Solver,
@@ -30,6 +30,7 @@ from swarmstart.cases.record.record import Recording
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import ALGORITHMS, Budget
 from swarmstart.ocp import Known, OptimalControlProblem, SearchSettings
+from swarmstart.ocp.progress import Progress, tell_nothing
 
 Scenario = str | Path
 Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]
@@ -48,7 +49,7 @@ def run(  # noqa: PLR0913 - the options of a command
     figures: bool = True,
     force: bool = False,
     settings: Mapping[str, Any] = NO_SETTINGS,
-    progress: Progress | None = None,
+    progress: Progress = tell_nothing,
 ) -> Run:
     """Fly a scenario, measure it and judge its claims, as `swarmstart run` does.
 
@@ -81,8 +82,7 @@ def run(  # noqa: PLR0913 - the options of a command
     recording = None
     if out is not None:
         recording = Recording(folder=Path(out), figures=figures, force=force)
-    told = progress or (lambda done, steps, what: None)
-    return run_resolved(resolved, seed=seed, recording=recording, progress=told)
+    return run_resolved(resolved, seed=seed, recording=recording, progress=progress)
 
 
 def compare(  # noqa: PLR0913 - the options of a command
@@ -93,7 +93,7 @@ def compare(  # noqa: PLR0913 - the options of a command
     budget: str | int = "4000evals",
     repair: bool = True,
     settings: Mapping[str, Any] = NO_SETTINGS,
-    progress: Progress | None = None,
+    progress: Progress = tell_nothing,
 ) -> list[Row]:
     """Solve problems by several solvers and seeds under equal budgets, side by side.
 
@@ -134,8 +134,7 @@ def compare(  # noqa: PLR0913 - the options of a command
     cells = [(e, cell) for each in entries for e in each for cell in e.cells]
     outcomes = {}
     for number, (entry, cell) in enumerate(cells):
-        if progress is not None:
-            progress(number, len(cells), cell.label)
+        progress(number, len(cells), cell.label)
         posed, search, backend = ways[entry.scenario, entry.solver.name]
         trial = Trial(
             solver=entry.solver,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -47,14 +47,12 @@ from swarmstart.ocp import (
     collected,
     fly,
 )
+from swarmstart.ocp.progress import Progress, tell_nothing
 
 logger = logging.getLogger(__name__)
 
 # Work worth keeping even where nobody gets the chance to interrupt, in seconds.
 CHECKPOINT_S = 15.0
-
-Progress = Callable[[int, int, str], None]
-"""(finished steps, all steps, what is being done) -> None."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -165,7 +163,7 @@ def run(
     *,
     seed: int,
     recording: Recording | None = None,
-    progress: Progress = lambda done, steps, what: None,
+    progress: Progress = tell_nothing,
 ) -> Run:
     """Fly a scenario, measure it, and record it.
 

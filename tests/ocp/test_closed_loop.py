@@ -1,4 +1,4 @@
-"""The closed loop: the plant against scipy, stopping and going on."""
+"""The closed loop: stopping and going on, and any object that makes a step."""
 
 from collections.abc import Iterator
 
@@ -6,7 +6,6 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from swarmstart.heuristics import Budget, ChaoticPSO
 from swarmstart.ocp import (
@@ -62,20 +61,6 @@ def controller(pendulum: Model) -> RecedingHorizon:
 @pytest.fixture(scope="module")
 def plant(pendulum: Model) -> Plant:
     return Plant(pendulum, dt=0.2, substeps=10)
-
-
-def test_plant_is_what_scipy_integrates(plant: Plant) -> None:
-    states = plant(np.array([1.0, -0.5]), np.array([2.0]))
-    exact = solve_ivp(
-        lambda _, y: [y[1], 2 - 9.81 * np.sin(y[0])],
-        (0, 0.2),
-        [1.0, -0.5],
-        t_eval=0.02 * np.arange(1, 11),
-        rtol=1e-12,
-        atol=1e-12,
-    )
-    # Ten RK4 steps of 20 ms.
-    np.testing.assert_allclose(states, exact.y, atol=1e-7)
 
 
 def test_flight_that_is_stopped_goes_on_with_the_same_bits(
@@ -165,37 +150,6 @@ def test_refuses_what_does_not_fit_the_plant(
         simulate(slow, controller, [1, 0], steps=1, rng=rng)
 
 
-@pytest.mark.parametrize(
-    ("dt", "substeps", "message"),
-    [
-        (0.2, 0, "substeps must be an integer of at least 1, got 0"),
-        (-0.2, 4, "dt must be positive, got -0.2"),
-    ],
-)
-def test_refuses_what_is_no_plant(
-    pendulum: Model, dt: float, substeps: int, message: str
-) -> None:
-    with pytest.raises(InvalidProblemError, match=message):
-        Plant(pendulum, dt=dt, substeps=substeps)
-
-
-def test_a_plants_parameters_are_held_over_each_of_its_steps() -> None:
-    """x' = p: the integral of a staircase."""
-    x, p = ca.SX.sym("x"), ca.SX.sym("p")
-    model = Model(states=x, controls=ca.SX.sym("u"), parameters=p, ode=p)
-    plant = Plant(model, dt=0.5, substeps=5, parameters=lambda t: 10 * t[None])
-    dense = plant(np.array([1.0]), np.zeros(1), 2.0)
-    steps = 10 * (2.0 + 0.1 * np.arange(5)) * 0.1
-    np.testing.assert_allclose(dense[0], 1 + np.cumsum(steps), rtol=1e-14)
-
-
-def test_refuses_a_plant_whose_parameters_nobody_gives() -> None:
-    x, p = ca.SX.sym("x"), ca.SX.sym("p")
-    model = Model(states=x, controls=ca.SX.sym("u"), parameters=p, ode=p * x)
-    with pytest.raises(InvalidProblemError, match="has 1 parameters: expected a func"):
-        Plant(model, dt=0.1, substeps=1)
-
-
 def test_refuses_to_collect_nothing_or_with_a_gap(
     plant: Plant, controller: RecedingHorizon
 ) -> None:
@@ -213,3 +167,65 @@ def test_a_plant_that_diverges_is_named_with_its_step() -> None:
     plant = Plant(Model(states=x, controls=u, ode=-1e3 * x + u), dt=0.2, substeps=2)
     with pytest.raises(InvalidProblemError, match=r"the finite numbers in step \d+"):
         list(fly(plant, Clockwork(), [1.0], steps=100, rng=np.random.default_rng(0)))
+
+
+class Falling:
+    """A hammer: x'' = u - 9.81, solved by hand."""
+
+    state_names = ("height", "speed")
+
+    def step(self, x: Array, u: Array, dt: float) -> list[float]:
+        a = u[0] - 9.81
+        after = [x[0] + x[1] * dt + a * dt**2 / 2, x[1] + a * dt]
+        x[:] = np.nan  # It may use its arguments as it likes.
+        return after
+
+
+def test_an_object_with_a_step_is_flown_as_the_model_it_solves() -> None:
+    """Constant acceleration: one Runge-Kutta step is exact."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    model = Model(states=x, controls=u, ode=ca.vertcat(x[1], u - 9.81))
+    plant = Plant(model, dt=0.2, substeps=1)
+    expected = simulate(plant, Clockwork(), [10, 0], steps=5, seed=0)
+    found = simulate(Falling(), Clockwork(), [10, 0], steps=5, seed=0)
+    np.testing.assert_allclose(found.dense_states, expected.dense_states, rtol=1e-13)
+    np.testing.assert_array_equal(found.controls, expected.controls)
+    np.testing.assert_allclose(found.dense_times, expected.times)
+    assert found.state_names == ("height", "speed")
+    assert found.control_names == ("control_0",)
+
+
+def test_a_step_that_returns_another_number_of_states_is_refused() -> None:
+    class Torn:
+        def step(self, x: Array, u: Array, dt: float) -> list[float]:
+            return [*x, *u]
+
+    with pytest.raises(InvalidProblemError, match=r"of shape \(2,\), got \(3,\)"):
+        simulate(Torn(), Clockwork(), [1, 0], steps=1, seed=0)
+
+
+def test_refuses_what_makes_no_step() -> None:
+    with pytest.raises(InvalidProblemError, match="have step"):
+        simulate(Model, Clockwork(), [1, 0], steps=1, seed=0)  # type: ignore[arg-type]
+
+
+def test_a_seed_is_a_generator_from_it(
+    plant: Plant, controller: RecedingHorizon
+) -> None:
+    seeded = simulate(plant, controller, [1, 0], steps=2, seed=4)
+    rng = np.random.default_rng(4)
+    given = simulate(plant, controller, [1, 0], steps=2, rng=rng)
+    np.testing.assert_array_equal(seeded.dense_states, given.dense_states)
+
+
+def test_progress_is_told_after_each_step(plant: Plant) -> None:
+    told: list[tuple[int, int, str]] = []
+    simulate(
+        plant, Clockwork(), [0, 0], steps=2, seed=0, progress=lambda *n: told.append(n)
+    )
+    assert told == [(1, 2, "flying"), (2, 2, "flying")]
+
+
+def test_a_flight_has_the_names_of_its_model(plant: Plant) -> None:
+    flown = simulate(plant, Clockwork(), [0, 0], steps=1, seed=0)
+    assert flown.state_names == ("x_0", "x_1") and flown.control_names == ("u",)

@@ -1,0 +1,161 @@
+"""Plants: a model integrated finely, or any object that makes a step.
+
+A `Plant` is integrated by classical Runge-Kutta. An object with `step(x, u, dt)` is
+known at the control instants only: a flight of it has no path between them, so nothing
+is checked, interpolated or measured there.
+"""
+
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.fitness import numbers_of
+from swarmstart.ocp.integrators import held_step, require_count
+from swarmstart.ocp.model import Model, shortened
+
+Array = NDArray[np.float64]
+
+
+class Plant:
+    """A model integrated finely over a control interval with held controls.
+
+    Attributes:
+        model: The model.
+        dt: Length of a control interval [s].
+        substeps: Steps of the integrator in it.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        *,
+        dt: float,
+        substeps: int,
+        parameters: Callable[[Array], Array] | None = None,
+    ) -> None:
+        """Compile the plant.
+
+        Args:
+            model: The model.
+            dt: Length of a control interval [s].
+            substeps: Steps of the integrator in it, at least 1.
+            parameters: Times (n,) [s] -> the model's parameters (np, n), each held over
+                one step of the integrator; None where the model has none.
+
+        Raises:
+            InvalidProblemError: If the model has parameters that are not given, or a
+                number is out of range.
+        """
+        if model.np and parameters is None:
+            raise InvalidProblemError(
+                f"the model of a plant has {model.np} parameters: expected a function "
+                "of time for them, got none"
+            )
+        require_count("substeps", substeps)
+        if not dt > 0:
+            raise InvalidProblemError(f"dt must be positive, got {dt}")
+        self.model, self.dt, self.substeps = model, dt, substeps
+        self._parameters = parameters
+        self._interval = held_step(model, dt / substeps).mapaccum("plant", substeps)
+
+    def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
+        """Return the states after each step of the interval, shape (nx, substeps).
+
+        Args:
+            state: At its beginning, shape (nx,).
+            control: Held over it, shape (nu,).
+            time: Of its beginning [s].
+        """
+        held = np.repeat(control[:, None], self.substeps, axis=1)
+        begins = time + self.dt * (np.arange(self.substeps) / self.substeps)
+        return np.array(self._interval(state, held, self.parameters(begins)))
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The model's names of the states."""
+        return self.model.state_names
+
+    @property
+    def control_names(self) -> tuple[str, ...]:
+        """The model's names of the controls."""
+        return self.model.control_names
+
+    def parameters(self, times: Array) -> Array:
+        """Return the parameters held over steps of the integrator, shape (np, n).
+
+        Args:
+            times: Beginnings of the steps, shape (n,) [s].
+        """
+        if self._parameters is None:
+            return np.empty((0, times.size))
+        return self._parameters(times)
+
+
+@runtime_checkable
+class Steps(Protocol):
+    """Any plant: what it does in one control interval.
+
+    It may have `state_names` and `control_names` besides, which a flight then has.
+    """
+
+    def step(self, x: Array, u: Array, dt: float, /) -> ArrayLike:
+        """Return the state after an interval, shape (nx,).
+
+        Args:
+            x: State at its beginning, shape (nx,).
+            u: Control held over it, shape (nu,).
+            dt: Its length [s].
+        """
+
+
+class SteppedPlant:
+    """An object with `step(x, u, dt)` as a plant of one step an interval.
+
+    Attributes:
+        dt: Length of a control interval [s].
+        substeps: 1.
+        state_names: The object's, if it has any.
+        control_names: The same.
+    """
+
+    substeps = 1
+
+    def __init__(self, steps: Steps, *, dt: float) -> None:
+        """Keep the object."""
+        self.dt, self._steps = dt, steps
+        self.state_names: tuple[str, ...] = tuple(getattr(steps, "state_names", ()))
+        self.control_names: tuple[str, ...] = tuple(getattr(steps, "control_names", ()))
+
+    def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
+        """Return the state after the interval, shape (nx, 1); see Plant."""
+        del time
+        after = self._steps.step(state.copy(), control.copy(), self.dt)
+        after = numbers_of("the state that step() returns", after)
+        if after.size != state.size:
+            raise InvalidProblemError(
+                f"step() must return a state of shape ({state.size},), got "
+                f"{after.shape}"
+            )
+        return after.reshape(-1, 1)
+
+
+AnyPlant = Plant | SteppedPlant | Steps
+
+
+def plant_of(plant: AnyPlant, dt: float) -> Plant | SteppedPlant:
+    """Return a plant as it is flown.
+
+    Raises:
+        InvalidProblemError: If it is none.
+    """
+    if isinstance(plant, Plant | SteppedPlant):
+        return plant
+    if isinstance(plant, Steps):
+        return SteppedPlant(plant, dt=dt)
+    raise InvalidProblemError(
+        "plant must be a swarmstart.Plant, or have step(x, u, dt), "
+        f"got {shortened(plant)}"
+    )

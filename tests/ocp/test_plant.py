@@ -1,0 +1,58 @@
+"""The plant against scipy, and its parameters."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from swarmstart.ocp import InvalidProblemError, Model, Plant
+
+
+@pytest.fixture(scope="module")
+def plant(pendulum: Model) -> Plant:
+    return Plant(pendulum, dt=0.2, substeps=10)
+
+
+def test_plant_is_what_scipy_integrates(plant: Plant) -> None:
+    states = plant(np.array([1.0, -0.5]), np.array([2.0]))
+    exact = solve_ivp(
+        lambda _, y: [y[1], 2 - 9.81 * np.sin(y[0])],
+        (0, 0.2),
+        [1.0, -0.5],
+        t_eval=0.02 * np.arange(1, 11),
+        rtol=1e-12,
+        atol=1e-12,
+    )
+    # Ten RK4 steps of 20 ms.
+    np.testing.assert_allclose(states, exact.y, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("dt", "substeps", "message"),
+    [
+        (0.2, 0, "substeps must be an integer of at least 1, got 0"),
+        (-0.2, 4, "dt must be positive, got -0.2"),
+    ],
+)
+def test_refuses_what_is_no_plant(
+    pendulum: Model, dt: float, substeps: int, message: str
+) -> None:
+    with pytest.raises(InvalidProblemError, match=message):
+        Plant(pendulum, dt=dt, substeps=substeps)
+
+
+def test_a_plants_parameters_are_held_over_each_of_its_steps() -> None:
+    """x' = p: the integral of a staircase."""
+    x, p = ca.SX.sym("x"), ca.SX.sym("p")
+    model = Model(states=x, controls=ca.SX.sym("u"), parameters=p, ode=p)
+    plant = Plant(model, dt=0.5, substeps=5, parameters=lambda t: 10 * t[None])
+    dense = plant(np.array([1.0]), np.zeros(1), 2.0)
+    steps = 10 * (2.0 + 0.1 * np.arange(5)) * 0.1
+    np.testing.assert_allclose(dense[0], 1 + np.cumsum(steps), rtol=1e-14)
+
+
+def test_refuses_a_plant_whose_parameters_nobody_gives() -> None:
+    x, p = ca.SX.sym("x"), ca.SX.sym("p")
+    model = Model(states=x, controls=ca.SX.sym("u"), parameters=p, ode=p * x)
+    with pytest.raises(InvalidProblemError, match="has 1 parameters: expected a func"):
+        Plant(model, dt=0.1, substeps=1)
