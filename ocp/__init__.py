@@ -39,12 +39,8 @@ from swarmstart.ocp.plant import Plant, SteppedPlant, Steps
 from swarmstart.ocp.polish import Polished, Polisher
 from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.search_space import (
-    SearchSettings,
-    Start,
-    TrajectoryFamily,
-    WarmStart,
-)
+from swarmstart.ocp.search_settings import SearchSettings, WarmStart
+from swarmstart.ocp.search_space import Start, TrajectoryFamily
 from swarmstart.ocp.separation import Connection, Separation, disc
 from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.solving import SolveInterrupted, solve

@@ -39,7 +39,7 @@ from swarmstart.ocp.repair import (
     tightened,
     with_more_checks,
 )
-from swarmstart.ocp.search_space import SearchSettings
+from swarmstart.ocp.search_settings import SearchSettings
 from swarmstart.ocp.smoothing import PARTS, kink_sizes, smoothed
 from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.status import SolutionStatus

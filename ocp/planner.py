@@ -27,8 +27,11 @@ from swarmstart.ocp.path import Tracer
 from swarmstart.ocp.polish import Polisher, polish_basins
 from swarmstart.ocp.polish_options import PolishOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.search_settings import (
+    SearchGiven,
+    search_settings,
+)
 from swarmstart.ocp.search_space import (
-    SearchSettings,
     SearchSpace,
     Start,
     TrajectoryFamily,
@@ -152,7 +155,7 @@ class Planner:
         self,
         problem: OptimalControlProblem,
         *,
-        search: SearchSettings | None,
+        search: SearchGiven,
         polish: PolishOptions | None = None,
         family: TrajectoryFamily | None = None,
         backend: str | None = None,
@@ -161,7 +164,8 @@ class Planner:
 
         Args:
             problem: The problem.
-            search: The population search; None means none.
+            search: The population search, as in `solve`: settings with a budget, or an
+                algorithm, which then has 20,000 evaluations; None means none.
             polish: Options of the polish; None means none.
             family: What the search looks for; None means control sequences. A member
                 becomes a plan by its controls, which do not lead exactly where its
@@ -176,6 +180,7 @@ class Planner:
         self.problem = problem
         self.fitness = Fitness(Shooting(problem), backend=backend)
         self._checker = Checker(self.fitness.shooting)
+        search = search_settings(search)
         self.search, self.polish = search, polish
         self._space: SearchSpace | None = None
         if search is not None:

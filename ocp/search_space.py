@@ -26,19 +26,15 @@ systems, International Journal of Control 61.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol, get_args
+from typing import NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics import (
-    Algorithm,
     Box,
-    Budget,
     Initial,
-    Order,
-    Sampling,
     SearchResult,
 )
 from swarmstart.heuristics.algorithm import first_size_of
@@ -46,6 +42,7 @@ from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Fitness, Known, Objective, flatten, unflatten
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.search_settings import SearchSettings
 from swarmstart.ocp.shooting import (
     Shooting,
     infinite_unless_finite,
@@ -55,46 +52,6 @@ from swarmstart.ocp.shooting import (
 )
 
 Array = NDArray[np.float64]
-WarmStart = Literal["all", "half", "one", "none"]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class SearchSettings:
-    """A population search on one planning problem.
-
-    Attributes:
-        algorithm: Settings of an algorithm of `swarmstart.heuristics`.
-        budget: What one planning problem may cost.
-        order: How two individuals are ordered; None: `heuristics.default_order`, with
-            the problem's tolerance.
-        warm_start: How much of the first population is the guess: "all", "half", "one"
-            individual or "none" of it; the rest is drawn at random.
-        sampling: How it is drawn, as in `heuristics.Initial`.
-        basins: How many of the best distinct basins are kept for the polish, which
-            starts from each of them besides the best point; 0: from that alone.
-        radius: Least distance of two basins, a fraction of the bounds' widths.
-    """
-
-    algorithm: Algorithm
-    budget: Budget
-    order: Order | None = None
-    warm_start: WarmStart = "one"
-    sampling: Sampling | None = None
-    basins: int = 0
-    radius: float = 0.1
-
-    def __post_init__(self) -> None:
-        """Refuse an unknown kind of warm start."""
-        if self.warm_start not in get_args(WarmStart):
-            raise InvalidProblemError(
-                f"warm_start must be one of {', '.join(get_args(WarmStart))}, "
-                f"got {self.warm_start!r}"
-            )
-        if self.basins < 0 or not self.radius > 0:
-            raise InvalidProblemError(
-                "basins must be at least 0 and radius above 0, "
-                f"got {self.basins} and {self.radius}"
-            )
 
 
 class Start(NamedTuple):

@@ -8,16 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.compile_time import stopwatch
-from swarmstart.heuristics import (
-    Algorithm,
-    Budget,
-    Order,
-    algorithm_of,
-    generator_of,
-)
+from swarmstart.heuristics import Budget, Order, generator_of
 from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import Known
+from swarmstart.ocp.fitness import NOTHING, Known
 from swarmstart.ocp.improving import (
     Answer,
     followed_down,
@@ -26,24 +20,18 @@ from swarmstart.ocp.improving import (
 )
 from swarmstart.ocp.limits import require_choice
 from swarmstart.ocp.model import shortened
-from swarmstart.ocp.planner import (
-    Planner,
-    PlanningInterrupted,
-)
+from swarmstart.ocp.planner import Planner, PlanningInterrupted
 from swarmstart.ocp.polish_options import (
     IpoptOptions,
     NlpOptions,
     PolishOptions,
 )
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.search_space import SearchSettings
+from swarmstart.ocp.search_settings import SearchGiven, search_settings
 from swarmstart.ocp.solution import Solution, verified
 
 Array = NDArray[np.float64]
-EVALUATIONS = 20_000
-"""Budget of a search that is given none."""
 StartRule = Literal["must hold", "may violate"]
-SearchGiven = Algorithm | type[Algorithm] | str | None
 PolishGiven = PolishOptions | str | bool | None
 
 
@@ -69,8 +57,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     order: Order | None = None,
     polish: PolishGiven = "ipopt",
     guess: ArrayLike | None = None,
-    parameters: ArrayLike = (),
-    signals: ArrayLike = (),
+    known: Known = NOTHING,
     start: StartRule = "must hold",
     repair: bool = False,
     backend: str | None = None,
@@ -82,17 +69,18 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     Args:
         problem: The problem.
         x0: Initial state, shape (nx,).
-        search: A population search: settings, a class of settings or a name such as
-            "lshade"; "default" means what `heuristics.default_algorithm` takes for the
+        search: A population search, as everywhere: a name such as "lshade", an
+            algorithm or its class, or `SearchSettings`, which have a budget and an
+            order; "default" means what `heuristics.default_algorithm` takes for the
             budget; None or "none" means no search.
         budget: What the search may cost; an integer is a number of evaluations; None
             means 20,000 of them.
-        order: How individuals are ordered; None means `heuristics.default_order`.
+        order: How individuals are ordered; None means `heuristics.default_order`, with
+            the problem's tolerance.
         polish: "ipopt" or True, the name of another NLP solver of CasADi, options of
             one; None, False or "none" means no polish.
         guess: Controls to start from, shape (nu, N); None means none is known.
-        parameters: Shape (np,).
-        signals: Shape (ns, nodes).
+        known: Parameters and signals, where the problem has any.
         start: Whether x0 must be inside the bounds of the states and the path
             constraints ("must hold"), or "may violate" them, which the status says.
         repair: Whether an answer that breaks a constraint between the checks is solved
@@ -120,7 +108,6 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     polishing = polish_options(polish)
     if settings is None and polishing is None:
         raise InvalidProblemError("solve needs a search, a polish or both, got neither")
-    known = Known(parameters=parameters, signals=signals)
     with stopwatch() as watch:
         planner = Planner(problem, search=settings, polish=polishing, backend=backend)
         outside = planner.outside(x0, known)
@@ -163,34 +150,6 @@ def _solved(
             return followed_down(planner, settled, x0, known, rng)
     except KeyboardInterrupt:
         raise SolveInterrupted(solution) from None
-
-
-def search_settings(
-    search: SearchGiven, budget: Budget | int | None, order: Order | None
-) -> SearchSettings | None:
-    """Return a search as a planner takes it; None means none.
-
-    Raises:
-        InvalidProblemError: If the budget is no budget.
-    """
-    if search is None or (isinstance(search, str) and search == "none"):
-        return None
-    if budget is None:
-        budget = EVALUATIONS
-    if isinstance(budget, int | np.integer) and not isinstance(budget, bool):
-        budget = Budget(evaluations=int(budget))
-    if not isinstance(budget, Budget):
-        raise InvalidProblemError(
-            "budget must be a Budget or a number of evaluations, "
-            f"got {shortened(budget)}"
-        )
-    if order is not None and not isinstance(order, Order):
-        raise InvalidProblemError(
-            "order must be an order such as feasibility_first(), "
-            f"got {shortened(order)}"
-        )
-    algorithm = algorithm_of(search, budget.evaluations)
-    return SearchSettings(algorithm=algorithm, budget=budget, order=order)
 
 
 def polish_options(polish: PolishGiven) -> PolishOptions | None:

@@ -37,7 +37,7 @@ from swarmstart.ocp import (
     solve,
     verified,
 )
-from swarmstart.ocp.solving import search_settings
+from swarmstart.ocp.search_settings import search_settings
 from swarmstart.ocp.transcription import multiple_shooting
 
 Array = NDArray[np.float64]

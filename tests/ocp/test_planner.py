@@ -31,7 +31,7 @@ from swarmstart.ocp import (
     Source,
 )
 from swarmstart.ocp.polish import is_better
-from swarmstart.ocp.search_space import WarmStart
+from swarmstart.ocp.search_settings import WarmStart
 
 Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]

@@ -101,7 +101,7 @@ def test_gradient_alone_passes_on_the_expensive_side(passing_side: Posed) -> Non
         x0,
         search=None,
         polish=IpoptOptions(),
-        signals=known.signals,
+        known=known,
         repair=True,
         rng=np.random.default_rng(0),
     )
@@ -126,7 +126,7 @@ def test_search_finds_the_cheap_side_and_the_polish_its_optimum(
             search=ChaoticPSO(size=20),
             budget=Budget(evaluations=2000),
             polish=polish,
-            signals=known.signals,
+            known=known,
             repair=repair,
             rng=np.random.default_rng(seed),
         )
@@ -153,7 +153,7 @@ def test_guess_is_where_the_polish_starts(passing_side: Posed) -> None:
         search=None,
         polish=IpoptOptions(),
         guess=guess,
-        signals=known.signals,
+        known=known,
         rng=np.random.default_rng(0),
     )
     assert solution.cost == pytest.approx(446.7, rel=1e-3)

@@ -1,0 +1,104 @@
+"""A population search on one planning problem, and all forms in which it is given."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from swarmstart.heuristics import Algorithm, Budget, Order, Sampling, algorithm_of
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.model import shortened
+
+WarmStart = Literal["all", "half", "one", "none"]
+EVALUATIONS = 20_000
+"""Budget of a search that is given none."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SearchSettings:
+    """A population search on one planning problem.
+
+    Attributes:
+        algorithm: Settings of an algorithm of `swarmstart.heuristics`.
+        budget: What one planning problem may cost.
+        order: How two individuals are ordered; None: `heuristics.default_order`, with
+            the problem's tolerance.
+        warm_start: How much of the first population is the guess: "all", "half", "one"
+            individual or "none" of it; the rest is drawn at random.
+        sampling: How it is drawn, as in `heuristics.Initial`.
+        basins: How many of the best distinct basins are kept for the polish, which
+            starts from each of them besides the best point; 0: from that alone.
+        radius: Least distance of two basins, a fraction of the bounds' widths.
+    """
+
+    algorithm: Algorithm
+    budget: Budget
+    order: Order | None = None
+    warm_start: WarmStart = "one"
+    sampling: Sampling | None = None
+    basins: int = 0
+    radius: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown kind of warm start."""
+        if self.warm_start not in get_args(WarmStart):
+            raise InvalidProblemError(
+                f"warm_start must be one of {', '.join(get_args(WarmStart))}, "
+                f"got {self.warm_start!r}"
+            )
+        if self.basins < 0 or not self.radius > 0:
+            raise InvalidProblemError(
+                "basins must be at least 0 and radius above 0, "
+                f"got {self.basins} and {self.radius}"
+            )
+
+
+SearchGiven = SearchSettings | Algorithm | type[Algorithm] | str | None
+"""Settings; an algorithm, its class or its name, which have no budget; None: none."""
+
+
+def search_settings(
+    search: SearchGiven,
+    budget: Budget | int | None = None,
+    order: Order | None = None,
+) -> SearchSettings | None:
+    """Return a search as a planner runs it; None means none.
+
+    Args:
+        search: Settings, which have a budget and an order; or an algorithm, its class,
+            its name, or "default"; None or "none" means no search.
+        budget: Of an algorithm; an integer is a number of evaluations; None means
+            20,000 of them.
+        order: Of an algorithm; None means `heuristics.default_order`, with the
+            problem's tolerance.
+
+    Raises:
+        InvalidProblemError: If the budget or the order is of another kind, or stands
+            beside settings.
+        InvalidSettingsError: If there is no such algorithm.
+    """
+    if search is None or (isinstance(search, str) and search == "none"):
+        return None
+    if isinstance(search, SearchSettings):
+        if budget is not None or order is not None:
+            raise InvalidProblemError(
+                "budget and order must stand in the SearchSettings that search= is "
+                f"given, got {shortened(budget if order is None else order)} beside it"
+            )
+        return search
+    if budget is None:
+        budget = EVALUATIONS
+    if isinstance(budget, int | np.integer) and not isinstance(budget, bool):
+        budget = Budget(evaluations=int(budget))
+    if not isinstance(budget, Budget):
+        raise InvalidProblemError(
+            "budget must be a Budget or a number of evaluations, "
+            f"got {shortened(budget)}"
+        )
+    if order is not None and not isinstance(order, Order):
+        raise InvalidProblemError(
+            "order must be an order such as feasibility_first(), "
+            f"got {shortened(order)}"
+        )
+    algorithm = algorithm_of(search, budget.evaluations)
+    return SearchSettings(algorithm=algorithm, budget=budget, order=order)
