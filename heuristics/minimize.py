@@ -61,6 +61,7 @@ def minimize(  # noqa: PLR0913
     basins: int = 0,
     radius: float = 0.1,
     on_generation: Callback | None = None,
+    on_advance: Callable[[int], None] | None = None,
 ) -> SearchResult:
     """Search a box for the best point of an objective.
 
@@ -82,6 +83,8 @@ def minimize(  # noqa: PLR0913
         basins: How many of the best distinct basins are kept (`archive`).
         radius: Least distance of two of them, a fraction of the box's widths.
         on_generation: Called after each generation; may raise StopIteration to stop.
+        on_advance: Told the evaluations so far, now and then: compiled generations are
+            not slowed down.
 
     Returns:
         The best point found, and how the search went.
@@ -115,7 +118,13 @@ def minimize(  # noqa: PLR0913
         basins=basins,
         radius=radius,
     )
-    return run(search, objective, budget=budget, on_generation=on_generation)
+    return run(
+        search,
+        objective,
+        budget=budget,
+        on_generation=on_generation,
+        on_advance=on_advance,
+    )
 
 
 def run(
@@ -124,6 +133,7 @@ def run(
     *,
     budget: Budget | int,
     on_generation: Callback | None = None,
+    on_advance: Callable[[int], None] | None = None,
 ) -> SearchResult:
     """Run a search until its budget is used up; the loop of `minimize`.
 
@@ -134,6 +144,7 @@ def run(
             that a continued search ends as an uninterrupted one; seconds count from
             this call, without what loading and compiling machine code takes.
         on_generation: As in `minimize`.
+        on_advance: As in `minimize`.
 
     Returns:
         The best point found, and how the search went.
@@ -158,6 +169,8 @@ def run(
                     or FINISHED[search.finished(budget.limits())]
                     or _used_up(search, budget, watch.seconds)
                 )
+                if on_advance is not None:
+                    on_advance(search.evaluations)
         except KeyboardInterrupt as interrupt:
             search.abandon()
             if not search.generations:

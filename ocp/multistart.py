@@ -10,10 +10,11 @@ from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING, Known
 from swarmstart.ocp.planner import Plan, Planner, PlanningInterrupted, Source
 from swarmstart.ocp.polish import Polished, is_better
+from swarmstart.ocp.progress import Progress, of_budget, tell_nothing
 from swarmstart.ocp.search_space import TrajectoryFamily, space_of
 
 
-def multistart(
+def multistart(  # noqa: PLR0913 - a whole solver in one call
     planner: Planner,
     x0: ArrayLike,
     *,
@@ -21,6 +22,7 @@ def multistart(
     known: Known = NOTHING,
     family: TrajectoryFamily | None = None,
     rng: np.random.Generator,
+    progress: Progress = tell_nothing,
 ) -> Plan:
     """Return the best answer of the polish from random points, until a budget is spent.
 
@@ -35,6 +37,8 @@ def multistart(
         known: Parameters and signals.
         family: What the points are of; None means control sequences.
         rng: Source of all randomness.
+        progress: Told (evaluations, all, "polishing from random starts") after each
+            start; seconds where the budget has only these.
 
     Raises:
         InvalidProblemError: If the planner has no polish, a control is unbounded, or
@@ -47,6 +51,7 @@ def multistart(
     space = space_of(planner.fitness, family)
     best, evaluations, since_better = None, 0, 0
     began = clock.perf_counter()
+    tell = of_budget(progress, budget, "polishing from random starts")
 
     def goes_on(best: Polished) -> bool:
         target = -np.inf if budget.target is None else budget.target
@@ -71,6 +76,8 @@ def multistart(
                 tolerance=tolerance,
             ):
                 best, since_better = one, 0
+            if tell is not None:
+                tell(evaluations)
     except KeyboardInterrupt:
         if best is None:
             raise

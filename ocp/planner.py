@@ -27,6 +27,7 @@ from swarmstart.ocp.path import Tracer
 from swarmstart.ocp.polish import Polisher, polish_basins
 from swarmstart.ocp.polish_options import PolishOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.progress import Progress, of_budget, tell_nothing
 from swarmstart.ocp.search_settings import (
     SearchGiven,
     search_settings,
@@ -194,7 +195,7 @@ class Planner:
         """Traces the paths of plans; compiled when first asked for."""
         return Tracer(self.fitness.shooting, self._checker)
 
-    def plan(
+    def plan(  # noqa: PLR0913 - each may be left out
         self,
         x0: ArrayLike,
         *,
@@ -203,6 +204,7 @@ class Planner:
         candidates: Array | None = None,
         near: bool = False,
         rng: np.random.Generator,
+        progress: Progress = tell_nothing,
     ) -> Plan:
         """Return the best plan found from an initial state.
 
@@ -217,6 +219,8 @@ class Planner:
             near: Whether the guess is an earlier answer, which a polish without a
                 search stays near to.
             rng: Source of all randomness.
+            progress: Told (evaluations, all, "searching") now and then, and
+                "polishing" when that begins.
 
         Raises:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
@@ -229,12 +233,13 @@ class Planner:
         if candidates is not None:
             columns = np.moveaxis(candidates, -1, 0)
             first = [bounded_controls(self.problem, one) for one in columns]
-        plan, starts = self._searched(x0, controls, first, known, rng)
+        plan, starts = self._searched(x0, controls, first, known, rng, progress)
         if self.polisher is None:
             return plan
         if controls is not None and states is not None:
             found = starts if self.search is not None else []
             starts = [*found, Start(controls, states)]
+        progress(0, 0, "polishing")
         try:
             with heeded():
                 polished, evaluations = polish_basins(
@@ -299,6 +304,7 @@ class Planner:
         first: Sequence[Array],
         known: Known,
         rng: np.random.Generator,
+        progress: Progress,
     ) -> tuple[Plan, list[Start]]:
         """Return the search's answer, and where to polish from, the best first.
 
@@ -320,6 +326,7 @@ class Planner:
                 basins=search.basins if self.polisher else 0,
                 radius=search.radius,
                 rng=rng,
+                on_advance=of_budget(progress, search.budget, "searching"),
             )
         except SearchInterrupted as stopped:
             start = space.decoded(stopped.partial.x, x0, known)

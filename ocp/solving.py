@@ -27,6 +27,7 @@ from swarmstart.ocp.polish_options import (
     PolishOptions,
 )
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.progress import Progress, tell_nothing
 from swarmstart.ocp.search_settings import SearchGiven, search_settings
 from swarmstart.ocp.solution import Solution, verified
 
@@ -63,6 +64,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     backend: str | None = None,
     rng: np.random.Generator | None = None,
     seed: int | Sequence[int] | None = None,
+    progress: Progress = tell_nothing,
 ) -> Solution:
     """Solve an optimal-control problem from an initial state.
 
@@ -88,6 +90,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         backend: What evaluates populations, as in compiled/backend.py.
         rng: Source of all randomness; either this or a seed.
         seed: Seed of a new generator.
+        progress: Told (evaluations, all, "searching") now and then, and what follows:
+            "polishing", "verifying", "improving", of a length that cannot be told (0).
 
     Returns:
         The best answer found, verified along its path.
@@ -118,27 +122,41 @@ def solve(  # noqa: PLR0913 - the whole way in one call
                 "allows it)"
             )
         controls = None if guess is None else _controls(guess)
-        solution = _solved(planner, x0, known, controls, repair, rng)
+        solution = _solved(
+            planner,
+            x0,
+            known,
+            guess=controls,
+            repair=repair,
+            rng=rng,
+            progress=progress,
+        )
         return replace(solution, compile_seconds=watch.compile_seconds)
 
 
-def _solved(
+def _solved(  # noqa: PLR0913 - what solve was given, checked
     planner: Planner,
     x0: ArrayLike,
     known: Known,
+    *,
     guess: Array | None,
     repair: bool,
     rng: np.random.Generator,
+    progress: Progress,
 ) -> Solution:
     """Plan, verify, and improve what is found."""
     tracer = planner.tracer
     try:
         with heeded():
-            plan = planner.plan(x0, known=known, guess=guess, rng=rng)
+            plan = planner.plan(
+                x0, known=known, guess=guess, rng=rng, progress=progress
+            )
     except PlanningInterrupted as stopped:
         raise SolveInterrupted(verified(tracer, stopped.partial, x0, known)) from None
+    progress(0, 0, "verifying")
     with heeded():
         solution = verified(tracer, plan, x0, known)
+    progress(0, 0, "improving")
     try:
         with heeded():
             answer = Answer(solution, planner, known)

@@ -63,7 +63,7 @@ def both(
     box: Box = BOX,
 ) -> SearchResult:
     """The result of the compiled loop, after that of Python was seen to be the same."""
-    objective = compiled(values, DIM)
+    objective, told = compiled(values, DIM), list[int]()
     python, loop = (
         minimize(
             function,
@@ -75,9 +75,11 @@ def both(
             initial=initial,
             basins=4,
             radius=0.2,
+            on_advance=told.append,
         )
         for function in (values, objective)
     )
+    assert told[-1] == loop.evaluations  # Telling it calls no generation from Python.
     assert objective.calls_from_python == (initial is not None)
     assert_same(python, loop)
     return loop

@@ -40,6 +40,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.fitness import NOTHING
 from swarmstart.ocp.local_team import FAR
+from swarmstart.ocp.progress import Progress, tell_nothing
 
 Array = NDArray[np.float64]
 EVERYWHERE = np.inf
@@ -62,7 +63,7 @@ class Recorded(Planner):
         self.push = push
         self.told: list[Told] = []
 
-    def plan(
+    def plan(  # noqa: PLR0913 - as in Planner
         self,
         x0: ArrayLike,
         *,
@@ -71,8 +72,9 @@ class Recorded(Planner):
         candidates: Array | None = None,
         near: bool = False,
         rng: np.random.Generator,
+        progress: Progress = tell_nothing,
     ) -> Plan:
-        del near
+        del near, progress
         start, parameters, rows = (np.asarray(part).tolist() for part in (x0, *known))
         self.told.append(Told(start, parameters, rows, candidates))
         controls = guess if isinstance(guess, np.ndarray) else np.zeros((1, 2))
