@@ -23,6 +23,9 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         InvalidBudgetTextError as InvalidBudgetTextError,
         UnknownSolverError as UnknownSolverError,
     )
+    from swarmstart.cases.commands.progress import (
+        Progress as Progress,
+    )
     from swarmstart.cases.format.document import (
         UnreadableFileError as UnreadableFileError,
         YamlError as YamlError,
@@ -172,6 +175,7 @@ _NAMES = {
     "swarmstart.cases.campaign.library": "compare run",
     "swarmstart.cases.campaign.run": "Interrupted Run",
     "swarmstart.cases.campaign.solvers": "InvalidBudgetTextError UnknownSolverError",
+    "swarmstart.cases.commands.progress": "Progress",
     "swarmstart.cases.format.document": "UnreadableFileError YamlError",
     "swarmstart.cases.format.kind": "SeveralPlansError",
     "swarmstart.cases.format.scenario": "InvalidScenarioError UnknownScenarioError",

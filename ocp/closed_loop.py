@@ -18,7 +18,7 @@ from swarmstart.ocp.fitness import numbers_of
 from swarmstart.ocp.model import shortened
 from swarmstart.ocp.plant import AnyPlant, Plant, SteppedPlant, plant_of
 from swarmstart.ocp.presentation import Presented
-from swarmstart.ocp.progress import Progress, tell_nothing
+from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
 Array = NDArray[np.float64]
 
@@ -166,7 +166,7 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
     steps: int,
     rng: np.random.Generator | None = None,
     seed: int | Sequence[int] | None = None,
-    progress: Progress = tell_nothing,
+    progress: ProgressCallback = tell_nothing,
 ) -> Trajectory:
     """Return the whole closed loop over `steps` control intervals.
 

@@ -10,7 +10,7 @@ from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING, Known
 from swarmstart.ocp.planner import Plan, Planner, PlanningInterrupted, Source
 from swarmstart.ocp.polish import Polished, is_better
-from swarmstart.ocp.progress import Progress, of_budget, tell_nothing
+from swarmstart.ocp.progress import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.search_space import TrajectoryFamily, space_of
 
 
@@ -22,7 +22,7 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
     known: Known = NOTHING,
     family: TrajectoryFamily | None = None,
     rng: np.random.Generator,
-    progress: Progress = tell_nothing,
+    progress: ProgressCallback = tell_nothing,
 ) -> Plan:
     """Return the best answer of the polish from random points, until a budget is spent.
 

@@ -27,7 +27,7 @@ from swarmstart.ocp.path import Tracer
 from swarmstart.ocp.polish import Polisher, polish_basins
 from swarmstart.ocp.polish_options import PolishOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.progress import Progress, of_budget, tell_nothing
+from swarmstart.ocp.progress import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.search_settings import (
     SearchGiven,
     search_settings,
@@ -204,7 +204,7 @@ class Planner:
         candidates: Array | None = None,
         near: bool = False,
         rng: np.random.Generator,
-        progress: Progress = tell_nothing,
+        progress: ProgressCallback = tell_nothing,
     ) -> Plan:
         """Return the best plan found from an initial state.
 
@@ -304,7 +304,7 @@ class Planner:
         first: Sequence[Array],
         known: Known,
         rng: np.random.Generator,
-        progress: Progress,
+        progress: ProgressCallback,
     ) -> tuple[Plan, list[Start]]:
         """Return the search's answer, and where to polish from, the best first.
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from swarmstart.heuristics import Budget
 
-Progress = Callable[[int, int, str], None]
+ProgressCallback = Callable[[int, int, str], None]
 """(done, of, what is being done) -> None; `of` is 0 where that cannot be told.
 
 The library itself prints nothing.
@@ -17,7 +17,7 @@ def tell_nothing(done: int, of: int, what: str, /) -> None:
 
 
 def of_budget(
-    progress: Progress, budget: Budget, what: str
+    progress: ProgressCallback, budget: Budget, what: str
 ) -> Callable[[int], None] | None:
     """Return a function of the evaluations so far that tells the progress.
 

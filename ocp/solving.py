@@ -27,7 +27,7 @@ from swarmstart.ocp.polish_options import (
     PolishOptions,
 )
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.progress import Progress, tell_nothing
+from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 from swarmstart.ocp.search_settings import SearchGiven, search_settings
 from swarmstart.ocp.solution import Solution, verified
 
@@ -64,7 +64,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     backend: str | None = None,
     rng: np.random.Generator | None = None,
     seed: int | Sequence[int] | None = None,
-    progress: Progress = tell_nothing,
+    progress: ProgressCallback = tell_nothing,
 ) -> Solution:
     """Solve an optimal-control problem from an initial state.
 
@@ -142,7 +142,7 @@ def _solved(  # noqa: PLR0913 - what solve was given, checked
     guess: Array | None,
     repair: bool,
     rng: np.random.Generator,
-    progress: Progress,
+    progress: ProgressCallback,
 ) -> Solution:
     """Plan, verify, and improve what is found."""
     tracer = planner.tracer

@@ -30,7 +30,7 @@ from swarmstart.cases.record.record import Recording
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import ALGORITHMS, Budget
 from swarmstart.ocp import Known, OptimalControlProblem, SearchSettings
-from swarmstart.ocp.progress import Progress, tell_nothing
+from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
 Scenario = str | Path
 Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]
@@ -49,7 +49,7 @@ def run(  # noqa: PLR0913 - the options of a command
     figures: bool = True,
     force: bool = False,
     settings: Mapping[str, Any] = NO_SETTINGS,
-    progress: Progress = tell_nothing,
+    progress: ProgressCallback = tell_nothing,
 ) -> Run:
     """Fly a scenario, measure it and judge its claims, as `swarmstart run` does.
 
@@ -93,7 +93,7 @@ def compare(  # noqa: PLR0913 - the options of a command
     budget: str | int = "4000evals",
     repair: bool = True,
     settings: Mapping[str, Any] = NO_SETTINGS,
-    progress: Progress = tell_nothing,
+    progress: ProgressCallback = tell_nothing,
 ) -> list[Row]:
     """Solve problems by several solvers and seeds under equal budgets, side by side.
 
@@ -188,7 +188,9 @@ def _way(
     if isinstance(problem, tuple):
         ocp, x0, *known = problem
         state = np.asarray(x0, dtype=np.float64)
-        posed = PlanningProblem(problem=ocp, x0=state, known=known[0] if known else Known())
+        posed = PlanningProblem(
+            problem=ocp, x0=state, known=known[0] if known else Known()
+        )
         algorithm = ALGORITHMS[solver.search]() if searched else None
         if algorithm is None:
             return posed, None, None

@@ -47,7 +47,7 @@ from swarmstart.ocp import (
     collected,
     fly,
 )
-from swarmstart.ocp.progress import Progress, tell_nothing
+from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
 logger = logging.getLogger(__name__)
 
@@ -163,7 +163,7 @@ def run(
     *,
     seed: int,
     recording: Recording | None = None,
-    progress: Progress = tell_nothing,
+    progress: ProgressCallback = tell_nothing,
 ) -> Run:
     """Fly a scenario, measure it, and record it.
 
@@ -190,7 +190,10 @@ def run(
 
 
 def _run(
-    resolved: Resolved, seed: int, recording: Recording | None, progress: Progress
+    resolved: Resolved,
+    seed: int,
+    recording: Recording | None,
+    progress: ProgressCallback,
 ) -> Run:
     """Run, with the folder locked and known to be the run's own."""
     with stopwatch() as watch:
@@ -201,7 +204,7 @@ def _timed(
     resolved: Resolved,
     seed: int,
     recording: Recording | None,
-    progress: Progress,
+    progress: ProgressCallback,
     watch: Stopwatch,
 ) -> Run:
     """Run; the stopwatch was started before."""
@@ -271,7 +274,7 @@ def _flown(
     flight: Flight[Posed],
     seed: int,
     folder: Path | None,
-    progress: Progress,
+    progress: ProgressCallback,
 ) -> tuple[list[Step], int]:
     """Return all steps, and how many an interrupted run before had finished."""
     key = key_of(resolved, seed)
@@ -362,7 +365,9 @@ def _status_of_plans(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str
     )
 
 
-def _recorded(finished: Run, recording: Recording, progress: Progress) -> list[Path]:
+def _recorded(
+    finished: Run, recording: Recording, progress: ProgressCallback
+) -> list[Path]:
     """Write all but the mark, which follows when the rest is there; return figures."""
     resolved, flight, folder = finished.resolved, finished.flight, recording.folder
     kind, scenario, steps = resolved.kind, resolved.scenario, resolved.scenario.steps

@@ -197,7 +197,9 @@ def answered(posed: PlanningProblem, trial: Trial) -> dict[str, Any]:
     }
 
 
-def _planned(posed: PlanningProblem, trial: Trial, rng: np.random.Generator) -> Answered:
+def _planned(
+    posed: PlanningProblem, trial: Trial, rng: np.random.Generator
+) -> Answered:
     """Return the plan of a search, a polish or both, its planner and when it began."""
     solver, search = trial.solver, trial.search
     if search is not None:
@@ -240,7 +242,9 @@ def _ipopt(budget: Mapping[str, Any], share: float) -> IpoptOptions:
     )
 
 
-def _many_starts(posed: PlanningProblem, trial: Trial, rng: np.random.Generator) -> Answered:
+def _many_starts(
+    posed: PlanningProblem, trial: Trial, rng: np.random.Generator
+) -> Answered:
     """Return the best of IPOPT from random points until the budget is spent."""
     polish = _ipopt(trial.budget, 1.0)
     planner = Planner(posed.problem, search=None, polish=polish, backend=trial.backend)

@@ -1,7 +1,7 @@
-"""Progress of a long command, told on standard error.
+"""Progress of long work, told on standard error.
 
-A bar where there is a terminal; elsewhere (a file, a pipe, CI) a plain line now and
-then. Nothing within the first two seconds.
+A bar where there is a terminal; elsewhere (a notebook, a file, a pipe, CI) a plain line
+now and then. Nothing within the first two seconds.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ def fancy() -> bool:
 
 
 class Progress:
-    """A context in which `update` may be called after every step."""
+    """A context in which `update` may be called after every step.
+
+    `with Progress("swing-up") as shown: solve(..., progress=shown.update)`.
+    """
 
     def __init__(self, title: str, *, quiet: bool = False) -> None:
         """Prepare; nothing is shown yet.
@@ -61,7 +64,7 @@ class Progress:
 
         Args:
             done: Steps finished.
-            total: Steps in all.
+            total: Steps in all; 0 if that cannot be told.
             what: What is being done.
         """
         now = clock.monotonic()
@@ -73,9 +76,8 @@ class Progress:
             self._draw(done, total, what)
         elif now - self._said >= LINE_EVERY_S or self._said == self._began:
             self._said = now
-            left = self._left(now, done, total)
-            text = f"{self._title}: {what}, step {done} of {total}{left}"
-            tell(text)
+            step = f", step {done} of {total}" if total else ""
+            tell(f"{self._title}: {what}{step}{self._left(now, done, total)}")
 
     def _draw(self, done: int, total: int, what: str) -> None:
         if self._bar is None:
@@ -90,17 +92,18 @@ class Progress:
             self._bar = Progress(
                 TextColumn("{task.description}"),
                 BarColumn(),
-                TextColumn("{task.completed}/{task.total}"),
+                TextColumn("{task.fields[counted]}"),
                 TimeRemainingColumn(),
                 console=Console(stderr=True),
                 transient=True,
             )
-            self._bar.add_task(self._title, total=total)
+            self._bar.add_task(self._title, total=total or None, counted="")
             self._bar.start()
         self._bar.update(
             self._bar.task_ids[0],
             completed=done,
-            total=total,
+            total=total or None,
+            counted=f"{done}/{total}" if total else "",
             description=f"{self._title}: {what}",
         )
 

@@ -40,7 +40,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.fitness import NOTHING
 from swarmstart.ocp.local_team import FAR
-from swarmstart.ocp.progress import Progress, tell_nothing
+from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
 Array = NDArray[np.float64]
 EVERYWHERE = np.inf
@@ -72,7 +72,7 @@ class Recorded(Planner):
         candidates: Array | None = None,
         near: bool = False,
         rng: np.random.Generator,
-        progress: Progress = tell_nothing,
+        progress: ProgressCallback = tell_nothing,
     ) -> Plan:
         del near, progress
         start, parameters, rows = (np.asarray(part).tolist() for part in (x0, *known))
