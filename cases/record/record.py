@@ -38,12 +38,16 @@ class OccupiedFolderError(SwarmstartError):
         folder: The folder.
     """
 
-    def __init__(self, folder: Path, found: str) -> None:
-        """Say what was found instead."""
-        super().__init__(
-            f"{folder}: expected an empty folder or the record of this run, found "
-            f"{found}; choose another --out, or write over it with --force"
-        )
+    def __init__(
+        self,
+        folder: Path,
+        found: str,
+        *,
+        expected: str = "an empty folder or the record of this run",
+        way: str = "choose another --out, or write over it with --force",
+    ) -> None:
+        """Say what was found instead, and which way there is."""
+        super().__init__(f"{folder}: expected {expected}, found {found}; {way}")
         self.folder = folder
 
 

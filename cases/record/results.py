@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.format.document import shown
 from swarmstart.cases.format.yaml_reader import read_yaml
 from swarmstart.cases.record.files import (
     RecordError,
@@ -118,7 +119,12 @@ def _saved(
         found = sorted(f.name for f in folder.iterdir() if not is_temporary(f.name))
         if found and not (force and MARK not in found):
             whose = "the record of a run" if MARK in found else "other files"
-            raise OccupiedFolderError(folder, f"{whose} ({', '.join(found[:3])})")
+            raise OccupiedFolderError(
+                folder,
+                f"{whose} ({', '.join(map(shown, found[:3]))})",
+                expected="an empty folder",
+                way="choose another, or replace an earlier result with force=True",
+            )
         for old in (RESULT, SOLUTION, TRAJECTORY):
             (folder / old).unlink(missing_ok=True)
         write_arrays(folder / name, arrays)

@@ -95,7 +95,9 @@ def test_a_folder_with_files_is_kept_unless_it_is_forced(
     solution: Solution, named_flight: Trajectory, tmp_path: Path
 ) -> None:
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(OccupiedFolderError, match=r"other files \(notes.txt\)"):
+    with pytest.raises(
+        OccupiedFolderError, match=r"other files \('notes.txt'\); .* force=True"
+    ):
         solution.save(tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
     solution.save(tmp_path, force=True)
