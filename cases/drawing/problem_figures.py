@@ -155,13 +155,11 @@ def draw_trajectory(
 
     Args:
         trajectory: The flight.
-        labels: The words on the axes; None: x_0, x_1, ... and u_0, u_1, ...
+        labels: The words on the axes; None: the trajectory's own names.
     """
     if labels is None:
-        states, controls = trajectory.states.shape[0], trajectory.controls.shape[0]
         labels = Labels(
-            states=[f"x_{i}" for i in range(states)],
-            controls=[f"u_{i}" for i in range(controls)],
+            states=trajectory.state_names, controls=trajectory.control_names
         )
     times, instants = trajectory.dense_times, trajectory.times
     blocks = {

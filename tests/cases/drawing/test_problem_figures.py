@@ -353,7 +353,11 @@ def test_a_solution_shows_its_verified_path_and_its_bounds() -> None:
 def test_a_trajectory_is_drawn_without_bounds_and_numbered_without_names() -> None:
     flight = flown(posed(), HELD, [0, 0])
     figure = draw_trajectory(flight)
-    assert [axes.get_ylabel() for axes in figure.axes] == ["x_0", "x_1", "u_0"]
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "state_0",
+        "state_1",
+        "control_0",
+    ]
     assert all(dashed(axes) == [] for axes in figure.axes)
     named = draw_trajectory(flight, labels=labels_of(posed()))
     assert [axes.get_ylabel() for axes in named.axes] == ["place", "speed", "force"]
