@@ -23,12 +23,11 @@ from numpy.typing import NDArray
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.guess import Appended, shifted_controls
-from swarmstart.ocp.improving import repaired
+from swarmstart.ocp.improving import improved
 from swarmstart.ocp.planner import Plan, Planner, Source
 from swarmstart.ocp.polish import is_better
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_space import Start
-from swarmstart.ocp.solution import verified
 
 Array = NDArray[np.float64]
 Reference = Callable[[Array], Array]
@@ -226,7 +225,7 @@ class RecedingHorizon:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OpenLoop:
-    """A controller that plans at the start and then flies what it planned.
+    """A controller that plans once, as `solve` does, and then flies what it planned.
 
     Attributes:
         loop: Plans from the first state.
@@ -269,7 +268,5 @@ class OpenLoop:
         """Return the plan from the first state."""
         planner, known = self.loop.planner, self.loop.known(0.0)
         plan = self.loop.plan(0.0, state, None, rng=rng)
-        if not self.repair:
-            return plan
-        solution = verified(planner.tracer, plan, state, known)
-        return repaired(planner, solution, state, known, rng=rng).solution.plan
+        *_, best = improved(planner, plan, state, known, repair=self.repair, rng=rng)
+        return best.plan

@@ -12,6 +12,7 @@ down, the point was none, and the better one is taken; if twenty starts do not, 
 called a local optimum.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -65,6 +66,36 @@ class Answer(NamedTuple):
     solution: Solution
     planner: Planner
     known: Known
+
+
+def improved(
+    planner: Planner,
+    plan: Plan,
+    x0: ArrayLike,
+    known: Known,
+    *,
+    repair: bool,
+    rng: np.random.Generator,
+) -> Iterator[Solution]:
+    """Yield a plan verified, then what each way to improve it leaves; the last is best.
+
+    Args:
+        planner: The problem's planner.
+        plan: Its plan.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        repair: Whether an answer that breaks a constraint between the checks is solved
+            again with a margin.
+        rng: Source of all randomness.
+    """
+    solution = verified(planner.tracer, plan, x0, known)
+    yield solution
+    answer = Answer(solution, planner, known)
+    if repair:
+        answer = repaired(planner, solution, x0, known, rng=rng)
+    settled = settled_answer(planner, answer, x0, known, rng)
+    yield settled
+    yield followed_down(planner, settled, x0, known, rng)
 
 
 def settled_answer(

@@ -12,12 +12,7 @@ from swarmstart.heuristics import Budget, Order, generator_of
 from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING, Known
-from swarmstart.ocp.improving import (
-    Answer,
-    followed_down,
-    repaired,
-    settled_answer,
-)
+from swarmstart.ocp.improving import improved
 from swarmstart.ocp.limits import require_choice
 from swarmstart.ocp.model import shortened
 from swarmstart.ocp.planner import Planner, PlanningInterrupted
@@ -145,27 +140,26 @@ def _solved(  # noqa: PLR0913 - what solve was given, checked
     progress: ProgressCallback,
 ) -> Solution:
     """Plan, verify, and improve what is found."""
-    tracer = planner.tracer
     try:
         with heeded():
             plan = planner.plan(
                 x0, known=known, guess=guess, rng=rng, progress=progress
             )
     except PlanningInterrupted as stopped:
-        raise SolveInterrupted(verified(tracer, stopped.partial, x0, known)) from None
+        partial = verified(planner.tracer, stopped.partial, x0, known)
+        raise SolveInterrupted(partial) from None
     progress(0, 0, "verifying")
+    answers = improved(planner, plan, x0, known, repair=repair, rng=rng)
     with heeded():
-        solution = verified(tracer, plan, x0, known)
+        solution = next(answers)
     progress(0, 0, "improving")
     try:
-        with heeded():
-            answer = Answer(solution, planner, known)
-            if repair:
-                answer = repaired(planner, solution, x0, known, rng=rng)
-            settled = settled_answer(planner, answer, x0, known, rng)
-        solution = settled
-        with heeded():
-            return followed_down(planner, settled, x0, known, rng)
+        while True:
+            with heeded():
+                better = next(answers, None)
+            if better is None:
+                return solution
+            solution = better
     except KeyboardInterrupt:
         raise SolveInterrupted(solution) from None
 
