@@ -6,7 +6,7 @@ its plant's steps with both ends, so that a held control jumps between rows.
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -21,19 +21,20 @@ from swarmstart.cases.format.expressions import (
     interpret,
     parse,
 )
-from swarmstart.cases.format.kind import NEVER, Flight, Measure
+from swarmstart.cases.format.kind import NEVER, Flight, Measure, Posed
 from swarmstart.cases.format.settings import Problem
 from swarmstart.cases.kinds.feasibility import found_plans, planned
 from swarmstart.cases.kinds.problem.model import planning_problem
 from swarmstart.cases.kinds.problem.names import MEASURES
 from swarmstart.cases.kinds.problem.pose import ProblemPosed
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario, UserScenario
 from swarmstart.cases.kinds.problem.symbols import ARRAYS, TIME
 from swarmstart.cases.record.plans import effort
 from swarmstart.ocp import Mode, OptimalControlProblem, PolishStatus, Trajectory
 from swarmstart.ocp.constraints import row_excess
 
 Array = NDArray[np.float64]
+P = TypeVar("P", bound=Posed)
 Value = Any
 """A number, or values along the path, shape (T, m + 1)."""
 
@@ -42,12 +43,40 @@ def measure(
     scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
 ) -> Mapping[str, Measure]:
     """Return all measures by name, null where one is not defined."""
-    path = path_of(scenario, flight.posed, trajectory)
-    plans, sign = trajectory.decisions[0].plans, -1.0 if scenario.maximize else 1.0
+    return measured(
+        flight,
+        trajectory,
+        problem=planning_problem(scenario, flight.posed.members),
+        path=path_of(scenario, flight.posed, trajectory),
+        own=scenario.measures,
+        maximize=scenario.maximize,
+    )
+
+
+def measured(
+    flight: Flight[P],
+    trajectory: Trajectory,
+    *,
+    problem: OptimalControlProblem,
+    path: Mapping[str, Value],
+    own: Mapping[str, str],
+    maximize: bool = False,
+) -> dict[str, Measure]:
+    """Return own measures and those of any problem, null where one is not defined.
+
+    Args:
+        flight: The flight.
+        trajectory: Its path.
+        problem: The planning problem, of all vehicles together.
+        path: The values that own measures may use, by name.
+        own: Own measures: name -> expression.
+        maximize: Whether the problem's cost is what is maximised, times -1.
+    """
+    plans, sign = trajectory.decisions[0].plans, -1.0 if maximize else 1.0
     is_open = flight.posed.open_loop
     solution = flight.answer(trajectory) if is_open else None
     searched = sum(plan.search.cost for plan in plans)
-    joint = planning_problem(scenario, flight.posed.members)
+    flown_cost, path_excess, terminal_excess = _flown(problem, flight, trajectory)
     measures: dict[str, Measure] = {
         "cost": _finite(sign * sum(plan.cost for plan in plans)),
         "violation": sum(plan.violation for plan in plans),
@@ -55,19 +84,20 @@ def measure(
         "confirmed": int(solution.status.is_confirmed) if solution else None,
         "converged": int(all(p.polish_status is PolishStatus.CONVERGED for p in plans)),
         "search_cost": _finite(sign * searched),
-        "flown_cost": _flown_cost(scenario, flight.posed, trajectory),
-        **_excesses(joint, flight, trajectory),
+        "flown_cost": _finite(sign * flown_cost),
+        "constraint_excess": _finite(path_excess),
+        "terminal_excess": _finite(terminal_excess),
         "infeasible_steps": sum(
             planned(d) and not found_plans(d) for d in trajectory.decisions
         ),
         "linear_steps": sum(d.mode is Mode.LINEAR for d in trajectory.decisions),
         **effort(trajectory),
     }
-    own = {name: _own(text, path) for name, text in scenario.measures.items()}
-    return {**own, **{name: measures[name] for name in MEASURES}}
+    found = {name: _own(text, path) for name, text in own.items()}
+    return {**found, **{name: measures[name] for name in MEASURES}}
 
 
-def own_measures(scenario: ProblemScenario) -> dict[str, str]:
+def own_measures(scenario: UserScenario) -> dict[str, str]:
     """Return the scenario's own measures: name -> why it is null, where it is."""
     return {
         name: NEVER if "settling" in text else "its value is not a finite number"
@@ -83,10 +113,22 @@ def measure_problems(scenario: ProblemScenario) -> Iterator[Problem]:
     paths = (*scenario.states, *scenario.controls, *scenario.definitions)
     known: dict[str, Any] = {
         **dict.fromkeys(scenario.constants, 0.0),
-        **dict.fromkeys((*scenario.parameters, *scenario.signals, TIME), _PATH),
-        **{f"{name}{suffix}": _PATH for name in paths for suffix in suffixes},
+        **dict.fromkeys((*scenario.parameters, *scenario.signals, TIME), PATH),
+        **{f"{name}{suffix}": PATH for name in paths for suffix in suffixes},
     }
-    for name, text in scenario.measures.items():
+    yield from wrong_measures(scenario.measures, known)
+
+
+def wrong_measures(
+    own: Mapping[str, str], known: Mapping[str, Any]
+) -> Iterator[Problem]:
+    """Yield what is wrong with own measures.
+
+    Args:
+        own: Name -> expression.
+        known: Name -> PATH where it stands for values along the path, else a number.
+    """
+    for name, text in own.items():
         place = ("measures", name)
         if name in MEASURES:
             yield (
@@ -100,7 +142,7 @@ def measure_problems(scenario: ProblemScenario) -> Iterator[Problem]:
         except ExpressionError as error:
             yield place, error
             continue
-        if found is _PATH:
+        if found is PATH:
             yield (
                 place,
                 "expected one number, such as x.end, max(x) or integral(x); found a "
@@ -134,11 +176,10 @@ def _of_members(
     scenario: ProblemScenario, posed: ProblemPosed, trajectory: Trajectory
 ) -> Iterator[tuple[dict[str, Value], str, Any]]:
     """Yield each vehicle's own names with their values, its suffix, and itself."""
-    times = _by_interval(trajectory.dense_times[None], trajectory)[0]
+    times = times_of(trajectory)
     flat = times.reshape(-1)
     shared = {n: f(flat).reshape(times.shape) for n, f in posed.known.items()}
-    states = _by_interval(trajectory.dense_states, trajectory)
-    controls = np.repeat(trajectory.controls[:, :, None], times.shape[1], axis=2)
+    states, controls = rows_of(trajectory)
     nx, nu = len(scenario.states), len(scenario.controls)
     for number, member in enumerate(posed.members):
         own: dict[str, Value] = {
@@ -151,6 +192,19 @@ def _of_members(
         for name, text in scenario.definitions.items():
             own[name] = _along(text, own)
         yield own, member.suffix, member
+
+
+def times_of(trajectory: Trajectory) -> Array:
+    """Return the times of the simulated path, shape (T, m + 1) [s]."""
+    (times,) = _by_interval(trajectory.dense_times[None], trajectory)
+    return np.asarray(times)
+
+
+def rows_of(trajectory: Trajectory) -> tuple[Array, Array]:
+    """Return states (nx, T, m + 1) and controls (nu, T, m + 1) on that path."""
+    states = _by_interval(trajectory.dense_states, trajectory)
+    controls = np.repeat(trajectory.controls[:, :, None], states.shape[2], axis=2)
+    return states, controls
 
 
 def _by_interval(dense: Array, trajectory: Trajectory) -> Array:
@@ -211,12 +265,12 @@ def _reductions(times: Array) -> dict[str, Callable[..., float]]:
     }
 
 
-_PATH = object()
+PATH = object()
 """Stands for values along a path where only shapes are looked at."""
 
 
 def _of_shape(*arguments: object) -> object:
-    return _PATH if any(argument is _PATH for argument in arguments) else 0.0
+    return PATH if any(argument is PATH for argument in arguments) else 0.0
 
 
 _SHAPES: Mapping[str, Callable[..., Any]] = {
@@ -226,52 +280,35 @@ _SHAPES: Mapping[str, Callable[..., Any]] = {
 }
 
 
-def _flown_cost(
-    scenario: ProblemScenario, posed: ProblemPosed, trajectory: Trajectory
-) -> float | None:
-    """Return what the simulated path costs; None if that is not finite."""
-    total = 0.0
-    for own, _, _ in _of_members(scenario, posed, trajectory):
-        of_path = _reductions(own[TIME])
-        total += of_path["integral"](_along(scenario.stage_cost, own))
-        total += of_path["end"](_along(scenario.terminal_cost, own))
-    return _finite(total)
+def _flown(
+    problem: OptimalControlProblem, flight: Flight[P], trajectory: Trajectory
+) -> tuple[float, float, float]:
+    """Return cost, and largest excess of path and terminal constraints, 0 if all hold.
 
-
-def _excesses(
-    joint: OptimalControlProblem, flight: Flight[ProblemPosed], trajectory: Trajectory
-) -> dict[str, Measure]:
-    """Return the largest excess of path and of terminal constraints, 0 if all hold.
-
-    Args:
-        joint: The problem of all vehicles.
-        flight: The flight.
-        trajectory: Its path.
+    Parameters are the plant's, whose own may follow them; signals those of an agent.
     """
-    model, posed = joint.model, flight.posed
-    times = _by_interval(trajectory.dense_times[None], trajectory)
-    states = _by_interval(trajectory.dense_states, trajectory).reshape(model.nx, -1)
-    controls = np.repeat(trajectory.controls, times.shape[2], axis=1)
-    rows = [posed.known[str(name)] for name in ca.vertsplit(model.parameters)]
-    signals = [posed.known[str(name)] for name in ca.vertsplit(joint.signals)]
-    at = times.reshape(-1)
-    given = [
-        np.stack([f(at) for f in some]) if some else np.empty((0, at.size))
-        for some in (rows, signals)
-    ]
-    arguments = [states, controls, *given]
-    symbols = list(joint.symbols().values())
-    found: dict[str, Measure] = {}
-    for name, constraints, last in (
-        ("constraint_excess", joint.path_constraints, slice(None)),
-        ("terminal_excess", joint.terminal_constraints, slice(-1, None)),
+    times, (states, controls) = times_of(trajectory), rows_of(trajectory)
+    at, (agent, *_) = times.reshape(-1), flight.posed.agents
+    arguments = [states.reshape(len(states), -1), controls.reshape(len(controls), -1)]
+    for rows, symbols in (
+        (flight.posed.plant.parameters, problem.model.parameters),
+        (agent.reference, problem.signals),
     ):
-        excess = [row_excess(c.rows(c.expression)) for c in constraints]
-        over = ca.Function("excess", symbols, [ca.vertcat(ca.SX(0, 1), *excess)])
-        values = np.array(over.map(at[last].size)(*(a[:, last] for a in arguments)))
-        found[name] = _finite(float(values.max(initial=0.0)))
-    return found
+        size = symbols.numel()
+        arguments.append(rows(at)[:size] if rows and size else np.empty((0, at.size)))
+    excesses = [
+        ca.vertcat(ca.SX(0, 1), *[row_excess(c.rows(c.expression)) for c in some])
+        for some in (problem.path_constraints, problem.terminal_constraints)
+    ]
+    over = ca.Function(
+        "along",
+        list(problem.symbols().values()),
+        [problem.stage_cost, problem.terminal_cost, *excesses],
+    )
+    stage, terminal, path, end = map(np.array, over.map(at.size)(*arguments))
+    cost = simpson(stage.reshape(times.shape), x=times, axis=1).sum() + terminal[0, -1]
+    return cost, path.max(initial=0.0), end[:, -1].max(initial=0.0)
 
 
 def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return float(value) if math.isfinite(value) else None

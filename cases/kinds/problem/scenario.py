@@ -290,13 +290,22 @@ class Vehicles(Part):
     separation: SeparationPart | None = None
 
 
-class ProblemScenario(Scenario):
-    """Everything a problem needs."""
+class UserScenario(Scenario):
+    """The keys of scenarios whose problem is the user's own, with their defaults."""
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
-    kind: Literal["problem"]
     title: str = ""
-    steps: int = Field(ge=1, le=1_000_000)
+    feedback: Feedback = Feedback()
+    measures: Mapping[Names, Measured] = Field(default_factory=dict)
+    search: AnySearch = Field(default={"name": "lshade"}, validate_default=True)
+    budget: BudgetPart = BudgetPart(evaluations=EVALUATIONS)
+    polish: Literal["none", "ipopt"] = "ipopt"
+
+
+class ProblemScenario(UserScenario):
+    """Everything a problem needs."""
+
+    kind: Literal["problem"]
     constants: Mapping[Names, Quantity] = Field(default_factory=dict)
     parameters: Mapping[Names, OverTime] = Field(default_factory=dict)
     signals: Mapping[Names, OverTime] = Field(default_factory=dict)
@@ -312,13 +321,8 @@ class ProblemScenario(Scenario):
     guess: Guess = Guess()
     candidates: list[Mapping[Names, Expression]] = Field(default_factory=list)
     prediction: Prediction
-    feedback: Feedback = Feedback()
     dual_mode: DualMode | None = None
     plant: PlantPart = PlantPart()
-    measures: Mapping[Names, Measured] = Field(default_factory=dict)
-    search: AnySearch = Field(default={"name": "lshade"}, validate_default=True)
-    budget: BudgetPart = BudgetPart(evaluations=EVALUATIONS)
-    polish: Literal["none", "ipopt"] = "ipopt"
 
     @model_validator(mode="before")
     @classmethod
