@@ -24,7 +24,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
@@ -54,12 +54,15 @@ class Cell:
         job: Plain data that determine the result, with the versions of the packages.
         label: What it is, for progress and errors.
         timeout_s: After how many seconds it is given up; None: never.
+        permissions: Further arguments of the work: what the command at hand allows,
+            which changes no result, is in no key, and is not kept.
     """
 
     work: str
     job: Mapping[str, Any]
     label: str
     timeout_s: float | None = None
+    permissions: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
@@ -290,7 +293,7 @@ def work_on(cell: Cell, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     result, failure = None, ""
     try:
-        result = load(cell.work)(dict(cell.job), folder)
+        result = load(cell.work)(dict(cell.job), folder, **cell.permissions)
     except SwarmstartError as error:
         failure = str(error)
     except Exception as error:  # noqa: BLE001 - whatever it is, the others go on

@@ -102,7 +102,10 @@ def entry_of(
         repair: Whether answers that break constraints between the checks are solved
             again with a margin.
     """
-    settings = resolved.anonymous_settings()
+    settings, code = resolved.anonymous_settings(), resolved.code
+    permissions = {}
+    if code is not None and resolved.allow_python:
+        permissions["python_in"] = str(code.parent.resolve())
     cells = [
         Cell(
             work="swarmstart.cases.campaign.solvers:solve_cell",
@@ -116,6 +119,7 @@ def entry_of(
             },
             label=f"{resolved.scenario.name}, {solver.name}, seed {seed}",
             timeout_s=timeout_s,
+            permissions=permissions,
         )
         for seed in range(1 if solver.is_deterministic else seeds)
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
@@ -48,6 +49,7 @@ def run(  # noqa: PLR0913 - the options of a command
     polish: str | None = None,
     figures: bool = True,
     force: bool = False,
+    allow_python: bool = False,
     settings: Mapping[str, Any] = NO_SETTINGS,
     progress: ProgressCallback = tell_nothing,
 ) -> Run:
@@ -62,6 +64,8 @@ def run(  # noqa: PLR0913 - the options of a command
         polish: As --polish.
         figures: Whether the record has figures.
         force: As --force: whether files of the record's names are replaced.
+        allow_python: As --allow-python: whether the file that a scenario of kind python
+            names is run.
         settings: As --set, such as {"steps": 2, "budget.evaluations": 600}.
         progress: Told (finished steps, all steps, what is being done).
 
@@ -75,10 +79,12 @@ def run(  # noqa: PLR0913 - the options of a command
         YamlError: If its file is not the format.
         OccupiedFolderError: If the folder holds anything but a record of this run.
         RecordError: If a file cannot be written.
+        CodeNotAllowedError: If a file is to be run, and may not.
     """
     resolved = _resolved(
         scenario, settings, variant=variant, search=search, polish=polish
     )
+    resolved = replace(resolved, allow_python=allow_python)
     recording = None
     if out is not None:
         recording = Recording(folder=Path(out), figures=figures, force=force)
@@ -92,6 +98,7 @@ def compare(  # noqa: PLR0913 - the options of a command
     seeds: int = 10,
     budget: str | int = "4000evals",
     repair: bool = True,
+    allow_python: bool = False,
     settings: Mapping[str, Any] = NO_SETTINGS,
     progress: ProgressCallback = tell_nothing,
 ) -> list[Row]:
@@ -110,6 +117,7 @@ def compare(  # noqa: PLR0913 - the options of a command
         budget: Of one planning problem: "4000evals", "5s" or a number of evaluations.
         repair: Whether an answer that breaks a constraint between the checks is solved
             again with a margin.
+        allow_python: As in `run`.
         settings: Of the scenarios, as in `run`.
         progress: Told (finished, all, the next one's name).
 
@@ -120,13 +128,14 @@ def compare(  # noqa: PLR0913 - the options of a command
         UnknownSolverError: If there is no such solver.
         InvalidBudgetTextError: If the budget is none.
         SeveralPlansError: If a step of a scenario has several planning problems.
+        CodeNotAllowedError: If a file is to be run, and may not.
     """
     names = [solvers] if isinstance(solvers, str) else solvers
     chosen = [solver_of(name) for name in dict.fromkeys(names)]
     share = budget_of(f"{budget}evals" if isinstance(budget, int) else budget)
     named = _named(problems)
     ways = {  # All are refused here, before any is solved.
-        (name, solver.name): _way(problem, solver, share, settings)
+        (name, solver.name): _way(problem, solver, share, settings, allow_python)
         for name, problem in named.items()
         for solver in chosen
     }
@@ -181,6 +190,7 @@ def _way(
     solver: Solver,
     budget: Mapping[str, float | int],
     settings: Mapping[str, Any],
+    allow_python: bool,
 ) -> tuple[PlanningProblem, SearchSettings | None, str | None]:
     """Return what is solved, the search that a solver names, and the backend."""
     searched = solver.search != "none"
@@ -202,7 +212,7 @@ def _way(
         polish="ipopt" if solver.polished else "none",
     )
     scenario = resolved.scenario
-    posed = first_problem(resolved.kind.pose(scenario))
+    posed = first_problem(replace(resolved, allow_python=allow_python).posed())
     return posed, scenario.search_settings(), scenario.backend
 
 

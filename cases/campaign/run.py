@@ -29,6 +29,7 @@ from swarmstart.cases.record.record import (
     MARK,
     SCENARIO,
     TRAJECTORY,
+    OccupiedFolderError,
     Recording,
     kept_figures,
     require_own,
@@ -176,6 +177,7 @@ def run(
     Raises:
         Interrupted: On Ctrl-C; the finished steps are in the folder.
         OccupiedFolderError: If the folder holds anything but a record of this run.
+        CodeNotAllowedError: If a file of the user's is to be run, and may not.
         FolderInUseError: If another command writes to the folder.
         RecordError: If a file cannot be written.
         SwarmstartError: If the animation cannot be made here.
@@ -183,10 +185,24 @@ def run(
     if recording is None:
         return _run(resolved, seed, None, progress)
     with locked(recording.folder):  # Tried before the flight, not after it.
-        if not recording.force:
+        if recording.force:
+            _keep_original(resolved, recording.folder)
+        else:
             key = key_of(resolved, seed)
             require_own(recording.folder, key, _scenario_text(resolved))
         return _run(resolved, seed, recording, progress)
+
+
+def _keep_original(resolved: Resolved, folder: Path) -> None:
+    """Refuse a folder whose file is run: its copy would be written over it."""
+    code = resolved.code
+    if code is not None and code.parent.resolve() == folder.resolve():
+        raise OccupiedFolderError(
+            folder,
+            f"{code.name} itself",
+            expected="another folder than that of the file to be run",
+            way="choose another --out",
+        )
 
 
 def _run(
@@ -213,7 +229,7 @@ def _timed(
         kind.check_animation(recording.animation)
     progress(0, scenario.steps, "building")
     with heeded():
-        flight = flight_of(kind.pose(scenario), scenario)
+        flight = flight_of(resolved.posed(), scenario)
     logger.debug("built after %.2f s", watch.seconds)
     folder = recording.folder if recording else None
     steps, resumed = _flown(resolved, flight, seed, folder, progress)

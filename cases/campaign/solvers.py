@@ -154,11 +154,16 @@ class Trial:
     backend: str | None = None
 
 
-def solve_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Solve a scenario's planning problem; called in a worker."""
+def solve_cell(
+    job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
+) -> dict[str, Any]:
+    """Solve a scenario's planning problem; called in a worker.
+
+    Only where the command has given `python_in` may a file of that folder be run.
+    """
     del folder
-    resolved = resolved_again(job["settings"], job["variant"])
-    posed = first_problem(resolved.kind.pose(resolved.scenario))
+    resolved = resolved_again(job["settings"], job["variant"], python_in=python_in)
+    posed = first_problem(resolved.posed())
     trial = Trial(
         solver=solver_of(job["solver"]),
         budget=job["budget"],

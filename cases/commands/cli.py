@@ -242,6 +242,7 @@ def _add_run(run: _Parser) -> None:
         dest="assignments",
         help="change one value of the scenario; may be given several times",
     )
+    _add_permission(run)
     run.add_argument("--out", metavar="DIR", help="default: results/<scenario>/<key>")
     run.add_argument(
         "--force", action="store_true",
@@ -310,9 +311,17 @@ def _add_compare(compare: _Parser) -> None:
         help="solve answers that break a constraint between the checks again with a "
         "margin, for all solvers alike; default: yes",
     )  # fmt: skip
+    _add_permission(compare)
     compare.add_argument("--out", metavar="DIR", help="default: results/compare")
     _add_campaign(compare)
     compare.set_defaults(command=_compare, parser=compare)
+
+
+def _add_permission(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--allow-python", action="store_true",
+        help="run the file that a scenario of kind python names",
+    )  # fmt: skip
 
 
 def _add_campaign(command: argparse.ArgumentParser, *, markdown: bool = False) -> None:

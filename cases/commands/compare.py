@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import os
 import statistics
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from swarmstart.cases.campaign.comparison import Entry, Row, entry_of, rows_of
 from swarmstart.cases.campaign.results_table import append_rows, require_table
 from swarmstart.cases.campaign.solvers import Solver, budget_of, search_share, solver_of
 from swarmstart.cases.commands.exit_codes import DONE, INFEASIBLE
-from swarmstart.cases.commands.output import answer
+from swarmstart.cases.commands.output import answer, say
+from swarmstart.cases.commands.permission import allowing
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
@@ -40,8 +42,9 @@ def compare_command(options: argparse.Namespace) -> int:
     names = dict.fromkeys(name.strip() for name in options.solvers.split(","))
     solvers = [solver_of(name) for name in names]
     budget = budget_of(options.budget)
+    said_once = functools.cache(say)
     entries = [
-        [_entry(name, solver, budget, options) for solver in solvers]
+        [_entry(name, solver, budget, options, said_once) for solver in solvers]
         for name in dict.fromkeys(options.scenarios)
     ]
     root = Path(options.out) if options.out else RESULTS
@@ -66,7 +69,11 @@ def compare_command(options: argparse.Namespace) -> int:
 
 
 def _entry(
-    name: str, solver: Solver, budget: dict[str, Any], options: argparse.Namespace
+    name: str,
+    solver: Solver,
+    budget: dict[str, Any],
+    options: argparse.Namespace,
+    told: Callable[[str], object],
 ) -> Entry:
     resolved = resolve(
         read_document(name),
@@ -75,7 +82,8 @@ def _entry(
         polish="ipopt" if solver.polished else "none",
         assignments=[*options.assignments, *_budget_of_search(solver, budget)],
     )
-    first_problem(resolved.kind.pose(resolved.scenario))  # Refused here, not later.
+    resolved = allowing(resolved, options, told)
+    first_problem(resolved.posed())  # Refused here, not later.
     return entry_of(
         resolved,
         solver,

@@ -15,6 +15,7 @@ from swarmstart.cases.campaign.claims import holds
 from swarmstart.cases.campaign.run import Run, default_folder, run
 from swarmstart.cases.commands.exit_codes import DONE, GATE, INFEASIBLE
 from swarmstart.cases.commands.output import answer, say
+from swarmstart.cases.commands.permission import allowing
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.kind import NEVER, Measure
@@ -63,6 +64,7 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
         )
         answer(text.rstrip())
         return DONE
+    resolved = allowing(resolved, options)
     default = default_folder(resolved, options.seed, RESULTS)
     folder = Path(options.out) if options.out else default
     with Progress(resolved.scenario.name, quiet=options.quiet) as progress:

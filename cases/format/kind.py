@@ -8,6 +8,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.settings import Problem, Scenario
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import (
@@ -234,6 +235,17 @@ class PlanningProblem:
     family: TrajectoryFamily | None = None
 
 
+class CodeNotAllowedError(SwarmstartError):
+    """A scenario runs a file of the user's, and that is not allowed."""
+
+    def __init__(self, file: Path) -> None:
+        """Name the file and the option."""
+        super().__init__(
+            f"{printable(str(file))}: expected --allow-python (in Python "
+            "allow_python=True): this scenario runs the code of that file"
+        )
+
+
 class NoAnimationError(SwarmstartError):
     """There is no animation of this kind of flight."""
 
@@ -268,8 +280,7 @@ class Kind:
 
     Attributes:
         scenario: The pydantic model of its scenarios.
-        pose: Scenario -> its agents and plant, nothing compiled: `kinds/flight.py`
-            makes a flight of them.
+        poses: Scenario -> its agents and plant, nothing compiled; call `pose`.
         measure: (scenario, flight, trajectory) -> measures by name.
         measures: Name -> what it is, for the list.
         undefined: Name of a measure that may be null -> why; NEVER for a time.
@@ -282,10 +293,12 @@ class Kind:
             animation.
         check_animation: Refuses what cannot be written here, "gif" or "mp4"; by default
             either.
+        code: Scenario -> the file of the user's that posing it runs; None: it runs
+            none.
     """
 
     scenario: type[Scenario]
-    pose: Callable[..., Posed]
+    poses: Callable[..., Posed]
     measure: Callable[..., Mapping[str, Measure]]
     measures: Mapping[str, str]
     undefined: Mapping[str, str]
@@ -294,6 +307,22 @@ class Kind:
     own_measures: Callable[..., Mapping[str, str]] = no_measures
     animate: Callable[..., None] = animate_nothing
     check_animation: Callable[[str], None] = refuse_animation
+    code: Callable[..., Path] | None = None
+
+    def pose(self, scenario: Scenario, *, allow_python: bool = False) -> Posed:
+        """Return agents and plant: `kinds/flight.py` makes a flight of them.
+
+        Args:
+            scenario: The scenario, checked.
+            allow_python: Whether a file of the user's may be run; no file can say so.
+
+        Raises:
+            CodeNotAllowedError: If one is to be run and may not.
+            SwarmstartError: If it cannot be posed.
+        """
+        if self.code is not None and not allow_python:
+            raise CodeNotAllowedError(self.code(scenario))
+        return self.poses(scenario)
 
     def measures_of(self, scenario: Scenario) -> list[str]:
         """Return the names of all measures of a scenario."""

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pydantic
     import pydantic_core
 
-    from swarmstart.cases.format.kind import Kind
+    from swarmstart.cases.format.kind import Kind, Posed
     from swarmstart.cases.format.settings import Scenario
 
 DEFAULT_VARIANT = "corrected"
@@ -111,12 +111,29 @@ class Resolved:
         kind: How its kind is built, measured and drawn.
         variant: The variant's name; empty where the scenario has none.
         settings: The resolved scenario as plain data, complete with defaults.
+        allow_python: Whether a file of the user's may be run, if the kind runs one:
+            only the command or call at hand says so, never a file.
     """
 
     scenario: Scenario
     kind: Kind
     variant: str
     settings: Mapping[str, Any]
+    allow_python: bool = False
+
+    @property
+    def code(self) -> Path | None:
+        """The file of the user's that posing it runs; None: it runs none."""
+        return None if self.kind.code is None else self.kind.code(self.scenario)
+
+    def posed(self) -> Posed:
+        """Return what its kind poses.
+
+        Raises:
+            CodeNotAllowedError: If that runs a file, and may not.
+            SwarmstartError: If it cannot be posed.
+        """
+        return self.kind.pose(self.scenario, allow_python=self.allow_python)
 
     def anonymous_settings(self) -> dict[str, Any]:
         """Return the settings without title, name and others that change no result."""
@@ -221,18 +238,22 @@ def resolve(
     )
 
 
-def resolved_again(settings: Mapping[str, Any], variant: str) -> Resolved:
+def resolved_again(
+    settings: Mapping[str, Any], variant: str, *, python_in: str | None = None
+) -> Resolved:
     """Return what `resolve` had returned, from its settings.
 
     Args:
         settings: As in Resolved: plain data, complete and checked.
         variant: As in Resolved.
+        python_in: The folder of the file that may be run; None: none may.
 
     Raises:
         InvalidScenarioError: If they are not what `resolve` returns.
     """
-    text = json.dumps(settings)
-    return replace(resolve(parse_yaml(text.encode(), name="settings")), variant=variant)
+    text, name = json.dumps(settings), str(Path(python_in or "") / "settings")
+    resolved = resolve(parse_yaml(text.encode(), name=name))
+    return replace(resolved, variant=variant, allow_python=python_in is not None)
 
 
 def _claiming(scenario: Scenario, steps: object) -> Scenario:
@@ -347,7 +368,9 @@ def _validated(document: Document, kind: Kind) -> Scenario:
     import pydantic
 
     try:
-        return kind.scenario.model_validate(document.data)
+        return kind.scenario.model_validate(
+            document.data, context={"folder": Path(document.name).parent}
+        )
     except pydantic.ValidationError as error:
         by_path = _by_path(document, error)
         # A new key is not missed where its old name is: that is said once.

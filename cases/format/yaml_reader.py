@@ -85,6 +85,19 @@ def read_yaml(path: str | os.PathLike[str]) -> Document:
         UnreadableFileError: If it is missing, forbidden, a directory or a device.
         YamlError: If it is too large or not what this format allows.
     """
+    return parse_yaml(read_bytes(path), name=os.fspath(path))
+
+
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """Return the content of a file.
+
+    Args:
+        path: A regular file, at most `MAX_BYTES` long (checked before reading).
+
+    Raises:
+        UnreadableFileError: If it is missing, forbidden, a directory or a device.
+        YamlError: If it is too large.
+    """
     name = os.fspath(path)
     try:
         status = os.stat(path)
@@ -95,13 +108,15 @@ def read_yaml(path: str | os.PathLike[str]) -> Document:
         if status.st_size > MAX_BYTES:
             raise _too_large(f"{status.st_size} bytes", name)
         with open(path, "rb") as file:
-            text = file.read(MAX_BYTES + 1)
+            content = file.read(MAX_BYTES + 1)
     except OSError as error:
         reason = f"found: {error.strerror or error}"
         raise UnreadableFileError(name, reason) from error
     except ValueError as error:  # a path with a NUL or a surrogate
         raise UnreadableFileError(name, f"found: {error}") from error
-    return parse_yaml(text, name=name)
+    if len(content) > MAX_BYTES:  # It has grown meanwhile.
+        raise _too_large("more", name)
+    return content
 
 
 def parse_yaml(text: str | bytes, *, name: str) -> Document:

@@ -9,7 +9,7 @@ from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenar
 
 KIND = Kind(
     scenario=CloseFormationScenario,
-    pose=pose,
+    poses=pose,
     measure=measure,
     measures=MEASURES,
     undefined=UNDEFINED,

@@ -10,7 +10,7 @@ from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 
 KIND = Kind(
     scenario=FormationScenario,
-    pose=pose,
+    poses=pose,
     measure=measure,
     measures=MEASURES,
     undefined=UNDEFINED,

@@ -10,7 +10,7 @@ from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 
 KIND = Kind(
     scenario=ProblemScenario,
-    pose=pose,
+    poses=pose,
     measure=measure,
     measures=MEASURES,
     own_measures=own_measures,

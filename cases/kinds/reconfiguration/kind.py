@@ -9,7 +9,7 @@ from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScena
 
 KIND = Kind(
     scenario=ReconfigurationScenario,
-    pose=pose,
+    poses=pose,
     measure=measure,
     measures=MEASURES,
     undefined=UNDEFINED,

@@ -9,7 +9,7 @@ from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 
 KIND = Kind(
     scenario=TransferScenario,
-    pose=pose,
+    poses=pose,
     measure=measure,
     measures=MEASURES,
     undefined=UNDEFINED,
