@@ -86,6 +86,10 @@ KINDS = {
         "swarmstart.cases.kinds.problem.kind:KIND",
         "swarmstart.cases.kinds.problem.names:MEASURES",
     ),
+    "python": KindEntry(
+        "swarmstart.cases.kinds.python.kind:KIND",
+        "swarmstart.cases.kinds.problem.names:MEASURES",
+    ),
     "formation_flight": KindEntry(
         "swarmstart.cases.kinds.formation_flight.kind:KIND",
         "swarmstart.cases.kinds.formation_flight.names:MEASURES",

@@ -1,0 +1,1 @@
+"""Problems that a user states in Python; their files are run only if allowed."""

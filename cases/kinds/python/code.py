@@ -1,0 +1,134 @@
+"""The file of a user's problem: read as bytes, identified by its hash, run on demand.
+
+Reading it runs nothing. It is read once: the bytes that are hashed are those that are
+recorded and run.
+"""
+
+import contextlib
+import copy
+import hashlib
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from types import ModuleType
+from typing import Any
+
+from swarmstart.cases.format.document import (
+    UnreadableFileError,
+    YamlError,
+    printable,
+    shown,
+)
+from swarmstart.cases.format.yaml_reader import read_bytes
+from swarmstart.errors import SwarmstartError
+
+_LONGEST = 300
+"""Characters of a path, and of an error of the user's code in a message."""
+
+
+class UserCodeError(SwarmstartError):
+    """The user's file does not give a problem."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Code:
+    """A function in a file, which has been read and not run.
+
+    Attributes:
+        file: The file.
+        function: The function's name.
+        text: The file's content, UTF-8.
+    """
+
+    file: Path
+    function: str
+    text: str = field(repr=False)
+
+    @property
+    def sha256(self) -> str:
+        """The hash of the file's content, in hexadecimal."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def __str__(self) -> str:
+        """Return file and function as a scenario beside the file names them."""
+        return f"{self.file.name}:{self.function}"
+
+
+def read_code(value: object, folder: Path) -> Code:
+    """Return the function that a scenario names, from a file that is not run.
+
+    Args:
+        value: Such as "my_model.py:build".
+        folder: The scenario's folder; the file is there or below.
+
+    Raises:
+        ValueError: If there is no such file, or it is too large or not UTF-8.
+    """
+    given, _, function = value.partition(":") if isinstance(value, str) else ("",) * 3
+    path = PurePosixPath(given)
+    is_below = not path.is_absolute() and ".." not in path.parts and "\\" not in given
+    is_short = len(given) <= _LONGEST
+    if not (is_below and is_short and path.suffix == ".py" and function.isidentifier()):
+        raise ValueError(
+            "expected problem to be a file in the scenario's folder or below and a "
+            f"function in it, such as my_model.py:build; found {shown(str(value))}"
+        )
+    file = folder / path
+    try:
+        text = read_bytes(file).decode()
+    except (UnreadableFileError, YamlError) as error:
+        raise ValueError(str(error)) from None
+    except UnicodeDecodeError as error:
+        raise ValueError(
+            f"{printable(str(file))}: expected text in UTF-8: {error}"
+        ) from None
+    return Code(file=file, function=function, text=text)
+
+
+def returned(code: Code, arguments: Mapping[str, Any]) -> object:
+    """Run the file, call the function, and return what it returns.
+
+    Whatever the code prints goes to standard error, and if it changes the working
+    directory, that is changed back.
+
+    Args:
+        code: The function.
+        arguments: Its arguments by name.
+
+    Raises:
+        UserCodeError: If the file or the function raises, or there is no function.
+    """
+    name = f"swarmstart_user_{code.sha256}"
+    module = ModuleType(name)
+    module.__file__ = str(code.file)
+    place = printable(str(code.file))
+    sys.modules[name] = module  # Dataclasses look their module up there.
+    try:
+        with contextlib.redirect_stdout(sys.stderr), contextlib.chdir(Path.cwd()):
+            exec(compile(code.text.encode(), code.file, "exec"), vars(module))
+            function = vars(module).get(code.function)
+            if callable(function):
+                return function(**copy.deepcopy(dict(arguments)))
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # SystemExit, too: it is not for the code to leave.
+        raise UserCodeError(
+            f"{place}: expected a problem from {code.function}, found "
+            f"{_described(error)} (--debug shows where)"
+        ) from error
+    finally:
+        sys.modules.pop(name, None)
+    raise UserCodeError(
+        f"{place}: expected a function {code.function!r}, found "
+        f"{'no such name' if function is None else type(function).__name__}"
+    )
+
+
+def _described(error: BaseException) -> str:
+    """Return an error in one line; its text is code of the user's, too."""
+    try:
+        text = printable(" ".join(str(error).split()))[:_LONGEST]
+    except Exception as another:  # noqa: BLE001 - whatever its __str__ does
+        text = f"its text raises {type(another).__name__}"
+    return f"{type(error).__name__}{': ' if text else ''}{text}"

@@ -1,0 +1,77 @@
+"""A problem from Python, as the commands run it."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from swarmstart.cases.drawing.problem_figures import draw_problem
+from swarmstart.cases.format.expressions import CONSTANTS, parse
+from swarmstart.cases.format.kind import Flight, Kind, Measure, Posed
+from swarmstart.cases.format.settings import Problem
+from swarmstart.cases.kinds.problem.measures import (
+    PATH,
+    measured,
+    own_measures,
+    rows_of,
+    times_of,
+    wrong_measures,
+)
+from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
+from swarmstart.cases.kinds.python.pose import names_of, pose
+from swarmstart.cases.kinds.python.scenario import PythonScenario
+from swarmstart.ocp import Known, Trajectory
+from swarmstart.ocp.controller import known_at
+
+
+def problems(scenario: PythonScenario) -> Iterator[Problem]:
+    """Yield all that can be said without running the file: it alone has the names."""
+    yield from scenario.problems()
+    for name, text in scenario.measures.items():
+        used = parse(text, of_paths=True).names - CONSTANTS.keys()
+        yield from wrong_measures({name: text}, dict.fromkeys(used, PATH))
+
+
+def measure(
+    scenario: PythonScenario, flight: Flight[Posed], trajectory: Trajectory
+) -> Mapping[str, Measure]:
+    """Return all measures by name, null where one is not defined."""
+    problem = flight.posed.agents[0].problem
+    states, controls = rows_of(trajectory)
+    rows = (times_of(trajectory), *states, *controls)
+    return measured(
+        flight,
+        trajectory,
+        problem=problem,
+        path=dict(zip(names_of(problem.model), rows, strict=True)),
+        own=scenario.measures,
+    )
+
+
+def draw(
+    scenario: PythonScenario,
+    flight: Flight[Posed],
+    trajectory: Trajectory,
+    folder: Path,
+) -> list[Path]:
+    """Write all figures that apply to a run; return the files."""
+    del scenario
+    (agent,) = flight.posed.agents
+
+    def known(step: int, number: int) -> Known:
+        del number
+        time = step * flight.plant.dt
+        return known_at(agent.problem, time, agent.reference, agent.parameters)
+
+    return draw_problem(agent.problem, trajectory, folder, known=known)
+
+
+KIND = Kind(
+    scenario=PythonScenario,
+    poses=pose,
+    measure=measure,
+    measures=MEASURES,
+    own_measures=own_measures,
+    undefined=UNDEFINED,
+    problems=problems,
+    figures=draw,
+    code=lambda scenario: scenario.problem.file,
+)

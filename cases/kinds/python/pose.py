@@ -1,0 +1,150 @@
+"""A scenario from Python -> its agent and its plant; this runs the user's file."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.document import printable
+from swarmstart.cases.format.kind import Posed, PosedAgent, PosedPlant
+from swarmstart.cases.kinds.problem.measures import PATH, wrong_measures
+from swarmstart.cases.kinds.problem.symbols import TIME
+from swarmstart.cases.kinds.python.code import UserCodeError, returned
+from swarmstart.cases.kinds.python.scenario import PythonScenario
+from swarmstart.ocp import Known, Model, OptimalControlProblem
+from swarmstart.ocp.controller import Reference
+
+Array = NDArray[np.float64]
+MOST_INTERVALS = 10_000
+"""Of a prediction, as where it is stated in YAML."""
+_PAIR, _TRIPLE = 2, 3
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Stated:
+    """A problem as the user's function returns it, checked.
+
+    Attributes:
+        problem: The problem.
+        x0: Shape (nx,), finite.
+        parameters: Shape (np,), finite.
+        signals: Shape (ns, nodes), finite.
+    """
+
+    problem: OptimalControlProblem
+    x0: Array
+    parameters: Array
+    signals: Array
+
+
+def pose(scenario: PythonScenario) -> Posed:
+    """Run the scenario's file, and return the agent and the plant of its problem.
+
+    Raises:
+        UserCodeError: If it gives no problem that goes with the scenario.
+    """
+    stated = _stated(scenario)
+    problem, model = stated.problem, stated.problem.model
+    parameters = stated.parameters
+    return Posed(
+        agents=(
+            PosedAgent(
+                problem=problem,
+                reference=_reference(problem, stated.signals),
+                parameters=(lambda time: parameters) if model.np else None,
+                append=scenario.feedback.append,
+                shift=scenario.feedback.last_plan == "shifted",
+            ),
+        ),
+        x0=stated.x0,
+        plant=PosedPlant(
+            model=model,
+            substeps=scenario.plant.substeps,
+            parameters=(
+                lambda times: np.repeat(parameters[:, None], len(times), axis=1)
+            )
+            if model.np
+            else None,
+        ),
+        open_loop=scenario.feedback.law == "open_loop",
+        repair=scenario.feedback.repair,
+        documents={scenario.problem.file.name: scenario.problem.text},
+    )
+
+
+def names_of(model: Model) -> tuple[str, ...]:
+    """Return the names that own measures may use for values along the path."""
+    return (TIME, *model.state_names, *model.control_names)
+
+
+def _reference(problem: OptimalControlProblem, signals: Array) -> Reference | None:
+    """Return signals at absolute times; the last value is held after the horizon."""
+    if not len(signals):
+        return None
+    return lambda at: np.stack([np.interp(at, problem.times, row) for row in signals])
+
+
+def _stated(scenario: PythonScenario) -> Stated:
+    """Return what the function returns, if it is a problem, x0 and what is known."""
+    found = returned(scenario.problem, scenario.arguments)
+    parts = found if isinstance(found, tuple) else (found,)
+    types = (OptimalControlProblem, object, Known)
+    has_types = all(map(isinstance, parts, types))
+    if len(parts) not in (_PAIR, _TRIPLE) or not has_types:
+        raise _refused(
+            scenario,
+            "(problem, x0) or (problem, x0, known)",
+            f"({', '.join(type(part).__name__ for part in parts)})",
+        )
+    problem, x0, known = (*parts, Known())[:_TRIPLE]
+    _require_fitting(scenario, problem)
+    model, size = problem.model, problem.signals.numel()
+    of_signals = known.signals if size else np.empty((0, problem.nodes))
+    return Stated(
+        problem=problem,
+        x0=_numbers(scenario, "x0", x0, (model.nx,)),
+        parameters=_numbers(
+            scenario, "known.parameters", known.parameters, (model.np,)
+        ),
+        signals=_numbers(scenario, "known.signals", of_signals, (size, problem.nodes)),
+    )
+
+
+def _numbers(
+    scenario: PythonScenario, name: str, given: object, shape: tuple[int, ...]
+) -> Array:
+    """Return finite numbers of a shape."""
+    try:
+        numbers = np.array(given, dtype=np.float64)
+    except Exception as error:  # Whatever an object of the user's raises.
+        found = type(error).__name__
+        raise _refused(scenario, f"numbers as {name}", found) from error
+    if numbers.shape != shape:
+        raise _refused(scenario, f"{name} of shape {shape}", str(numbers.shape))
+    if not np.isfinite(numbers).all():
+        raise _refused(scenario, f"finite numbers as {name}", str(numbers.tolist()))
+    return numbers
+
+
+def _require_fitting(scenario: PythonScenario, problem: OptimalControlProblem) -> None:
+    """Refuse too many intervals or steps, and own measures of unknown names."""
+    if problem.intervals > MOST_INTERVALS:
+        found = str(problem.intervals)
+        raise _refused(scenario, f"at most {MOST_INTERVALS} intervals", found)
+    is_open = scenario.feedback.law == "open_loop"
+    if is_open and scenario.steps > problem.intervals:
+        raise UserCodeError(
+            f"steps: expected at most the problem's {problem.intervals} intervals "
+            f"with feedback: open_loop, found {scenario.steps}"
+        )
+    known = dict.fromkeys(names_of(problem.model), PATH)
+    for place, what in wrong_measures(scenario.measures, known):
+        raise UserCodeError(f"{'.'.join(map(str, place))}: {what}")
+
+
+def _refused(scenario: PythonScenario, expected: str, found: str) -> UserCodeError:
+    code = scenario.problem
+    return UserCodeError(
+        f"{printable(str(code.file))}: expected {code.function} to return {expected}; "
+        f"found {printable(found)[:200]}"
+    )
