@@ -31,6 +31,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         YamlError as YamlError,
     )
     from swarmstart.cases.format.kind import (
+        CodeNotAllowedError as CodeNotAllowedError,
         SeveralPlansError as SeveralPlansError,
     )
     from swarmstart.cases.format.scenario import (
@@ -177,7 +178,7 @@ _NAMES = {
     "swarmstart.cases.campaign.solvers": "InvalidBudgetTextError UnknownSolverError",
     "swarmstart.cases.commands.progress": "Progress",
     "swarmstart.cases.format.document": "UnreadableFileError YamlError",
-    "swarmstart.cases.format.kind": "SeveralPlansError",
+    "swarmstart.cases.format.kind": "CodeNotAllowedError SeveralPlansError",
     "swarmstart.cases.format.scenario": "InvalidScenarioError UnknownScenarioError",
     "swarmstart.cases.record.files": "FolderInUseError RecordError",
     "swarmstart.cases.record.record": "OccupiedFolderError",
