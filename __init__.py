@@ -38,6 +38,9 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         InvalidScenarioError as InvalidScenarioError,
         UnknownScenarioError as UnknownScenarioError,
     )
+    from swarmstart.cases.kinds.python.code import (
+        UserCodeError as UserCodeError,
+    )
     from swarmstart.cases.record.files import (
         FolderInUseError as FolderInUseError,
         RecordError as RecordError,
@@ -180,6 +183,7 @@ _NAMES = {
     "swarmstart.cases.format.document": "UnreadableFileError YamlError",
     "swarmstart.cases.format.kind": "CodeNotAllowedError SeveralPlansError",
     "swarmstart.cases.format.scenario": "InvalidScenarioError UnknownScenarioError",
+    "swarmstart.cases.kinds.python.code": "UserCodeError",
     "swarmstart.cases.record.files": "FolderInUseError RecordError",
     "swarmstart.cases.record.record": "OccupiedFolderError",
     "swarmstart.cases.record.results": "Record load",

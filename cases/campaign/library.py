@@ -80,6 +80,7 @@ def run(  # noqa: PLR0913 - the options of a command
         OccupiedFolderError: If the folder holds anything but a record of this run.
         RecordError: If a file cannot be written.
         CodeNotAllowedError: If a file is to be run, and may not.
+        UserCodeError: If that file gives no problem.
     """
     resolved = _resolved(
         scenario, settings, variant=variant, search=search, polish=polish
@@ -129,6 +130,7 @@ def compare(  # noqa: PLR0913 - the options of a command
         InvalidBudgetTextError: If the budget is none.
         SeveralPlansError: If a step of a scenario has several planning problems.
         CodeNotAllowedError: If a file is to be run, and may not.
+        UserCodeError: If that file gives no problem.
     """
     names = [solvers] if isinstance(solvers, str) else solvers
     chosen = [solver_of(name) for name in dict.fromkeys(names)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,7 @@ from swarmstart.tests.cases.kinds.python.conftest import (
 from swarmstart.tests.system.conftest import Command
 
 __all__ = ["project"]
+PAGE = Path(__file__).parents[2] / "docs" / "python_problem.md"
 QUICK = ["--set", "steps=2", "--set", "feedback=receding_horizon", "--no-figures"]
 COMPARED = ["--seeds", "1", "--budget", "200evals", "--solvers", "ipopt,lshade"]
 
@@ -170,3 +172,22 @@ def test_the_library_runs_the_file_where_the_call_allows_it(project: Project) ->
     assert finished.measures["final_angle"] == pytest.approx(3.14159, abs=1e-4)
     (row,) = ss.compare(project.scenario, "ipopt", seeds=1, allow_python=True)
     assert row.costs == pytest.approx([36.7126], abs=1e-3)
+
+
+def test_the_files_of_the_page_give_what_it_says(
+    tmp_path: Path, command: Command
+) -> None:
+    if not PAGE.exists():
+        pytest.skip("the documentation is not beside an installed package")
+    page = PAGE.read_text("utf-8")
+    for language in ("python", "yaml"):
+        (text,) = re.findall(rf"```{language}\n(# (\S+)\n.*?)```", page, re.DOTALL)
+        (tmp_path / text[1]).write_text(text[0], "utf-8")
+    cost = re.search(r"--allow-python +# cost (\S+)", page)
+    assert cost is not None
+    said = command(
+        "run", tmp_path / "mine.yaml", "--allow-python", "--json", "--no-figures",
+        "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert said.code == 0
+    assert f"{json.loads(said.out)['measures']['verified_cost']:.4f}" == cost.group(1)
