@@ -147,13 +147,18 @@ def test_the_file_is_in_the_key_and_its_folder_is_not(project: Project) -> None:
     assert key_of(moved.resolved(), 0) != key
 
 
-def test_settings_alone_give_no_permission(project: Project) -> None:
+def test_settings_alone_give_no_permission(
+    project: Project, monkeypatch: pytest.MonkeyPatch
+) -> None:
     resolved = allowed(project.resolved())
     folder = str(project.folder)
     assert resolved_again(resolved.settings, "", python_in=folder).posed().documents
     assert project.runs == 1
     with pytest.raises(InvalidScenarioError, match="No such file"):
         resolved_again(resolved.settings, "")
+    monkeypatch.chdir(project.folder)  # The file is there, and still not allowed.
+    with pytest.raises(CodeNotAllowedError):
+        resolved_again(resolved.settings, "").posed()
     project.model.write_text(MODEL + "\n")
     with pytest.raises(InvalidScenarioError, match="the file has changed"):
         resolved_again(resolved.settings, "", python_in=folder)
