@@ -1,0 +1,91 @@
+"""The shipped problems reach the values that their claims state; short of the page."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import quad
+from scipy.linalg import expm
+from scipy.optimize import brentq, minimize
+
+from swarmstart.benchmarks.shipped_problems import (
+    PROBLEMS,
+    Solved,
+    gap,
+    job,
+    solved,
+    stated,
+    table,
+)
+from swarmstart.cases.format.scenario import shipped
+
+Array = NDArray[np.float64]
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_a_problem_reaches_its_value_and_the_gap_shrinks(name: str) -> None:
+    on = stated(name)
+    own = [solved(job(name, seed=seed)) for seed in (0, 1)]
+    finer = [solved(job(name, finer=True))]
+    for one in own:
+        assert one.reached
+        assert one.cost == pytest.approx(on.value, rel=1e-4)
+    assert gap(finer, on) < gap(own, on) / 3 < on.gap / 3
+    assert (own[0].cost > on.free) == (name != "catalyst_mixing")
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_a_file_is_at_most_forty_lines_long(name: str) -> None:
+    assert len(shipped()[name].read_text().splitlines()) <= 40
+
+
+def test_the_value_of_catalyst_mixing_is_its_closed_form() -> None:
+    """The share is 1, then constant on the singular arc, then 0: linear in parts."""
+
+    def rates(share: float) -> Array:
+        return np.array([[-share, 10 * share], [share, -9 * share - 1]])
+
+    def waste(switches: Array) -> float:
+        first, second, share = switches
+        x = expm(rates(1) * first) @ np.array([1.0, 0.0])
+        x = expm(rates(share) * (second - first)) @ x
+        return float((expm(rates(0) * (1 - second)) @ x).sum())
+
+    best = minimize(
+        waste,
+        [0.14, 0.72, 0.23],
+        method="Nelder-Mead",
+        options={"xatol": 1e-9, "fatol": 1e-15},
+    )
+    assert stated("catalyst_mixing").free == pytest.approx(1 - best.fun, rel=1e-8)
+
+
+def test_the_value_of_the_hypersensitive_problem_is_its_closed_form() -> None:
+    """x'^2 = x^2 + x^6 + c, from 1.5 down to the least x and up to 1, in 10 s."""
+
+    def over_both(least: float, what: str) -> float:
+        def along(s: float) -> float:  # x = least cosh(s)
+            x, rise = least * np.cosh(s), least * np.sinh(s)
+            root = np.sqrt(1 + x**4 + x**2 * least**2 + least**4)
+            return float(1 / root if what == "time" else rise**2 * root)
+
+        ends = (np.arccosh(1.5 / least), np.arccosh(1 / least))
+        return float(sum(quad(along, 0, end, limit=200)[0] for end in ends))
+
+    least = brentq(lambda x: over_both(x, "time") - 10, 1e-6, 0.5, xtol=1e-14)
+    cost = over_both(least, "cost") + 10 * (least**2 + least**6) / 2 + (1 - 1.5**4) / 4
+    assert stated("hypersensitive").free == pytest.approx(cost, rel=1e-7)
+
+
+def test_the_table_counts_seeds_and_tells_the_gaps() -> None:
+    found = {}
+    for name in PROBLEMS:
+        value = stated(name).free
+        found[job(name)] = Solved(value * 1.01, True)
+        found[job(name, seed=1)] = Solved(value * 1.01, False)
+        for seed in (0, 1):
+            found[job(name, finer=True, seed=seed)] = Solved(value * 1.002, True)
+    lines = table(found, 2)
+    assert len(lines) == 2 + len(PROBLEMS)
+    for line in lines[2:]:
+        assert "| 1 of 2 |" in line
+        assert "| 1.0e-02 |" in line and line.endswith("| 2.0e-03 |")
