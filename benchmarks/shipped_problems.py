@@ -1,19 +1,17 @@
 """The shipped problems against the values that their own claims state.
 
-    python benchmarks/shipped_problems.py [--seeds 10] [--jobs 2] [--write FILE]
+    python benchmarks/shipped_problems.py [--seeds 10] [--write FILE]
 
 Claims 1a and 1b of each are the value on its grid, within 1e-4 on both sides; 2b is the
 value without a grid, or on a fine one, and 2a how far from it the grid may lie.
 """
 
-import argparse
 import statistics
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
-from swarmstart.benchmarks.flights import Job, flown, fly_all
-from swarmstart.benchmarks.tables import row
+from swarmstart.benchmarks.tables import head, page_options, publish, row
+from swarmstart.cases.campaign.library import run
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 
@@ -26,18 +24,6 @@ PROBLEMS = (
     "bryson_denham",
     "hypersensitive",
     "pendulum_on_cart",
-)
-HEAD = (
-    "problem",
-    "intervals",
-    "value",
-    "largest difference",
-    "seeds",
-    "value without a grid",
-    "source",
-    "gap",
-    "may be",
-    "gap, intervals doubled",
 )
 TEXT = """# The shipped problems
 
@@ -56,6 +42,7 @@ to the value without a grid, relative to it; claim 2a states how large it may be
 - Hypersensitive problem: along an optimum `x'^2 = x^2 + x^6 + c`; with the c for which
   both branches take 10 s, the cost is an integral over x. On a horizon without end c is
   0 and the cost 1.3308069, 7e-5 more.
+
 """
 
 
@@ -93,89 +80,89 @@ def stated(name: str) -> Stated:
     )
 
 
-def job(name: str, *, finer: bool = False, seed: int = 0) -> Job:
-    """Return the run of a shipped problem, on a grid twice as fine or its own."""
-    sets = (f"prediction.intervals={2 * stated(name).intervals}",) if finer else ()
-    return Job(name, sets, seed=seed)
-
-
 class Solved(NamedTuple):
-    """What one run has found.
+    """What the runs of a problem have found, one a seed.
 
     Attributes:
-        cost: Its cost.
-        reached: Whether the answer is confirmed, and claims 1a and 1b hold.
+        costs: Their costs.
+        reached: Whether each answer is confirmed, and claims 1a and 1b hold.
     """
 
-    cost: float
-    reached: bool
+    costs: Sequence[float]
+    reached: Sequence[bool]
 
 
-def solved(one: Job) -> Solved:
-    """Return what one run finds."""
-    run = flown(one)
-    gates = [claim["holds"] for claim in run.claims if claim["gate"]]
-    cost = run.measures["cost"]
-    if not isinstance(cost, float):
-        raise TypeError(f"expected a cost, found {cost!r} in {one}")
-    return Solved(cost, run.measures["confirmed"] == 1 and gates == [True, True])
+def solved(name: str, seeds: int, *, finer: bool = False) -> Solved:
+    """Return what a shipped problem's runs find.
+
+    Args:
+        name: Of the problem.
+        seeds: Their number.
+        finer: Whether its grid has twice as many intervals.
+    """
+    settings = {"prediction.intervals": stated(name).intervals * (2 if finer else 1)}
+    costs, reached = [], []
+    for seed in range(seeds):
+        one = run(name, seed=seed, settings=settings)
+        gates = [claim["holds"] for claim in one.claims if claim["gate"]]
+        costs.append(float(one.measures["cost"]))  # type: ignore[arg-type]
+        reached.append(one.measures["confirmed"] == 1 and gates == [True, True])
+    return Solved(costs, reached)
 
 
-def table(found: Mapping[Job, Solved], seeds: int) -> list[str]:
+def gap(found: Solved, on: Stated) -> float:
+    """Return the median gap to the value without a grid, relative to that."""
+    return statistics.median(abs(cost / on.free - 1) for cost in found.costs)
+
+
+def table(own: Mapping[str, Solved], finer: Mapping[str, Solved]) -> list[str]:
     """Return the table in Markdown.
 
     Args:
-        found: Of every problem, on both grids, all seeds.
-        seeds: Their number.
+        own: Name of a problem -> its runs on its own grid.
+        finer: The same on the finer one.
     """
-    lines = [row(*HEAD), row(*["---"] * len(HEAD))]
-    for name in PROBLEMS:
+    lines = head(
+        "problem",
+        "intervals",
+        "value",
+        "largest difference",
+        "seeds",
+        "value without a grid",
+        "source",
+        "gap",
+        "may be",
+        "gap, intervals doubled",
+    )
+    for name, found in own.items():
         on = stated(name)
-        own, finer = (
-            [found[job(name, finer=fine, seed=seed)] for seed in range(seeds)]
-            for fine in (False, True)
-        )
         lines.append(
             row(
                 f"`{name}`",
                 str(on.intervals),
                 f"{on.value:.7g}",
-                f"{max(abs(one.cost / on.value - 1) for one in own):.1e}",
-                f"{sum(one.reached for one in own)} of {seeds}",
+                f"{max(abs(cost / on.value - 1) for cost in found.costs):.1e}",
+                f"{sum(found.reached)} of {len(found.reached)}",
                 f"{on.free:.9g}",
                 on.source,
-                f"{gap(own, on):.1e}",
+                f"{gap(found, on):.1e}",
                 f"{on.gap:.0e}",
-                f"{gap(finer, on):.1e}",
+                f"{gap(finer[name], on):.1e}",
             )
         )
     return lines
 
 
-def gap(found: Sequence[Solved], on: Stated) -> float:
-    """Return the median gap to the value without a grid, relative to that."""
-    return statistics.median(abs(one.cost / on.free - 1) for one in found)
-
-
 def main() -> None:
     """Solve all, and print or write the page."""
-    options = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    options.add_argument("--seeds", type=int, default=10)
-    options.add_argument("--jobs", type=int, default=2)
-    options.add_argument("--write", type=Path)
-    given = options.parse_args()
-    jobs = [
-        job(name, finer=finer, seed=seed)
-        for name in PROBLEMS
-        for finer in (False, True)
-        for seed in range(given.seeds)
-    ]
-    lines = table(fly_all(solved, jobs, given.jobs), given.seeds)
-    page = "\n".join((TEXT, *lines)) + "\n"
-    if given.write is None:
-        print(page)
-    else:
-        given.write.write_text(page, encoding="utf-8")
+    parser = page_options(__doc__)
+    parser.add_argument("--seeds", type=int, default=10)
+    options = parser.parse_args()
+    own, finer = (
+        {name: solved(name, options.seeds, finer=fine) for name in PROBLEMS}
+        for fine in (False, True)
+    )
+    publish(table(own, finer), options, TEXT)
 
 
 if __name__ == "__main__":
