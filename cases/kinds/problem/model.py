@@ -306,6 +306,7 @@ def path_constraint(given: Constraint | Distance, member: Member) -> Any:
         relative=relative,
         distance=number(given.at_least or "0", member.constants),
         margin=margin,
+        smooth_margin=margin,
         along=given.along,
         measure=given.measure,
         scale=scale,

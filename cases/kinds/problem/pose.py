@@ -203,10 +203,14 @@ def _plant(
     step = grid.dt / part.substeps
     count = scenario.steps * part.substeps
     for place, _ in enumerate(members):
-        for name in scenario.states:
+        for index, name in enumerate(scenario.states):
             if name in part.disturbance:
                 given = part.disturbance[name]
-                rows.append(_disturbance(given, constants, step, count, place))
+                if isinstance(given, Noise):
+                    rng = np.random.default_rng([given.seed, place, index])
+                    rows.append(_noise(given, constants, step, count, rng))
+                else:
+                    rows.append(over_time(given, constants))
     return PosedPlant(
         model=model_of(scenario, members, disturbed=True),
         substeps=part.substeps,
@@ -216,17 +220,14 @@ def _plant(
     )
 
 
-def _disturbance(
-    given: Noise | OverTime,
+def _noise(
+    given: Noise,
     constants: Mapping[str, float],
     step: float,
     count: int,
-    place: int,
+    rng: np.random.Generator,
 ) -> Signal:
-    """Return what is added to a rate over time; noise is held for a plant's step."""
-    if not isinstance(given, Noise):
-        return over_time(given, constants)
-    rng = np.random.default_rng([given.seed, place])
+    """Return what is added to a rate over time, held for a plant's step each."""
     drawn = number(given.deviation, constants) * rng.standard_normal(count)
 
     def noise(times: Array) -> Array:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign.run import run
+from swarmstart.cases.campaign.run import Run, run
 from swarmstart.cases.format.scenario import InvalidScenarioError
 from swarmstart.cases.kinds.problem.scenario import EVALUATIONS
 from swarmstart.cases.record.record import Recording
@@ -24,6 +24,11 @@ stage_cost: (u - sin(3*x) - 1)**2
 prediction: {horizon_s: 1, intervals: 4}
 budget: {evaluations: 200}
 """
+
+
+def recorded(folder: Path) -> Run:
+    recording = Recording(folder=folder, figures=False)
+    return run(stated(LINE), seed=0, recording=recording)
 
 
 def test_what_is_not_given_has_a_default() -> None:
@@ -54,7 +59,9 @@ def test_what_is_no_finite_number_or_expression_is_refused(value: str) -> None:
 
 
 def test_a_record_as_guess_is_the_same_as_its_plan_as_a_table(tmp_path: Path) -> None:
-    done = run(stated(LINE), seed=0, recording=Recording(folder=tmp_path, figures=False))
+    done = run(
+        stated(LINE), seed=0, recording=Recording(folder=tmp_path, figures=False)
+    )
     plan = done.trajectory.decisions[0].plans[0].controls[0]
     table = f"{{times: [0, 0.25, 0.5, 0.75], values: {plan.tolist()}}}"
     from_record = scenario_of(f"{LINE}guess: {{record: {tmp_path}}}")
@@ -74,13 +81,13 @@ def test_a_record_as_guess_is_the_same_as_its_plan_as_a_table(tmp_path: Path) ->
 def test_a_record_that_cannot_be_the_guess_is_refused(
     tmp_path: Path, more: str, words: str
 ) -> None:
-    run(stated(LINE), seed=0, recording=Recording(folder=tmp_path, figures=False))
+    recorded(tmp_path)
     with pytest.raises(InvalidScenarioError, match=words):
         stated(LINE + more.replace("FOLDER", str(tmp_path)))
 
 
 def test_a_record_of_other_controls_is_refused(tmp_path: Path) -> None:
-    run(stated(LINE), seed=0, recording=Recording(folder=tmp_path, figures=False))
+    recorded(tmp_path)
     two = LINE.replace("controls: {u:", "controls: {w: {bounds: [0, 1]}, u:")
     with pytest.raises(InvalidScenarioError, match="plan of 2 controls; found 1"):
         stated(f"{two}guess: {{record: {tmp_path}}}")

@@ -27,9 +27,7 @@ from swarmstart.cases.kinds.problem.symbols import (
 )
 from swarmstart.tests.cases.kinds.problem.conftest import PENDULUM, scenario_of
 
-NUMBERS = st.one_of(
-    st.floats(-3, 3), st.sampled_from([0.0, 0.5, -0.5, 1.0, -1.0, 2.0])
-)
+NUMBERS = st.one_of(st.floats(-3, 3), st.sampled_from([0.0, 0.5, -0.5, 1.0, -1.0, 2.0]))
 STEPS = Table(times=[1.0, 2.0, 4.0], values=[10.0, 20.0, 40.0], between="hold")
 
 

@@ -1,0 +1,116 @@
+"""A problem is drawn with its own names and units, and with what its plans knew."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmstart.cases.drawing import problem_figures
+from swarmstart.cases.kinds.flight import flight_of
+from swarmstart.cases.kinds.problem import figures
+from swarmstart.cases.kinds.problem.pose import pose
+from swarmstart.ocp import Known, Trajectory, simulate
+from swarmstart.tests.cases.kinds.problem.conftest import PENDULUM, scenario_of
+
+ORDERED = """\
+kind: problem
+parameters: {{gain: 1 + time}}
+signals: {{wind: 3*time}}
+states: {{x: {{start: 0, rate: gain*u, unit: m}}, y: {{start: 1, rate: u - y}}}}
+controls: {{u: {{bounds: [-1, 1], unit: m/s}}}}
+stage_cost: (x - 2)**2 + 0*wind
+prediction: {{horizon_s: 1, intervals: 4}}
+steps: 2
+search: {{name: none}}
+feedback: receding_horizon
+vehicles:
+  planning: {planning}
+  members: [{{name: a}}, {{name: b, start: {{x: 5}}}}]
+  separation: {{of: [y, x], distance: 0.5}}
+"""
+
+
+def drawn(
+    text: str, folder: Path, monkeypatch: pytest.MonkeyPatch, *, recorded: bool = False
+) -> tuple[dict[str, Any], Trajectory, list[str]]:
+    """Return what the drawing was given, the path, and the names of the files."""
+    scenario = scenario_of(text)
+    flight = flight_of(pose(scenario), scenario)
+    rng = np.random.default_rng(0)
+    path = simulate(
+        flight.plant, flight.controller, flight.x0, steps=scenario.steps, rng=rng
+    )
+    shown = without_states(path) if recorded else path
+    given: dict[str, Any] = {}
+
+    def keep(problem: object, trajectory: Trajectory, at: Path, **more: Any) -> Any:
+        given.update(more, problem=problem)
+        return problem_figures.draw_problem(problem, trajectory, at, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(figures, "draw_problem", keep)
+    files = figures.draw(scenario, flight, shown, folder)
+    assert all(file.stat().st_size > 1000 for file in files)
+    return given, path, [file.stem for file in files]
+
+
+def without_states(path: Trajectory) -> Trajectory:
+    """Return a path as a record keeps it."""
+    empty = np.empty((0, 0))
+    return replace(
+        path,
+        decisions=tuple(
+            replace(one, plans=tuple(replace(p, states=empty) for p in one.plans))
+            for one in path.decisions
+        ),
+    )
+
+
+def test_one_problem_is_drawn_with_its_names_and_units(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = PENDULUM + "search: {name: none}\npath: [{expression: angle, upper: 9}]\n"
+    given, _, files = drawn(text, tmp_path, monkeypatch)
+    labels = given["labels"]
+    assert (labels.states, labels.controls) == (("angle", "speed"), ("torque",))
+    assert labels.units == {"angle": "rad", "speed": "rad/s", "torque": ""}
+    assert (tuple(labels.vehicles), labels.maximize) == (("",), False)
+    assert {"a_states", "b_controls", "c_slack"} <= {*files}
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+def test_a_plan_is_drawn_with_what_it_knew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recorded: bool
+) -> None:
+    """Plans of a record have no states: they are integrated again."""
+    text = ORDERED.format(planning="priority")
+    given, path, _ = drawn(text, tmp_path, monkeypatch, recorded=recorded)
+    assert [p.model.nx for p in given["problem"]] == [2, 2]
+    assert [*given["labels"].vehicles] == ["a", "b"]
+    for step in (0, 1):
+        begin = step * 0.25
+        wind = 3 * (begin + np.linspace(0, 1, 5))
+        first, second = (given["known"](step, number) for number in (0, 1))
+        assert isinstance(first, Known) and isinstance(second, Known)
+        assert np.ravel(first.parameters) == pytest.approx([1 + begin])
+        np.testing.assert_allclose(first.signals, [wind])
+        seen = path.decisions[step].plans[0].states
+        np.testing.assert_allclose(
+            second.signals, np.vstack([wind, seen[1], seen[0]]), atol=1e-9
+        )
+
+
+def test_vehicles_planned_together_are_one_problem(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, _, _ = drawn(ORDERED.format(planning="joint"), tmp_path, monkeypatch)
+    assert [p.model.nx for p in given["problem"]] == [4]
+
+
+def test_a_maximum_is_drawn_as_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = ORDERED.format(planning="joint") + "maximize: true\n"
+    given, _, _ = drawn(text.replace("(x - 2)**2", "x"), tmp_path, monkeypatch)
+    assert given["labels"].maximize

@@ -1,0 +1,295 @@
+"""Guesses, candidates, orders, plants and dual modes do what the file says."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmstart.cases.kinds.problem.pose import ProblemPosed, pose
+from swarmstart.ocp import Start
+from swarmstart.tests.cases.kinds.problem.conftest import scenario_of, simulated
+
+Array = NDArray[np.float64]
+MOVED = """\
+kind: problem
+constants: {{slot: 0}}
+parameters: {{gain: 1}}
+states: {{x: {{start: 1, rate: gain*u}}}}
+controls: {{u: {{bounds: [-2, 2]}}}}
+stage_cost: (x - slot)**2 + 0.1*u**2
+prediction: {{horizon_s: 1, intervals: 5}}
+search: {{name: none}}
+{more}
+"""
+HELD = """\
+kind: problem
+parameters: {{gain: 1}}
+states: {{x: {{start: 0, rate: gain*u}}, y: {{start: 0, rate: u}}}}
+controls: {{u: {{bounds: [1, 1]}}}}
+stage_cost: u**2
+prediction: {{horizon_s: 4, intervals: 4}}
+search: {{name: none}}
+{more}
+"""
+"""u is 1, whatever is planned."""
+LINE = """\
+kind: problem
+states: {{x: {{start: -3, rate: 1 + a}}, y: {{start: 0, rate: w}}}}
+controls: {{a: {{bounds: [-1, 1]}}, w: {{bounds: [-2, 2]}}}}
+stage_cost: 0.1*a**2 + 0.1*w**2
+terminal_cost: 10*(x - slot)**2 + 10*y**2
+constants: {{slot: 0}}
+prediction: {{horizon_s: 3, intervals: 6}}
+search: {{name: none}}
+guess: {{controls: {{w: 0.05}}}}
+{more}
+"""
+TWO_OPTIMA = """\
+kind: problem
+states: {{x: {{start: 0.05, rate: u}}}}
+controls: {{u: {{bounds: [-3, 3]}}}}
+stage_cost: 0.01*u**2
+terminal_cost: (x**2 - 1)**2 + 0.05*x
+prediction: {{horizon_s: 1, intervals: 5}}
+search: {{name: none}}
+{more}
+"""
+
+
+def posed(text: str) -> ProblemPosed:
+    return pose(scenario_of(text))
+
+
+def flown(text: str) -> tuple[Array, dict[str, Any]]:
+    """Return the states of the path, and what is measured."""
+    path, measures = simulated(text)
+    return path.dense_states, dict(measures)
+
+
+def test_a_moved_slot_moves_only_its_vehicle() -> None:
+    text = "vehicles: {{members: [{{name: a}}, {{name: b, constants: {{slot: {}}}}}]}}"
+    here, there = (
+        flown(MOVED.format(more=text.format(slot)))[0] for slot in (0.25, -0.5)
+    )
+    np.testing.assert_allclose(here[0], there[0], atol=1e-6)
+    assert here[1, -1] > there[1, -1] + 0.2
+
+
+PRIORITY = """\
+steps: 3
+feedback: receding_horizon
+vehicles:
+  planning: {planning}
+  members:
+    - {{name: first}}
+    - {{name: second, start: {{x: -4.2, y: 0.1}}, constants: {{slot: 0.25}}}}
+  separation: {{of: [x, y], distance: 1, margin: 0.05}}
+"""
+
+
+def test_the_second_in_the_order_keeps_its_distance_from_the_plan_of_the_first() -> (
+    None
+):
+    path, _ = simulated(LINE.format(more=PRIORITY.format(planning="priority")))
+    alone, _ = simulated(LINE.format(more="feedback: receding_horizon\nsteps: 3\n"))
+    for decision, by_itself in zip(path.decisions, alone.decisions, strict=True):
+        first, second = decision.plans
+        np.testing.assert_allclose(
+            first.controls, by_itself.plans[0].controls, atol=1e-5
+        )
+        distance = np.hypot(*(second.states - first.states))
+        assert distance.min() > 1.05 - 1e-4
+    first, second = path.decisions[0].plans
+    assert np.hypot(*(second.states - first.states)).min() < 1.1
+
+
+def test_planned_together_both_give_way() -> None:
+    together, _ = simulated(LINE.format(more=PRIORITY.format(planning="joint")))
+    alone, _ = simulated(LINE.format(more="feedback: receding_horizon\nsteps: 3\n"))
+    (plan,) = together.decisions[0].plans
+    assert np.hypot(*(plan.states[2:] - plan.states[:2])).min() > 1.05 - 1e-4
+    ahead = plan.states[:2] - alone.decisions[0].plans[0].states
+    assert np.abs(ahead).max() > 0.05
+
+
+def test_each_sees_all_before_it_in_the_order() -> None:
+    three = PRIORITY.format(planning="priority") + "\n"
+    three = three.replace("members:\n", "members:\n    - {name: zeroth}\n")
+    found = posed(LINE.format(more=three))
+    assert [agent.watches for agent in found.agents] == [(), (0,), (0, 1)]
+    assert [agent.shows for agent in found.agents] == [(0, 1)] * 3
+    assert found.order == (0, 1, 2)
+    assert found.x0.tolist() == [-3, 0, -3, 0, -4.2, 0.1]
+
+
+def test_own_parameters_of_the_plant_are_used_in_the_plant_only() -> None:
+    mismatch = "plant: {parameters: {gain: 2}}\nparameters: {gain: 1}\n"
+    path, found = simulated(
+        HELD.format(more=mismatch).replace("\nparameters", "\n#", 1)
+    )
+    assert path.states[:, -1] == pytest.approx([8, 4])
+    assert path.decisions[0].plans[0].states[:, -1] == pytest.approx([4, 4])
+    assert found["cost"] == pytest.approx(4)
+
+
+def test_a_held_parameter_switches_in_the_plant_at_its_instant() -> None:
+    table = "{times: [0, 1.5], values: [1, 3], between: hold}"
+    text = HELD.format(more="").replace("gain: 1", f"gain: {table}")
+    path, _ = simulated(text)
+    x = path.dense_states[0]
+    expected = np.where(
+        path.dense_times < 1.5, path.dense_times, 3 * path.dense_times - 3
+    )
+    np.testing.assert_allclose(x, expected, atol=1e-12)
+
+
+def test_a_disturbance_is_added_to_the_rate_of_its_state() -> None:
+    disturbed = "plant: {disturbance: {y: 2*time}, substeps: 2000}"
+    states, _ = flown(HELD.format(more=disturbed))
+    assert states[:, -1] == pytest.approx([4, 4 + 16], rel=1e-3)
+
+
+def noise_of(states: Array, substeps: int) -> Array:
+    """Return what was added to the rates, in each of the plant's steps."""
+    return np.diff(states, axis=1) * substeps - 1
+
+
+NOISE = "plant: {{substeps: 500, disturbance: {{x: {x}, y: {y}}}}}"
+
+
+def test_noise_has_its_deviation_and_is_the_same_for_the_same_seed() -> None:
+    more = NOISE.format(x="{deviation: 0.5}", y="{deviation: 0.5, seed: 7}")
+    first, again = (flown(HELD.format(more=more))[0] for _ in range(2))
+    assert first.tolist() == again.tolist()
+    drawn = noise_of(first, 500)
+    assert drawn.shape == (2, 2000)
+    assert drawn.std(axis=1) == pytest.approx(0.5, rel=0.08)  # 5 sigma: 1/sqrt(2 n)
+    assert np.abs(drawn.mean(axis=1)).max() < 5 * 0.5 / np.sqrt(2000)
+    assert abs(np.corrcoef(drawn[0, :-1], drawn[0, 1:])[0, 1]) < 0.12  # each step anew
+    assert abs(np.corrcoef(drawn)[0, 1]) < 0.12
+
+
+def test_noise_of_two_states_with_one_seed_is_not_the_same() -> None:
+    more = NOISE.format(x="{deviation: 1}", y="{deviation: 1}")
+    drawn = noise_of(flown(HELD.format(more=more))[0], 500)
+    assert abs(np.corrcoef(drawn)[0, 1]) < 0.12
+
+
+def test_noise_of_two_vehicles_is_not_the_same() -> None:
+    more = "vehicles: {members: [{name: a}, {name: b}]}\n"
+    more += "plant: {substeps: 500, disturbance: {x: {deviation: 1}}}"
+    states, _ = flown(HELD.format(more=more))
+    drawn = noise_of(states, 500)
+    assert abs(np.corrcoef(drawn[0], drawn[2])[0, 1]) < 0.12
+    assert drawn[[1, 3]] == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("guess", "end"),
+    [
+        ("{}", 1),
+        ("{states: {x: 1}}", 1),
+        ("{states: {x: -1}}", -1),
+        ("{states: {x: {times: [0, 1], values: [0, -1]}}}", -1),
+        ("{controls: {u: -1}}", -1),
+        ("{controls: {u: 1}}", 1),
+    ],
+)
+def test_a_guess_leads_the_polish_to_the_optimum_that_is_near(
+    guess: str, end: float
+) -> None:
+    states, found = flown(TWO_OPTIMA.format(more=f"guess: {guess}"))
+    assert states[0, -1] == pytest.approx(end, abs=0.05)
+    assert found["converged"] == 1
+
+
+def test_a_guess_of_controls_has_a_value_for_each_interval() -> None:
+    table = "{times: [0, 0.4], values: [1, 2], between: hold}"
+    agent = posed(TWO_OPTIMA.format(more=f"guess: {{controls: {{u: {table}}}}}")).agents
+    assert isinstance(agent[0].first, np.ndarray)
+    assert agent[0].first.tolist() == [[1, 1, 2, 2, 2]]
+
+
+def test_a_guess_of_states_has_a_value_at_each_check_of_each_vehicle() -> None:
+    more = "guess: {states: {x: k*time}}\nconstants: {k: 1}\n"
+    more += "vehicles: {members: [{name: a}, {name: b, constants: {k: 2}}]}"
+    text = TWO_OPTIMA.format(more=more).replace(
+        "intervals: 5", "intervals: 2, checks: 2"
+    )
+    first = posed(text).agents[0].first
+    assert isinstance(first, Start)
+    assert first.controls.tolist() == [[0, 0], [0, 0]]
+    assert first.states is not None
+    assert first.states.tolist() == [
+        [0, 0.25, 0.5, 0.75, 1],
+        [0, 0.5, 1, 1.5, 2],
+    ]
+
+
+def test_candidates_are_in_the_first_population() -> None:
+    """The candidate is the optimum; 30 random ones would not be."""
+    text = """\
+kind: problem
+constants: {{best: 0.625}}
+parameters: {{p: 0.5 + time}}
+states: {{x: {{start: 0, rate: u}}}}
+controls: {{u: {{bounds: [-9, 9]}}, w: {{bounds: [-9, 9]}}}}
+stage_cost: (u - 0.5)**2 + (w - best)**2
+prediction: {{horizon_s: 1, intervals: 5}}
+search: {{name: random}}
+budget: {{evaluations: 40}}
+polish: none
+{more}
+"""
+    candidate = "candidates: [{w: 3, u: 3}, {w: best + 0*p, u: p}]"
+    found = flown(text.format(more=candidate))[1]
+    assert found["search_cost"] == pytest.approx(0, abs=1e-15)
+    assert flown(text.format(more=""))[1]["search_cost"] > 1
+    candidates = posed(text.format(more=candidate)).agents[0].candidates
+    assert candidates is not None
+    assert candidates(1.0).shape == (2, 5, 2)
+    assert candidates(1.0)[:, 4].tolist() == [[3, 1.5], [3, 0.625]]
+
+
+DUAL = """\
+kind: problem
+states:
+  x: {start: 0.6, rate: v, bounds: [-2, 2]}
+  v: {start: 0, rate: a, bounds: [-2, 2]}
+controls: {a: {bounds: [-3, 3]}}
+stage_cost: x**2 + v**2 + 0.1*a**2
+terminal: [{expression: x}, {expression: v}]
+prediction: {horizon_s: 2, intervals: 10}
+search: {name: none}
+feedback: receding_horizon
+steps: 20
+dual_mode: {at: {x: 0, v: 0}, Q: {x: 1, v: 0.5}, R: {a: 0.1}}
+"""
+
+
+def test_a_dual_mode_switches_and_its_certificate_is_a_document() -> None:
+    found = posed(DUAL)
+    (certificate,) = found.documents.items()
+    assert certificate[0] == "certificate.json"
+    assert json.loads(certificate[1])
+    states, measured = flown(DUAL.replace("start: 0.6", "start: 1.9"))
+    assert 0 < measured["linear_steps"] < 20
+    assert np.abs(states[:, -1]).max() < 0.05
+
+
+def test_a_dual_mode_has_the_weights_and_the_reference_of_the_file() -> None:
+    (law,) = (posed(DUAL.replace("at: {x: 0,", "at: {x: 0.25,")).dual_mode,)
+    assert law is not None
+    assert law.sets[0].x_ref.tolist() == [0.25, 0]
+    assert law.targets[0](3.0).tolist() == [0.25, 0]
+    (other,) = (posed(DUAL.replace("R: {a: 0.1}", "R: {a: 10}")).dual_mode,)
+    assert other is not None
+    gains = [np.abs(one.sets[0].K).max() for one in (law, other)]
+    assert gains[0] > 2 * gains[1]
+
+
+def test_vehicles_that_plan_alone_have_a_set_and_a_certificate_each() -> None:
+    more = "vehicles: {planning: priority, members: [{name: a}, {name: b}]}\n"
+    assert [*posed(DUAL + more).documents] == ["certificate.json", "certificate1.json"]
