@@ -6,9 +6,11 @@ An attempt is a place in the scenario and a call that raises what is wrong there
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 
+from swarmstart.cases.format.expressions import FLOAT_OPERATIONS
 from swarmstart.cases.format.settings import Problem
 from swarmstart.cases.kinds.problem.model import (
     Member,
+    candidate_scopes,
     members_of,
     path_constraint,
     shared_of,
@@ -80,13 +82,25 @@ def expressions(scenario: ProblemScenario) -> Iterator[Attempt]:
     for part in ("path", "terminal"):
         for index, one in enumerate(getattr(scenario, part)):
             yield from _of_constraint((part, index), one, members)
+    yield from _in_time(scenario, members, fixed)
+    for place, text in _quantities(scenario):
+        yield place, partial(number, text, fixed)
+
+
+def _in_time(
+    scenario: ProblemScenario, members: Members, fixed: Mapping[str, float]
+) -> Iterator[Attempt]:
+    """Yield how that gets its values which has some at each time."""
     for place, given in _over_time(scenario):
         if isinstance(given, Noise):
             yield (*place, "deviation"), partial(number, given.deviation, fixed)
+        elif place[0] == "guess":
+            yield place, _for_all(members, given)
         else:
-            yield place, partial(over_time, given, members[0].constants)
-    for place, text in _quantities(scenario):
-        yield place, partial(number, text, fixed)
+            yield place, partial(over_time, given, fixed)
+    for index, one in enumerate(scenario.candidates):
+        for name, text in one.items():
+            yield ("candidates", index, name), _candidate(scenario, members, text)
 
 
 def _symbolic(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
@@ -125,6 +139,17 @@ def _quantities(scenario: ProblemScenario) -> Iterator[tuple[Place, str]]:
         text = getattr(separation, key, None)
         if text is not None:
             yield ("vehicles", "separation", key), text
+
+
+def _for_all(members: Members, given: OverTime) -> Callable[[], object]:
+    return lambda: [over_time(given, member.constants) for member in members]
+
+
+def _candidate(
+    scenario: ProblemScenario, members: Members, text: str
+) -> Callable[[], object]:
+    scopes = partial(candidate_scopes, scenario, members, constants_of(scenario))
+    return lambda: [scope.value(text, FLOAT_OPERATIONS) for scope in scopes(0.0)]
 
 
 def _in_all(members: Members, place: str, text: str) -> Callable[[], object]:

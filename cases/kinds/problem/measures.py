@@ -28,7 +28,7 @@ from swarmstart.cases.kinds.problem.model import planning_problem
 from swarmstart.cases.kinds.problem.names import MEASURES
 from swarmstart.cases.kinds.problem.pose import ProblemPosed
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario, UserScenario
-from swarmstart.cases.kinds.problem.symbols import ARRAYS, TIME
+from swarmstart.cases.kinds.problem.symbols import ARRAYS, TIME, constants_of
 from swarmstart.cases.record.plans import effort
 from swarmstart.ocp import Mode, OptimalControlProblem, PolishStatus, Trajectory
 from swarmstart.ocp.constraints import row_excess
@@ -107,14 +107,16 @@ def own_measures(scenario: UserScenario) -> dict[str, str]:
 
 def measure_problems(scenario: ProblemScenario) -> Iterator[Problem]:
     """Yield what is wrong with the scenario's own measures."""
-    suffixes = [""]
+    owners: dict[str, Mapping[str, str]] = {"": {}}
     if scenario.vehicles is not None:
-        suffixes = [f"_{vehicle.name}" for vehicle in scenario.vehicles.members]
+        owners = {f"_{one.name}": one.constants for one in scenario.vehicles.members}
     paths = (*scenario.states, *scenario.controls, *scenario.definitions)
     known: dict[str, Any] = {
         **dict.fromkeys(scenario.constants, 0.0),
         **dict.fromkeys((*scenario.parameters, *scenario.signals, TIME), PATH),
-        **{f"{name}{suffix}": PATH for name in paths for suffix in suffixes},
+        **{f"{n}{end}": 0.0 for end, own in owners.items() for n in own},
+        **{f"{n}{end}": 0.0 for end in owners for n in scenario.constants},
+        **{f"{name}{end}": PATH for name in paths for end in owners},
     }
     yield from wrong_measures(scenario.measures, known)
 
@@ -155,21 +157,14 @@ def path_of(
 ) -> dict[str, Value]:
     """Return name -> number or values along the simulated path, shape (T, m + 1).
 
-    Names of states, controls and definitions end with the vehicle's suffix.
+    Names of states, controls, definitions and a vehicle's constants end with the
+    vehicle's suffix; the file's constants are known without one, too.
     """
-    together: dict[str, Value] = {}
-    for own, suffix, member in _of_members(scenario, posed, trajectory):
-        together |= {
-            name
-            if name in member.constants or name in _shared(posed)
-            else f"{name}{suffix}": v
-            for name, v in own.items()
-        }
+    shared = {TIME, *posed.known}
+    together: dict[str, Value] = {**constants_of(scenario)}
+    for own, suffix, _ in _of_members(scenario, posed, trajectory):
+        together |= {n if n in shared else f"{n}{suffix}": v for n, v in own.items()}
     return together
-
-
-def _shared(posed: ProblemPosed) -> set[str]:
-    return {TIME, *posed.known}
 
 
 def _of_members(

@@ -25,10 +25,12 @@ from swarmstart.cases.kinds.problem.scenario import (
     Vehicle,
 )
 from swarmstart.cases.kinds.problem.symbols import (
+    TIME,
     Scope,
     constants_of,
     limits,
     number,
+    over_time,
 )
 from swarmstart.ocp import (
     Bounds,
@@ -174,6 +176,29 @@ def positions_of(scenario: ProblemScenario) -> tuple[int, ...]:
         return ()
     names = list(scenario.states)
     return tuple(names.index(name.strip()) for name in scenario.vehicles.separation.of)
+
+
+def candidate_scopes(
+    scenario: ProblemScenario,
+    members: Sequence[Member],
+    constants: Mapping[str, float],
+    time: float,
+) -> list[Scope]:
+    """Return the names that candidates may use, with their values at a time [s].
+
+    Args:
+        scenario: The scenario.
+        members: Those that are planned together.
+        constants: The file's, as numbers.
+        time: When the plan is made.
+    """
+    values = {
+        name: float(over_time(given, constants)(np.array([time]))[0])
+        for name, given in scenario.parameters.items()
+    }
+    return [
+        Scope({**m.constants, **values, TIME: time}, {}, "candidates") for m in members
+    ]
 
 
 def _symbols(names: Mapping[str, object], suffix: str = "") -> dict[str, ca.SX]:

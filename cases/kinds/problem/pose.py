@@ -11,6 +11,7 @@ from swarmstart.cases.format.expressions import FLOAT_OPERATIONS
 from swarmstart.cases.format.kind import LinearLaws, Posed, PosedAgent, PosedPlant
 from swarmstart.cases.kinds.problem.model import (
     Member,
+    candidate_scopes,
     members_of,
     model_of,
     planning_problem,
@@ -24,7 +25,6 @@ from swarmstart.cases.kinds.problem.scenario import (
     ProblemScenario,
 )
 from swarmstart.cases.kinds.problem.symbols import (
-    Scope,
     constants_of,
     number,
     over_time,
@@ -134,23 +134,17 @@ def _candidates(
     """Return controls, held over the horizon, that a search looks at besides."""
     if not scenario.candidates:
         return None
-    of_time = {n: over_time(g, constants) for n, g in scenario.parameters.items()}
 
     def candidates(time: float) -> Array:
-        values = {name: float(f(np.array([time]))[0]) for name, f in of_time.items()}
-        columns = []
-        for one in scenario.candidates:
-            scopes = [
-                Scope({**m.constants, **values, "time": time}, {}, "candidates")
-                for m in group
+        scopes = candidate_scopes(scenario, group, constants, time)
+        columns = [
+            [
+                float(scope.value(one[name], FLOAT_OPERATIONS))
+                for scope in scopes
+                for name in scenario.controls
             ]
-            columns.append(
-                [
-                    float(scope.value(one[name], FLOAT_OPERATIONS))
-                    for scope in scopes
-                    for name in scenario.controls
-                ]
-            )
+            for one in scenario.candidates
+        ]
         held = np.array(columns).T[:, None, :]
         return np.repeat(held, problem.intervals, axis=1)
 

@@ -123,3 +123,15 @@ def test_excesses_are_those_of_the_flown_path() -> None:
     assert found["constraint_excess"] == pytest.approx(3.0, abs=1e-4)
     assert found["terminal_excess"] == pytest.approx(3.0, abs=1e-4)
     assert math.isclose(float(found["cost"]), 4.0, rel_tol=1e-4)  # type: ignore[arg-type]
+
+
+def test_constants_of_a_vehicle_end_with_its_name() -> None:
+    text = RAMP.format(
+        stage="u**2",
+        more="vehicles:\n"
+        "  members: [{name: a, constants: {half: 3, own: 7}}, {name: b}]\n"
+        "measures: {a: half_a*x_a.start, b: half_b, file: half, own: own_a}\n",
+    )
+    _, found = simulated(text)
+    own = [found[name] for name in ("a", "b", "file", "own")]
+    assert own == [3.0, 0.5, 0.5, 7.0]

@@ -105,3 +105,35 @@ def test_a_problem_is_called_as_its_file_unless_it_says_otherwise() -> None:
 def test_steps_are_those_of_the_prediction_unless_given() -> None:
     assert stated(PENDULUM).scenario.steps == 50
     assert stated(PENDULUM + "steps: 3").scenario.steps == 3
+
+
+VEHICLES = """\
+kind: problem
+constants: {slot: 1}
+states: {x: {start: 0, rate: u}}
+controls: {u: {bounds: [-1, 1]}}
+stage_cost: u**2
+prediction: {horizon_s: 1, intervals: 2}
+vehicles: {members: [{name: a, constants: {own: 2, slot: 5}}, {name: b}]}
+"""
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        "parameters: {p: own}",
+        "guess: {controls: {u: own}}",
+        "guess: {states: {x: own}}",
+        "plant: {disturbance: {x: own}}",
+        "candidates: [{u: own}]",
+        "candidates: [{u: x}]",
+        "measures: {m: own*x_a.end}",
+    ],
+)
+def test_a_constant_of_one_vehicle_is_unknown_where_others_need_it(more: str) -> None:
+    with pytest.raises(ValueError, match=r"^stated\.yaml:8:\d+: .* unknown name"):
+        stated(VEHICLES + more)
+
+
+def test_a_candidate_may_use_what_its_vehicles_know() -> None:
+    stated(f"{VEHICLES}parameters: {{p: time}}\ncandidates: [{{u: slot*p + time}}]")
