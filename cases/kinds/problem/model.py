@@ -144,14 +144,13 @@ def planning_problem(
         seen: Others whose positions are the last signals.
     """
     first, grid = members[0], scenario.prediction
-    sign = -1.0 if scenario.maximize else 1.0
     separation = None if scenario.vehicles is None else scenario.vehicles.separation
     dimensions = 0 if separation is None else len(separation.of)
     others = [ca.SX.sym(f"position{m.suffix}", dimensions) for m in seen]
     return OptimalControlProblem(
         model_of(scenario, members),
-        stage_cost=_cost(members, "stage_cost", scenario.stage_cost, sign),
-        terminal_cost=_cost(members, "terminal_cost", scenario.terminal_cost, sign),
+        stage_cost=_cost(scenario, members, "stage_cost"),
+        terminal_cost=_cost(scenario, members, "terminal_cost"),
         bounds=_bounds(scenario, members),
         constraints=[
             *(path_constraint(c, member) for member in members for c in scenario.path),
@@ -281,11 +280,12 @@ def _said(name: str, roles: frozenset[str], kinds: Mapping[str, str]) -> str:
     return role if name in kinds else f"definition with a {role}"
 
 
-def _cost(members: Sequence[Member], place: str, text: str, sign: float) -> ca.SX:
+def _cost(scenario: ProblemScenario, members: Sequence[Member], place: str) -> ca.SX:
     """Return the sum of all members' costs, to be minimised."""
+    text = getattr(scenario, place)
     first, *others = (member.scopes[place].symbol(text) for member in members)
     total = sum(others, first)
-    return total if sign > 0 else -total
+    return -total if scenario.maximize else total
 
 
 def _bounds(scenario: ProblemScenario, members: Sequence[Member]) -> Bounds:

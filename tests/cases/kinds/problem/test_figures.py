@@ -94,11 +94,10 @@ def test_a_plan_is_drawn_with_what_it_knew(
         first, second = (given["known"](step, number) for number in (0, 1))
         assert isinstance(first, Known) and isinstance(second, Known)
         assert np.ravel(first.parameters) == pytest.approx([1 + begin])
-        np.testing.assert_allclose(first.signals, [wind])
+        np.testing.assert_allclose(np.array(first.signals), np.array([wind]))
         seen = path.decisions[step].plans[0].states
-        np.testing.assert_allclose(
-            second.signals, np.vstack([wind, seen[1], seen[0]]), atol=1e-9
-        )
+        shown = np.vstack([wind, seen[1], seen[0]])
+        np.testing.assert_allclose(np.array(second.signals), shown, atol=1e-9)
 
 
 def test_vehicles_planned_together_are_one_problem(

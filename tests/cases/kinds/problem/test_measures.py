@@ -71,6 +71,8 @@ def _held(text: str) -> str:
         ("settling(x, 4, 5)", 0.0),
         ("overshoot(x, 3.5)", 0.5),
         ("overshoot(x, 5)", 0.0),
+        ("overshoot(x, 0.5)", 0.0),
+        ("overshoot(x - 2, 1.5)", 0.5),
         ("overshoot(-x, -3)", 1.0),
         ("sqrt(x.end)", 2.0),
     ],

@@ -72,10 +72,32 @@ def test_several_vehicles_have_their_own_names_bounds_and_rates() -> None:
     problem = posed(text)
     assert problem.model.state_names == ("x_a", "v_a", "x_b", "v_b")
     assert problem.model.control_names == ("a_a", "a_b")
-    assert problem.bounds.states[1].tolist() == [6, np.inf, 36, np.inf]
-    assert problem.bounds.controls[0].tolist() == [-5, -5]
+    bounds = problem.bounds
+    assert bounds.states is not None and bounds.controls is not None
+    assert np.array(bounds.states[1]).tolist() == [6, np.inf, 36, np.inf]
+    assert np.array(bounds.controls[0]).tolist() == [-5, -5]
     found = rates(problem.model, [0, 1, 0, 2], [3, 4], [])
     assert found == pytest.approx([1, 2.9, 2, 3.6])
+
+
+def test_a_place_bars_what_has_no_value_there_and_definitions_with_it() -> None:
+    more = "signals: {s: time}\ndefinitions: {d: a + x, e: 2*d, f: x, g: s}\n"
+    scenario = scenario_of(ALONE.format(more=more))
+    (member,) = members_of(scenario, shared_of(scenario))
+    everything = {"slot", "width", "x", "v", "a", "s", "d", "e", "f", "g"}
+    for place, barred in (
+        ("rate", {"s": "signal", "g": "definition with a signal"}),
+        ("stage_cost", {}),
+        ("path", {}),
+        ("terminal_cost", {"a": "control", "d": "", "e": ""}),
+        ("terminal", {"a": "control", "d": "", "e": ""}),
+    ):
+        scope = member.scopes[place]
+        said = {
+            name: word or "definition with a control" for name, word in barred.items()
+        }
+        assert scope.names.keys() == everything - barred.keys()
+        assert {name: scope.elsewhere[name] for name in barred} == said
 
 
 def test_the_cost_of_several_is_the_sum_of_theirs() -> None:

@@ -44,6 +44,9 @@ def test_what_is_wrong_is_said_where_it_stands(
     [
         ("steps: 60", "at most prediction.intervals = 50"),
         ("guess: {controls: {torq: 1}}", "did you mean 'torque'?"),
+        ("guess: {controls: {zzz: 1}}", "found 'zzz'; known: torque"),
+        ("path: [{expression: torque, lower: 2, upper: 1}]", "lower"),
+        ("path: [{distance: [angle], at_least: -1}]", "distance"),
         ("guess: {states: {angel: 1}}", "did you mean 'angle'?"),
         ("plant: {parameters: {g: 3}}", "expected a parameter, found 'g'"),
         ("plant: {disturbance: {torque: 3}}", "expected a state, found 'torque'"),
@@ -84,6 +87,11 @@ def test_a_signal_in_a_rate_is_refused_as_one() -> None:
 def test_a_definition_may_stand_where_all_that_it_uses_may() -> None:
     text = PENDULUM + "definitions: {sway: sin(angle)}\nterminal_cost: sway"
     stated(text)
+
+
+@pytest.mark.parametrize("limit", ["at_least: 0.1", "at_most: 9, margin: 0.5"])
+def test_a_distance_may_be_of_any_expressions(limit: str) -> None:
+    stated(PENDULUM + f"path: [{{distance: [angle + 1, torque - 20], {limit}}}]")
 
 
 def test_everything_wrong_with_names_is_said_at_once() -> None:
