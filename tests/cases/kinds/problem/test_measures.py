@@ -137,3 +137,9 @@ def test_constants_of_a_vehicle_end_with_its_name() -> None:
     _, found = simulated(text)
     own = [found[name] for name in ("a", "b", "file", "own")]
     assert own == [3.0, 0.5, 0.5, 7.0]
+
+
+def test_what_holds_has_no_excess() -> None:
+    _, found = simulated(_held(RAMP.format(stage="0", more="")))
+    assert found["constraint_excess"] == pytest.approx(0, abs=1e-4)
+    assert found["terminal_excess"] == pytest.approx(0, abs=1e-4)

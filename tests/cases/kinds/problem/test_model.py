@@ -196,6 +196,17 @@ def test_a_terminal_constraint_holds_at_the_end(limits: str, end: float) -> None
     assert x[-1] == pytest.approx(end, abs=1e-5)
 
 
+def test_a_constraint_is_called_as_named_or_as_its_expression() -> None:
+    more = (
+        "path: [{expression: 2*x, upper: 9}, {expression: x, upper: 9, name: wall}]\n"
+    )
+    alone = posed(ALONE.format(more=more))
+    assert {"2*x", "wall"} <= {c.name for c in alone.path_constraints}
+    several = posed(ALONE.format(more=f"{more}vehicles:\n{TWO}"))
+    names = {c.name for c in several.path_constraints}
+    assert {"2*x_a", "wall_a", "2*x_b", "wall_b"} <= names
+
+
 def test_a_path_constraint_holds_between_its_limits() -> None:
     path = "path: [{expression: u + w, lower: -1, upper: 0.5}]\n"
     (u, w), _ = planned(POINT.format(start=0, cost="(x - 5)**2 + u*w", more=path))

@@ -20,6 +20,7 @@ Refused = Callable[[str, str], str]
         ("[-8, 8]", "[8, -8]", "7:20", "lower <= upper, found [8, -8]"),
         ("{bounds: [-8, 8]}", "{}", "7:11", "expected bounds of the control"),
         ("[-8, 8]", "[-8, null]", "7:20", "expected bounds of the control"),
+        ("[-8, 8]", "[-8, 8, 9]", "7:20", "at most 2"),
         ("g: 9.81", "g: 9.81, angle: 2", "4:10", "it is among the constants"),
         ("g: 9.81", "g: 9.81, time: 2", "2:28", "it has a meaning of its own"),
         ("g: 9.81", "g: 9.81/0", "2:16", "finite real value"),
@@ -145,3 +146,18 @@ def test_a_constant_of_one_vehicle_is_unknown_where_others_need_it(more: str) ->
 
 def test_a_candidate_may_use_what_its_vehicles_know() -> None:
     stated(f"{VEHICLES}parameters: {{p: time}}\ncandidates: [{{u: slot*p + time}}]")
+
+
+@pytest.mark.parametrize("planning", ["joint", "priority"])
+def test_others_see_states_and_no_expressions(planning: str) -> None:
+    more = "feedback: receding_horizon"
+    text = VEHICLES.replace(
+        "vehicles: {", f"vehicles: {{planning: {planning}, separation: SEPARATION, "
+    )
+    stated(text.replace("SEPARATION", "{of: [x], distance: 1}") + more)
+    twice = text.replace("SEPARATION", "{of: [2*x], distance: 1}") + more
+    if planning == "joint":
+        stated(twice)
+    else:
+        with pytest.raises(ValueError, match=r"expected a state, found '2\*x'"):
+            stated(twice)
