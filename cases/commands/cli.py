@@ -213,8 +213,8 @@ def parser() -> argparse.ArgumentParser:
     about = "JSON Schema of the scenario format, for editors"
     schema = commands.add_parser("schema", help=about, parents=[common])
     schema.add_argument(
-        "kind", nargs="?", default="formation_flight", metavar="KIND",
-        help="of scenario; default: formation_flight",
+        "kind", nargs="?", default="problem", metavar="KIND",
+        help="of scenario; default: problem",
     )  # fmt: skip
     schema.set_defaults(command=_schema, parser=schema)
 

@@ -157,11 +157,12 @@ def _exit_code(finished: Run, conditions: list[Condition]) -> int:
 def _report(finished: Run) -> str:
     """Return what a person reads of a run."""
     summary = finished.summary()
-    title = finished.resolved.scenario.title
+    scenario = finished.resolved.scenario
+    title = printable(scenario.title or scenario.name)
     variant = f", {finished.resolved.variant}" if finished.resolved.variant else ""
     method = f"{summary['search']}, polish {summary['polish']}, seed {finished.seed}"
     lines = [
-        f"{printable(title)} ({summary['scenario']}{variant}; {method})",
+        f"{title} ({summary['scenario']}{variant}; {method})",
         finished.status,
     ]
     if finished.resumed:
