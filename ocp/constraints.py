@@ -71,7 +71,7 @@ class Constraint(Protocol):
         """Return the measured quantity and its limits, in the units of the user."""
 
     def smooth(self, value: ca.SX) -> Rows:
-        """Return the same demand as smooth rows, in the same units near the limits."""
+        """Return the same demand as as many smooth rows, in the same units."""
 
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
         """Return by how much each row is broken at most, <= 0 if respected, (m, 1)."""
