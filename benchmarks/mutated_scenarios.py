@@ -1,16 +1,20 @@
 """Shipped scenarios with seeded mutations: each runs, or is refused in sentences.
 
     python benchmarks/mutated_scenarios.py --count 10000 --seed 0
+    python benchmarks/mutated_scenarios.py --kind problem --check-every 1 --every 20
 
-Each scenario is a shipped one with one to three mutations of its text (lines dropped,
-doubled, indented; characters changed) or of its keys and values (misspelt, dropped,
-replaced by numbers at and beyond the limits, by other types, by expressions). It is
-resolved in every variant, with all checks across its parts. Of those that are valid a
-share is checked to the end by `swarmstart check`, which compiles its problems, and run
-for one step.
+Each scenario is a shipped one, or one of `mutation_bases`, with one to three mutations
+of its text (lines dropped, doubled, indented; characters changed), of its keys and
+values (misspelt, dropped, replaced by numbers beyond the limits or by other types),
+of its expressions (operators, powers, depth, names), of its names everywhere (words of
+Python, of LaTeX, very long ones) or of its parts. It is resolved in every variant, with
+all checks across its parts. Of those that are valid a share is checked to the end by
+`swarmstart check`, which compiles its problems, and a share of these is run for two
+steps with its figures.
 
-Counted as wrong: an exit code other than 0, 2, 3 and 4, an exception, a traceback, a
-refusal without a word, and more than LIMIT_S seconds.
+Counted as wrong: an exit code other than 0, 2, 3, 4 and 5, a run that is refused after
+its check, an exception, a traceback, a refusal without a word, and more than LIMIT_S
+seconds.
 """
 
 import argparse
@@ -30,6 +34,7 @@ from pathlib import Path
 from swarmstart.cases.commands.cli import main
 from swarmstart.cases.commands.exit_codes import (
     DONE,
+    FILE,
     GATE,
     INFEASIBLE,
     INTERNAL,
@@ -65,10 +70,115 @@ TEXTS = (
         "]",
     ),
 )
+EXPRESSIONS = (
+    *("1/0", "0/0", "10**308*10", "exp(999)", "log(0)", "0**-1", "2**9", "-1**0.5"),
+    *("time", "time.end", ".end", "x.start.end", "max()", "max(1)", "min(1, 2, 3)"),
+    *("sin", "sin()", "sin(1, 2)", "x(1)", "pi(2)", "integral(time)", "1, 2", "()"),
+    *("lambda: 0", "__import__(1)", "x.__class__", "[1]", "1 if 1 else 2", "x = 1"),
+    *("unknown", "E", "e", "inf", "nan", "None", "True", "1 2", "1//2", "2%3", "~1"),
+    *("1/(time - 1)", "sqrt(1 - time)", "exp(1e3*time)", "1e29**8", "$x^2$", "\u03c0"),
+    *("(" * 99 + "1" + ")" * 99, "-" * 150 + "1", "+".join("1" * 150), "9" * 499),
+)
+WRAPPED = (
+    *("{0}/0", "({0})**8", "(({0})**8)**8", "({0})**({0})", "1/({0})", "sqrt({0})"),
+    *("log({0})", "exp(exp({0}))", "max({0}, 1/0)", "min({0}, 0)", "abs({0})"),
+    *("{0}.end", "({0}).start", "{0}, {0}", "atan2({0}, 0)", "1e30*({0})", "-({0})"),
+    *("max({0})", "mean({0})", "settling({0}, 0, 0)", "sin(" * 40 + "{0}" + ")" * 40),
+    *("({0})*1e-30", "({0})/({0})", "acos({0})", "tan({0})", "({0}", "{0})", "{0} +"),
+)
+NAMES = (
+    *("lambda", "E", "e", "inf", "nan", "None", "import", "True", "pi", "time", "sin"),
+    *(
+        "x" * 64,
+        "x" * 65,
+        "x" * 5000,
+        "_",
+        "__class__",
+        "a b",
+        "a.b",
+        "1a",
+        "",
+        "x_y_z",
+    ),
+    *(
+        "\u017c\u00f3\u0142w",
+        "\u03b8",
+        "$x$",
+        "x^2",
+        "%s",
+        "{0}",
+        "\\\\frac",
+        "null",
+        "end",
+        "start",
+    ),
+    *("cost", "settling", "x_left", "self", "_x", "u", "t", "ode", "p", "A" * 40),
+)
+UNITS = (
+    "$",
+    "%",
+    "$$",
+    "$x",
+    "m_2^",
+    "\\\\frac{",
+    "_",
+    "^",
+    "m" * 3000,
+    "\u00b0",
+    "{}",
+)
+PARTS = (
+    *("dual_mode: {at: {x: 0}, Q: {x: 1}, R: {a: 1}}", "dual_mode: {}", "guess: {}"),
+    *("candidates: [{}]", "candidates: []", "candidates: [{u: 1/0}]", "terminal: [{}]"),
+    *("plant: {substeps: 10000}", "plant: {substeps: 1, disturbance: {x: 1e30}}"),
+    *("plant: {disturbance: {x: {deviation: 1e20}}}", "guess: {record: /nowhere}"),
+    *("guess: {controls: {u: {times: [0, 0], values: [1, 2]}}}", "signals: {s: time}"),
+    *("guess: {states: {x: .nan}}", "parameters: {p: {times: [], values: []}}"),
+    *("parameters: {p: {times: [2, 1], values: [1, .nan]}}", "constants: {c: c}"),
+    *("path: [{distance: [x], at_least: 1e30}]", "path: [{expression: 1, lower: 2}]"),
+    *("path: [{expression: x, lower: 1, upper: 0}]", "terminal: [{expression: time}]"),
+    *("vehicles: {members: []}", "vehicles: {members: [{name: a}, {name: a}]}"),
+    *("vehicles: {members: [{name: a}, {name: b}], planning: priority}", "steps: 2"),
+    *(
+        "prediction: {horizon_s: 1, intervals: 0}",
+        "prediction: {horizon_s: 1e-30, intervals: 1}",
+    ),
+    *(
+        "prediction: {horizon_s: 1e30, intervals: 3}",
+        "prediction: {horizon_s: 1, intervals: 1}",
+    ),
+    *(
+        "prediction: {horizon_s: 9, intervals: 10000}",
+        "prediction: {horizon_s: 1, intervals: 5, substeps: 1000}",
+    ),
+    *("prediction: {horizon_s: 1, intervals: 9, checks: 100}", "feedback: open_loop"),
+    *("feedback: receding_horizon", "feedback: {law: 1}", "search: {name: none}"),
+    *("maximize: true", "stage_cost: 0", "stage_cost: -1e30*time", "polish: none"),
+    *(
+        "states: {x: {start: 0, rate: 0}}",
+        "controls: {}",
+        "states: {}",
+        "title: $\\frac",
+    ),
+    *("controls: {u: {bounds: [1, 1]}}", "controls: {u: {bounds: [-1e30, 1e30]}}"),
+    *("controls: {u: {}}", "states: {x: {start: 1, rate: x**8, bounds: [1, 1]}}"),
+    *("states: {x: {start: 1, rate: x**2 + 1e9}}", "definitions: {a: b, b: a}"),
+    *(
+        "measures: {m: 1/(max(time) - max(time))}",
+        "measures: {m: time}",
+        "measures: {'': 1}",
+    ),
+    *("claims: [{id: a, text: '', source: '', measure: m, relation: '>=', bound: 1}]",),
+)
 ANY = "\t\x00\x1b\u2028\ud7ff#:,[]{}&*!|>'\"%@`-0.9eE\u017c\U0001f600"
 _SCALAR = re.compile(r"(?<=: )[^\s,{}\[\]#]+|(?<=[\[ ])[-+]?[0-9.]+(?:e[-+]?[0-9]+)?")
 _END = re.compile(r"\Z")
 _KEY = re.compile(r"[A-Za-z_0-9]+(?=:)")
+_WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
+_OPERATOR = re.compile(r"\*\*|[-+*/(),]")
+_EXPRESSION = re.compile(r"(?<=: )(?![&*!|>'\"])[^\s{}\[\]#:,][^{}\[\]#:,\n]*")
+_UNIT = re.compile(r"(?<=unit: )[^\s,}]+")
+_BASES = Path(__file__).parent / "mutation_bases"
 
 Mutation = Callable[[str, random.Random], str]
 
@@ -106,6 +216,44 @@ def _key(text: str, chance: random.Random) -> str:
     return f"{text[: found.start()]}{new}{text[found.end() :]}"
 
 
+def _expression(text: str, chance: random.Random) -> str:
+    """Replace an expression, an operator or a name in it, or make it deeper."""
+    found = _found(_EXPRESSION, text, chance)
+    old, what = found.group() or "1", chance.randrange(4)
+    if what == 0:
+        new = chance.choice(EXPRESSIONS)
+    elif what == 1:
+        new = chance.choice(WRAPPED).replace("{0}", old)
+    else:
+        part = _found((_OPERATOR, _WORD)[what - 2], old, chance)
+        others = ("+", "-", "*", "/", "**", ",", "(", ")", " ", "***")
+        words = [word.group() for word in _WORD.finditer(text)]
+        put = chance.choice(others if what == 2 else [*words, *NAMES])
+        new = f"{old[: part.start()]}{put}{old[part.end() :]}"
+    return f"{text[: found.start()]}{new}{text[found.end() :]}"
+
+
+def _renamed(text: str, chance: random.Random) -> str:
+    """Give what a key or a word names another name everywhere."""
+    old, new = _found(_KEY, text, chance).group(), chance.choice(NAMES)
+    quoted = chance.choice((new, f'"{new}"'))
+    return re.sub(rf"\b{old}\b", lambda _: quoted, text) if old else text
+
+
+def _unit(text: str, chance: random.Random) -> str:
+    """Replace a unit."""
+    found = _found(_UNIT, text, chance)
+    return f"{text[: found.start()]}'{chance.choice(UNITS)}'{text[found.end() :]}"
+
+
+def _part(text: str, chance: random.Random) -> str:
+    """Replace or add a part of a problem."""
+    part = chance.choice(PARTS)
+    key = part.partition(":")[0]
+    rest = re.sub(rf"(?m)^{key}:.*\n(?:[ ].*\n)*", "", text)
+    return f"{rest.rstrip()}\n{part}\n"
+
+
 def _line(text: str, chance: random.Random) -> str:
     """Drop, double, move or indent a line."""
     lines = text.splitlines(keepends=True)
@@ -132,20 +280,31 @@ def _character(text: str, chance: random.Random) -> str:
 MUTATIONS: tuple[Mutation, ...] = (
     *(_value, _value, _value, _scaled, _scaled, _key, _line, _character),
 )
+OF_PROBLEMS = (*MUTATIONS, *(_expression, _expression, _expression, _renamed, _unit))
+OF_PROBLEMS = (*OF_PROBLEMS, *(_part, _part))
 
 
-def mutated(count: int, chance: random.Random) -> Iterator[str]:
+def originals(kind: str = "") -> list[str]:
+    """Return the texts that are mutated: the shipped scenarios, or those of a kind."""
+    files = [*shipped().values(), *(_BASES.glob("*.yaml") if kind else ())]
+    texts = [path.read_text("utf-8") for path in sorted(files)]
+    return [text for text in texts if not kind or f"\nkind: {kind}\n" in text]
+
+
+def mutated(count: int, chance: random.Random, kind: str = "") -> Iterator[str]:
     """Yield mutated scenarios as their texts.
 
     Args:
         count: Their number.
         chance: Source of all randomness.
+        kind: Of the scenarios; empty: any.
     """
-    originals = [path.read_text("utf-8") for path in shipped().values()]
+    texts = originals(kind)
+    mutations = OF_PROBLEMS if kind == "problem" else MUTATIONS
     for _ in range(count):
-        text = chance.choice(originals)
+        text = chance.choice(texts)
         for _ in range(chance.choice((1, 1, 1, 2, 3))):
-            text = chance.choice(MUTATIONS)(text or "a: 1", chance)
+            text = chance.choice(mutations)(text or "a: 1", chance)
         yield text
 
 
@@ -203,33 +362,37 @@ def judged(
 
 
 def assay(
-    text: str, place: Path, *, to_the_end: bool, counted: Counter[str]
+    text: str,
+    place: Path,
+    *,
+    to_check: bool,
+    to_run: bool,
+    counted: Counter[str],
 ) -> list[str]:
     """Try one scenario; return what is wrong.
 
     Args:
         text: The scenario.
         place: A folder of its own.
-        to_the_end: Whether a valid one is also checked to the end, and run.
+        to_check: Whether a valid one is also checked to the end.
+        to_run: Whether one that is checked and valid is also run.
         counted: What came of it is added here.
     """
     file = place / "mutated.yaml"
     file.write_bytes(text.encode("utf-8", "surrogatepass"))
-    code, wrong = judged(lambda: resolved(file), (DONE, INVALID))
-    counted["valid" if code == DONE else "refused"] += 1
-    if wrong or code != DONE or not to_the_end:
-        return [f"resolving: {wrong}"] if wrong else []
-    code, wrong = judged(lambda: told("check", file), (DONE, INVALID))
-    if wrong or code != DONE:
-        counted["refused by the whole check"] += 1
-        return [f"check: {wrong}"] if wrong else []
+    check = (lambda: told("check", file)) if to_check else (lambda: resolved(file))
+    code, wrong = judged(check, (DONE, INVALID, FILE))
+    counted[f"{'checked' if to_check else 'resolved'}: {code}"] += 1
+    if wrong or code != DONE or not (to_check and to_run):
+        return [f"checking: {wrong}"] if wrong else []
+    few = ("--set", "steps=2")
     run = (
-        *("run", file, "--set", "steps=1", "--no-figures", "--quiet"),
-        *("--set", "budget={evaluations: 400}", "--set", "ipopt.max_iterations=5"),
-        *("--out", place / "run"),
+        *("run", file, "--quiet", "--out", place / "run"),
+        *("--set", "budget={evaluations: 200}", "--set", "ipopt.max_iterations=5"),
+        *(few if re.search("steps:|receding_horizon", text) else ()),
     )
-    counted["run"] += 1
-    _, wrong = judged(lambda: told(*run), (DONE, GATE, INFEASIBLE, INVALID))
+    code, wrong = judged(lambda: told(*run), (DONE, GATE, INFEASIBLE, FILE))
+    counted[f"run: {code}"] += 1
     return [f"run: {wrong}"] if wrong else []
 
 
@@ -238,20 +401,24 @@ def main_of(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument(
-        "--every", type=int, default=40, help="of the scenarios one is run; default: 40"
-    )
+    parser.add_argument("--kind", default="", help="of scenario; default: any")
+    for option, what in (("check-every", "checked to the end"), ("every", "run")):
+        parser.add_argument(
+            f"--{option}", type=int, default=40,
+            help=f"of that many scenarios one is {what}; default: 40",
+        )  # fmt: skip
     options = parser.parse_args(arguments)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     counted, wrong = Counter[str](), 0
     began, used = time.monotonic(), time.process_time()
-    texts = mutated(options.count, random.Random(options.seed))
+    texts = mutated(options.count, random.Random(options.seed), options.kind)
     for number, text in enumerate(texts):
         with tempfile.TemporaryDirectory() as place:
             found = assay(
                 text,
                 Path(place),
-                to_the_end=number % options.every == 0,
+                to_check=number % options.check_every == 0,
+                to_run=number % options.every == 0,
                 counted=counted,
             )
         for what in found:

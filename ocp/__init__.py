@@ -21,7 +21,7 @@ from swarmstart.ocp.controller import (
 from swarmstart.ocp.dense_output import DenseOutput, interpolate
 from swarmstart.ocp.distances import largest_distance, smallest_distance
 from swarmstart.ocp.dual_mode import DualMode, UncertifiedSetError
-from swarmstart.ocp.errors import InvalidProblemError, SolveError
+from swarmstart.ocp.errors import DivergedError, InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import Fitness, Known
 from swarmstart.ocp.guess import shifted_controls, zero_controls
 from swarmstart.ocp.integrators import INTEGRATORS, Integrator, held_step
@@ -60,6 +60,7 @@ __all__ = [
     "Controller",
     "Decision",
     "DenseOutput",
+    "DivergedError",
     "DualMode",
     "Fitness",
     "Integrator",

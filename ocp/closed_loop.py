@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.compile_time import stopwatch
 from swarmstart.heuristics import generator_of
 from swarmstart.ocp.controller import Controller, Decision
-from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.errors import DivergedError, InvalidProblemError
 from swarmstart.ocp.fitness import numbers_of
 from swarmstart.ocp.model import shortened
 from swarmstart.ocp.plant import AnyPlant, Plant, SteppedPlant, plant_of
@@ -117,8 +117,8 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         previous: The decision of the interval before it; None at the start.
 
     Raises:
-        InvalidProblemError: If x0 does not fit the plant, intervals differ, or the
-            plant leaves the finite numbers.
+        InvalidProblemError: If x0 does not fit the plant, or intervals differ.
+        DivergedError: If the plant leaves the finite numbers.
     """
     if not (hasattr(controller, "decide") and hasattr(controller, "dt")):
         raise InvalidProblemError(
@@ -143,7 +143,7 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
             seconds = watch.seconds
         dense = plant(state, decision.control, number * plant.dt)
         if not np.isfinite(dense).all():
-            raise InvalidProblemError(
+            raise DivergedError(
                 f"the plant left the finite numbers in step {number}, at "
                 f"{number * plant.dt:g} s: its step of {plant.dt / plant.substeps:g} s "
                 "may be too long for the model"

@@ -7,5 +7,9 @@ class InvalidProblemError(SwarmstartError, ValueError):
     """An optimal-control problem, or what is given to one, cannot be posed."""
 
 
+class DivergedError(SwarmstartError):
+    """A simulated plant has left the finite numbers."""
+
+
 class SolveError(SwarmstartError):
     """A solver could not be run; not converging is a status, not an error."""

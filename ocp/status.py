@@ -88,9 +88,9 @@ def stiffness(
         A = np.array(slopes(path.states[:, place], path.controls[:, place], parameters))
         values = np.linalg.eigvals(A) if np.isfinite(A).all() else np.zeros(1)
         rate = float(np.abs(values[values.real < 0]).max(initial=0.0))
-        if rate * step > _STABLE:
-            fitting = int(np.ceil(problem.substeps * rate * step / _STABLE))
-            fast.append(Stiffness(float(path.times[place]), rate, fitting))
+        fitting = np.ceil(problem.substeps * rate * step / _STABLE)
+        if rate * step > _STABLE and np.isfinite(fitting):
+            fast.append(Stiffness(float(path.times[place]), rate, int(fitting)))
     if len(fast) < _OFTEN * places.size:
         return None  # The edge of a model's domain, as of a root, is no stiffness.
     return max(fast, key=lambda mode: mode.rate)

@@ -11,6 +11,7 @@ import logging
 import time as clock
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,7 @@ from swarmstart.cases.record.versions import versions
 from swarmstart.compile_time import Stopwatch, stopwatch
 from swarmstart.heuristics.interrupts import heeded, put_off
 from swarmstart.ocp import (
+    DivergedError,
     DualMode,
     Step,
     Trajectory,
@@ -176,6 +178,7 @@ def run(
 
     Raises:
         Interrupted: On Ctrl-C; the finished steps are in the folder.
+        DivergedError: If the plant leaves the finite numbers; the same of its steps.
         OccupiedFolderError: If the folder holds anything but a record of this run.
         CodeNotAllowedError: If a file of the user's is to be run, and may not.
         FolderInUseError: If another command writes to the folder.
@@ -299,14 +302,8 @@ def _flown(
     # between any two statements.
     flown = [(step, rng.bit_generator.state) for step in kept]
     last = kept[-1] if kept else None
+    save = partial(_save, folder, key, flight, flown)
     saved = clock.perf_counter()
-
-    def save() -> None:
-        if folder is not None and flown:
-            steps, (*_, state) = zip(*flown, strict=True)
-            with put_off():
-                save_partial(folder, key, collected(flight.plant, steps), state)
-
     try:
         with heeded() as asked_to_stop:
             for step in fly(
@@ -326,6 +323,9 @@ def _flown(
                     save()
                     saved = clock.perf_counter()
         save()  # What follows may fail, or be interrupted.
+    except DivergedError:
+        save()
+        raise
     except KeyboardInterrupt:
         if folder is None or not flown:
             raise
@@ -333,6 +333,19 @@ def _flown(
             save()
         raise Interrupted(folder, len(flown)) from None
     return [step for step, _ in flown], len(kept)
+
+
+def _save(
+    folder: Path | None,
+    key: str,
+    flight: Flight[Posed],
+    flown: list[tuple[Step, Any]],
+) -> None:
+    """Write the finished steps, if there are any and a folder for them."""
+    if folder is not None and flown:
+        steps, (*_, state) = zip(*flown, strict=True)
+        with put_off():
+            save_partial(folder, key, collected(flight.plant, steps), state)
 
 
 def _kept(

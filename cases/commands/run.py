@@ -25,6 +25,7 @@ from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.first_use import kernels_ahead
+from swarmstart.ocp import DivergedError
 
 RESULTS = Path("results")
 Condition = tuple[str, str, float | None]
@@ -67,18 +68,23 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
     resolved = allowing(resolved, options)
     default = default_folder(resolved, options.seed, RESULTS)
     folder = Path(options.out) if options.out else default
-    with Progress(resolved.scenario.name, quiet=options.quiet) as progress:
-        finished = run(
-            resolved,
-            seed=options.seed,
-            recording=Recording(
-                folder=folder,
-                figures=not options.no_figures,
-                animation=options.animation,
-                force=options.force,
-            ),
-            progress=progress.update,
-        )
+    recording = Recording(
+        folder=folder,
+        figures=not options.no_figures,
+        animation=options.animation,
+        force=options.force,
+    )
+    try:
+        with Progress(resolved.scenario.name, quiet=options.quiet) as progress:
+            finished = run(
+                resolved,
+                seed=options.seed,
+                recording=recording,
+                progress=progress.update,
+            )
+    except DivergedError as error:
+        say(str(error))
+        return INFEASIBLE
     answer(to_json(finished.summary()) if options.json else _report(finished))
     return _exit_code(finished, conditions)
 

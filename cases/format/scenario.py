@@ -224,7 +224,10 @@ def resolve(
     for text in assignments:
         document = assign(document, *split_assignment(text))
     kind = _kind(document)
-    scenario = _claiming(_validated(document, kind), steps)
+    scenario = _validated(document, kind)
+    if steps is None:  # By default a flight is as long as its first plan.
+        steps = getattr(getattr(scenario, "prediction", None), "intervals", None)
+    scenario = _claiming(scenario, steps)
     valid(scenario)
     problems = [*_claim_problems(scenario, kind), *kind.problems(scenario)]
     flaws = [_problem(document, path, what) for path, what in problems]

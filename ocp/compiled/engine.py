@@ -19,6 +19,9 @@ except ImportError:  # pragma: no cover - numba brings it, but a platform may la
 _NEON_BITS, _AVX512_BITS = 128, 512
 _OLDEST = (0, 45)
 """The first llvmlite whose LLVM reads untyped pointers."""
+MOST_CHARACTERS = 8_000_000
+"""Longest module that is translated: it takes LLVM 20 s, and twice as long a minute and
+more."""
 
 
 class NoCompilerError(Exception):
@@ -123,9 +126,13 @@ def translate(ir: str) -> bytes:
         ir: A module with the function `kernel`.
 
     Raises:
-        NoCompilerError: If machine code cannot be made here.
+        NoCompilerError: If machine code cannot be made here, or the module is too long.
     """
     target = machine()
+    if len(ir) > MOST_CHARACTERS:
+        raise NoCompilerError(
+            f"expected at most {MOST_CHARACTERS} characters of code, found {len(ir)}"
+        )
     try:
         module = llvm.parse_assembly(ir)
         module.triple = target.triple

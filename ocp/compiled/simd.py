@@ -16,7 +16,13 @@ from swarmstart.compile_time import compiling
 from swarmstart.fingerprint import source, sources
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp.compiled.emitter import Roll, emit_flat, emit_rollout, simplified
-from swarmstart.ocp.compiled.engine import Compiled, link, machine, translate
+from swarmstart.ocp.compiled.engine import (
+    Compiled,
+    NoCompilerError,
+    link,
+    machine,
+    translate,
+)
 from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.frame import target_of
 from swarmstart.ocp.errors import InvalidProblemError
@@ -28,6 +34,9 @@ Shapes = tuple[tuple[int, ...], ...]
 _COPIED = 4096
 """Arguments of up to this many numbers are copied into buffers that stay: looking up
 where an array lies costs more."""
+
+MOST_INSTRUCTIONS = 20_000
+"""Of the functions in a kernel: more would be too long for LLVM in any case."""
 
 _WITHOUT_CONVERSION = ctypes.CFUNCTYPE(None)
 """Takes arguments that are C's already."""
@@ -346,6 +355,12 @@ def compile_rollout(
         )
         return emit_rollout(roll, target=target_of([roll.stage], precision))
 
+    instructions = stage.n_instructions() + end.n_instructions()
+    if instructions > MOST_INSTRUCTIONS:
+        raise NoCompilerError(
+            f"expected at most {MOST_INSTRUCTIONS} instructions in an interval, found "
+            f"{instructions}"
+        )
     nx, nu, np_ = (stage.numel_in(i) for i in range(3))
     nodes = intervals * signals_per_interval + end.numel_in(2)
     shape = Shape((True, False, False, False), (nu * intervals, nx, np_, nodes), (1, 1))

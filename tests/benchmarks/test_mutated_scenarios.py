@@ -9,22 +9,34 @@ from pathlib import Path
 import pytest
 
 from swarmstart.benchmarks import mutated_scenarios
-from swarmstart.benchmarks.mutated_scenarios import assay, judged, mutated
+from swarmstart.benchmarks.mutated_scenarios import assay, judged, mutated, originals
 from swarmstart.cases.format.scenario import shipped
 
 
-def test_each_runs_or_is_refused_in_sentences(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("kind", "count"), [("", 60), ("problem", 150)])
+def test_each_runs_or_is_refused_in_sentences(
+    tmp_path: Path, kind: str, count: int
+) -> None:
     counted: Counter[str] = Counter()
-    for number, text in enumerate(mutated(60, random.Random(3))):
-        assert not assay(text, tmp_path, to_the_end=False, counted=counted), number
-    assert counted["refused"] > 20 and counted["valid"] > 10
+    tried = {"to_check": False, "to_run": False, "counted": counted}
+    for number, text in enumerate(mutated(count, random.Random(3), kind)):
+        assert not assay(text, tmp_path, **tried), number
+    assert counted["resolved: 2"] > 20 and counted["resolved: 0"] > 10
+
+
+def test_what_problems_are_mutated_from_is_valid(tmp_path: Path) -> None:
+    counted: Counter[str] = Counter()
+    tried = {"to_check": False, "to_run": False, "counted": counted}
+    for text in originals("problem"):
+        assert not assay(text, tmp_path, **tried)
+    assert counted == {"resolved: 0": len(originals("problem"))}
 
 
 def test_a_valid_one_is_checked_and_run(tmp_path: Path) -> None:
     counted: Counter[str] = Counter()
     text = shipped()["passing_side"].read_text("utf-8")
-    assert not assay(text, tmp_path, to_the_end=True, counted=counted)
-    assert counted == {"valid": 1, "run": 1}
+    assert not assay(text, tmp_path, to_check=True, to_run=True, counted=counted)
+    assert counted == {"checked: 0": 1, "run: 0": 1}
 
 
 def test_what_is_wrong_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

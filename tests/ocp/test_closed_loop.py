@@ -11,6 +11,7 @@ from swarmstart.heuristics import Budget, ChaoticPSO
 from swarmstart.ocp import (
     Bounds,
     Decision,
+    DivergedError,
     InvalidProblemError,
     Model,
     OptimalControlProblem,
@@ -165,7 +166,7 @@ def test_a_plant_that_diverges_is_named_with_its_step() -> None:
     """x' = -1000 x by steps of 0.1 s: Runge-Kutta multiplies by four million."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     plant = Plant(Model(states=x, controls=u, ode=-1e3 * x + u), dt=0.2, substeps=2)
-    with pytest.raises(InvalidProblemError, match=r"the finite numbers in step \d+"):
+    with pytest.raises(DivergedError, match=r"the finite numbers in step \d+"):
         list(fly(plant, Clockwork(), [1.0], steps=100, rng=np.random.default_rng(0)))
 
 

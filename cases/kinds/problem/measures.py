@@ -18,6 +18,7 @@ from swarmstart.cases.format.expressions import (
     FUNCTIONS,
     REDUCTIONS,
     ExpressionError,
+    Operation,
     interpret,
     parse,
 )
@@ -98,10 +99,20 @@ def measured(
 
 
 def own_measures(scenario: UserScenario) -> dict[str, str]:
-    """Return the scenario's own measures: name -> why it is null, where it is."""
-    return {
-        name: NEVER if "settling" in text else "its value is not a finite number"
+    """Return the scenario's own measures: name -> why it is null, where it is.
+
+    Only a settling time itself is above every bound where it is null, and not what is
+    computed of one: `9 - settling(...)`.
+    """
+    trees = {
+        name: parse(text, of_paths=True).tree
         for name, text in scenario.measures.items()
+    }
+    return {
+        name: NEVER
+        if isinstance(tree, Operation) and tree.name == "settling"
+        else "its value is not a finite number"
+        for name, tree in trees.items()
     }
 
 
@@ -238,7 +249,8 @@ def _reductions(times: Array) -> dict[str, Callable[..., float]]:
         return float(simpson(full(x), x=times, axis=1).sum())
 
     def settling(x: Value, target: Value, band: Value) -> float:
-        outside = np.flatnonzero(np.abs(full(x) - target).ravel() > band)
+        # A value that is not a number is outside.
+        outside = np.flatnonzero(~(np.abs(full(x) - target).ravel() <= band))
         if not outside.size:
             return float(times[0, 0])
         after = outside[-1] + 1
@@ -246,7 +258,7 @@ def _reductions(times: Array) -> dict[str, Callable[..., float]]:
 
     def overshoot(x: Value, target: Value) -> float:
         beyond = np.sign(target - full(x)[0, 0]) * (full(x) - target)
-        return float(max(0.0, beyond.max()))
+        return float(np.maximum(0.0, beyond.max()))  # NaN stays NaN.
 
     return {
         "start": lambda x: float(full(x)[0, 0]),

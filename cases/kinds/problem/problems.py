@@ -8,6 +8,8 @@ import difflib
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
+import casadi as ca
+
 from swarmstart.cases.format.settings import Problem
 from swarmstart.cases.kinds.problem import attempts
 from swarmstart.cases.kinds.problem.attempts import Place, tried
@@ -21,7 +23,10 @@ from swarmstart.cases.kinds.problem.model import (
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario, Vehicle
 from swarmstart.cases.kinds.problem.symbols import RESERVED, limits
 from swarmstart.errors import SwarmstartError
+from swarmstart.ocp import OptimalControlProblem
 
+MOST_OPERATIONS = 40_000
+"""In an interval: they take up to 15 s to prepare, and twice as many a minute."""
 _NAMED = ("constants", "parameters", "signals", "definitions", "states", "controls")
 
 
@@ -35,6 +40,7 @@ def problems(scenario: ProblemScenario) -> Iterator[Problem]:
         _of_numbers,
         measure_problems,
         lambda s: tried([((), lambda: _whole(s))]),
+        _of_size,
     ]
     for stage in stages:
         found = list(stage(scenario))
@@ -43,8 +49,27 @@ def problems(scenario: ProblemScenario) -> Iterator[Problem]:
             return
 
 
-def _whole(scenario: ProblemScenario) -> None:
-    planning_problem(scenario, members_of(scenario, shared_of(scenario)))
+def _whole(scenario: ProblemScenario) -> OptimalControlProblem:
+    """Return the problem of all that are planned together."""
+    members = members_of(scenario, shared_of(scenario))
+    one_by_one = scenario.vehicles and scenario.vehicles.planning == "priority"
+    return planning_problem(scenario, members[:1] if one_by_one else members)
+
+
+def _of_size(scenario: ProblemScenario) -> Iterator[Problem]:
+    """Yield that an interval, which is one expression, would take minutes to build."""
+    problem, grid = _whole(scenario), scenario.prediction
+    symbols = [*problem.symbols().values()]
+    rates = ca.Function("rates", symbols, [problem.model.ode, problem.stage_cost])
+    evaluations = 4 if grid.integrator == "rk4" else 1
+    found = rates.n_instructions() * evaluations * grid.substeps * grid.checks
+    if found > MOST_OPERATIONS:
+        yield (
+            ("prediction",),
+            f"expected at most {MOST_OPERATIONS} operations in an interval, those of "
+            f"the rates in all substeps of all checks; found {found}: take more "
+            "intervals, or fewer checks or substeps",
+        )
 
 
 def _of_parts(scenario: ProblemScenario) -> Iterator[Problem]:

@@ -35,6 +35,8 @@ from swarmstart.ocp.problem import Quadrature
 
 EVALUATIONS = 20_000
 """Of a search, unless the budget says something else."""
+MOST_NODES = 10_000
+"""Checks of a horizon."""
 Names = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$")]
 
 
@@ -194,6 +196,16 @@ class Prediction(GridPart):
     quadrature: Quadrature = "integral"
     tolerance: Positive = 1e-6
     path_tolerance: Positive = 1e-4
+
+    @model_validator(mode="after")
+    def _few_nodes(self) -> "Prediction":
+        nodes = self.intervals * self.checks
+        if nodes > MOST_NODES:
+            raise ValueError(
+                f"expected at most {MOST_NODES} checks, intervals * checks; "
+                f"found {nodes}"
+            )
+        return self
 
 
 class Feedback(Part):

@@ -98,6 +98,10 @@ class Scope:
         """Return an expression as a symbol."""
         return ca.SX(self.value(text, SYMBOLIC))
 
+    def number(self, text: str) -> float:
+        """Return an expression as a finite number."""
+        return float(self.value(text, FLOAT_OPERATIONS))
+
 
 def constants_of(
     scenario: ProblemScenario, own: Mapping[str, str] | None = None

@@ -42,6 +42,14 @@ def test_missing_llvmlite_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         machine()
 
 
+def test_code_that_would_take_minutes_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(engine, "MOST_CHARACTERS", 3)
+    with pytest.raises(NoCompilerError, match="at most 3 characters of code, found 4"):
+        translate("; ir")
+
+
 @pytest.mark.usefixtures("unknown_machine")
 def test_old_llvmlite_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(llvmlite, "__version__", "0.44.0rc1")

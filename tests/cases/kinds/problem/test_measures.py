@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from swarmstart.tests.cases.kinds.problem.conftest import simulated, stated
+from swarmstart.cases.format.kind import NEVER
+from swarmstart.tests.cases.kinds.problem.conftest import PENDULUM, simulated, stated
 
 RAMP = """\
 kind: problem
@@ -143,3 +144,28 @@ def test_what_holds_has_no_excess() -> None:
     _, found = simulated(_held(RAMP.format(stage="0", more="")))
     assert found["constraint_excess"] == pytest.approx(0, abs=1e-4)
     assert found["terminal_excess"] == pytest.approx(0, abs=1e-4)
+
+
+def test_a_value_that_is_not_a_number_is_not_settled_and_not_within() -> None:
+    assert measured("settling(sqrt(2 - x), 0, 9)") is None
+    assert measured("overshoot(sqrt(2 - x), 0)") is None
+
+
+def test_only_a_settling_time_itself_is_above_every_bound_if_it_is_never() -> None:
+    """`9 - settling(...)` would hold any lower bound by not being defined."""
+    text = (
+        PENDULUM
+        + "measures: {a: 'settling(angle, 0, 1)', b: '9 - settling(angle, 0, 1)'}"
+    )
+    resolved = stated(text)
+    reasons = resolved.kind.own_measures(resolved.scenario)
+    assert reasons["a"] == NEVER != reasons["b"]
+
+
+def test_claims_are_of_as_many_steps_as_the_prediction_has_unless_given() -> None:
+    """A shorter flight judges none of them."""
+    claim = (
+        "claims: [{id: a, text: a, source: a, measure: cost, relation: <, bound: 1}]"
+    )
+    (judged,) = stated(PENDULUM + claim, "steps=2").scenario.claims
+    assert judged.when == {"steps": 50}

@@ -29,6 +29,8 @@ Refused = Callable[[str, str], str]
         ("{start: 0, rate: speed", "{rate: speed", "4:10", "expected the key 'start'"),
         ("unit: rad/s", "bounds: [1, 2]", "5:18", "within the bounds [1, 2], found 0"),
         ("intervals: 50", "intervals: 50.5", "10:39", "an integer"),
+        ("vals: 50", "vals: 50, checks: 99, substeps: 99", "10:13", "at most 40000 op"),
+        ("vals: 50", "vals: 5000, checks: 3", "10:13", "at most 10000 checks"),
     ],
 )
 def test_what_is_wrong_is_said_where_it_stands(
@@ -52,6 +54,9 @@ def test_what_is_wrong_is_said_where_it_stands(
         ("plant: {parameters: {g: 3}}", "expected a parameter, found 'g'"),
         ("plant: {disturbance: {torque: 3}}", "expected a state, found 'torque'"),
         ("candidates: [{}]", "expected the key 'torque'"),
+        ("candidates: [{torque: speeed}]", "unknown name 'speeed'"),
+        ("candidates: [{torque: 1/time}]", "finite real value"),
+        ("vehicles: {members: [{name: a, constants: {h: 1}}]}\nsignals: {s: h}", "'h'"),
         ("dual_mode: {at: {angle: 0}, Q: {}, R: {torque: 1}}", "the key 'speed'"),
         ("measures: {a: angle}", "expected one number, such as x.end"),
         ("measures: {a: max(speeed)}", "did you mean 'speed'?"),
