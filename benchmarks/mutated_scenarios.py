@@ -365,8 +365,8 @@ def assay(
     text: str,
     place: Path,
     *,
-    to_check: bool,
-    to_run: bool,
+    to_check: bool = False,
+    to_run: bool = False,
     counted: Counter[str],
 ) -> list[str]:
     """Try one scenario; return what is wrong.

@@ -18,17 +18,15 @@ def test_each_runs_or_is_refused_in_sentences(
     tmp_path: Path, kind: str, count: int
 ) -> None:
     counted: Counter[str] = Counter()
-    tried = {"to_check": False, "to_run": False, "counted": counted}
     for number, text in enumerate(mutated(count, random.Random(3), kind)):
-        assert not assay(text, tmp_path, **tried), number
+        assert not assay(text, tmp_path, counted=counted), number
     assert counted["resolved: 2"] > 20 and counted["resolved: 0"] > 10
 
 
 def test_what_problems_are_mutated_from_is_valid(tmp_path: Path) -> None:
     counted: Counter[str] = Counter()
-    tried = {"to_check": False, "to_run": False, "counted": counted}
     for text in originals("problem"):
-        assert not assay(text, tmp_path, **tried)
+        assert not assay(text, tmp_path, counted=counted)
     assert counted == {"resolved: 0": len(originals("problem"))}
 
 

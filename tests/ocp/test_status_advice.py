@@ -63,6 +63,10 @@ def test_model_that_is_not_stiff_is_not_called_so() -> None:
     assert "stiff" not in growing.advice
 
 
+def test_no_number_of_substeps_is_advised_where_none_is_finite() -> None:
+    assert "stiff" not in judged(relaxing(1e308, substeps=400), [1, 0]).advice
+
+
 def test_euler_is_told_of_a_better_integrator(pendulum: Model) -> None:
     problem = OptimalControlProblem(
         pendulum, horizon=2.0, intervals=4, stage_cost=pendulum.states[0] ** 2,

@@ -1,0 +1,36 @@
+"""`run` in this process: exit codes."""
+
+from pathlib import Path
+
+import pytest
+
+from swarmstart.cases.campaign.run import key_of
+from swarmstart.cases.commands.cli import main
+from swarmstart.cases.commands.exit_codes import INFEASIBLE
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.record.partial import load_partial
+
+DIVERGES = """\
+kind: problem
+states: {x: {start: 1, rate: u}}
+controls: {u: {bounds: [-1, 1]}}
+plant: {disturbance: {x: "exp(400*max(time - 1, 0))**2"}}
+stage_cost: x**2
+prediction: {horizon_s: 2, intervals: 2}
+feedback: receding_horizon
+steps: 9
+search: {name: none}
+"""
+
+
+def test_a_plant_that_diverges_is_no_invalid_input_and_finished_steps_are_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The disturbance overflows from 1.9 s on: in the second step."""
+    file, folder = tmp_path / "diverges.yaml", tmp_path / "run"
+    file.write_text(DIVERGES)
+    assert main(["run", str(file), "--out", str(folder), "-q"]) == INFEASIBLE
+    assert "left the finite numbers in step 1, at 1 s" in capsys.readouterr().err
+    kept = load_partial(folder, key_of(resolve(read_document(str(file))), 0), 20)
+    assert kept is not None
+    assert len(kept[0]) == 1
