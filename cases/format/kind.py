@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.document import printable
-from swarmstart.cases.format.settings import Problem, Scenario
+from swarmstart.cases.format.settings import LocatedFlaw, Scenario
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import (
     Controller,
@@ -286,7 +286,7 @@ class Kind:
         undefined: Name of a measure that may be null -> why; NEVER for a time.
         own_measures: Scenario -> measures that it defines itself: name -> why one may
             be null.
-        problems: Scenario -> what is wrong across its parts, with the place: text, or
+        flaws: Scenario -> what is wrong across its parts, with the place: text, or
             the error of an expression.
         figures: (scenario, flight, trajectory, folder) -> files written.
         animate: (scenario, flight, trajectory, file) -> None; by default a kind has no
@@ -302,7 +302,7 @@ class Kind:
     measure: Callable[..., Mapping[str, Measure]]
     measures: Mapping[str, str]
     undefined: Mapping[str, str]
-    problems: Callable[..., Iterator[Problem]]
+    flaws: Callable[..., Iterator[LocatedFlaw]]
     figures: Callable[..., list[Path]]
     own_measures: Callable[..., Mapping[str, str]] = no_measures
     animate: Callable[..., None] = animate_nothing

@@ -229,8 +229,8 @@ def resolve(
         steps = getattr(getattr(scenario, "prediction", None), "intervals", None)
     scenario = _claiming(scenario, steps)
     valid(scenario)
-    problems = [*_claim_problems(scenario, kind), *kind.problems(scenario)]
-    flaws = [_problem(document, path, what) for path, what in problems]
+    located = [*_claim_flaws(scenario, kind), *kind.flaws(scenario)]
+    flaws = [_flaw_of(document, path, what) for path, what in located]
     if flaws:
         raise InvalidScenarioError(flaws)
     return Resolved(
@@ -336,7 +336,7 @@ def _kind(document: Document) -> Kind:
     return found_kind
 
 
-def _claim_problems(
+def _claim_flaws(
     scenario: Scenario, kind: Kind
 ) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Yield place and flaw of each claim about a measure or a key that is missing."""
@@ -435,7 +435,7 @@ def _described(
     return _flaw(document, path, f"expected {dotted} to be {expected}; found {found}")
 
 
-def _problem(
+def _flaw_of(
     document: Document, path: tuple[str | int, ...], what: str | SwarmstartError
 ) -> Flaw:
     """Return what is wrong across parts; an expression's error has its own column."""

@@ -50,7 +50,7 @@ from swarmstart.heuristics import (
 from swarmstart.ocp import Backend, IpoptOptions, SearchSettings, WarmStart
 
 Array = NDArray[np.float64]
-Problem = tuple[tuple[str | int, ...], str | SwarmstartError]
+LocatedFlaw = tuple[tuple[str | int, ...], str | SwarmstartError]
 """Where in the scenario something is wrong, and what; an expression's error has a
 column of its own."""
 
@@ -338,7 +338,7 @@ class Scenario(Part):
     backend: Backend = "auto"
     claims: list[Claim] = Field(default_factory=list)
 
-    def problems(self) -> Iterator[Problem]:
+    def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what one part of the scenario makes wrong in another."""
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.settings import Number, Part, Problem, Range
+from swarmstart.cases.format.settings import LocatedFlaw, Number, Part, Range
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
     return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
 
 
-def bank_problems(turn: str, bank: Range) -> Iterator[Problem]:
+def bank_flaws(turn: str, bank: Range) -> Iterator[LocatedFlaw]:
     """Yield what is wrong with a range of the bank: beyond pi/2 turns are gentler."""
     most = max(-bank.lower, bank.upper)
     if most > math.pi / 2 or (turn == "tan" and most == math.pi / 2):
@@ -59,7 +59,7 @@ def bank_problems(turn: str, bank: Range) -> Iterator[Problem]:
         )
 
 
-def speed_limit_problems(limits: Range) -> Iterator[Problem]:
+def speed_limit_flaws(limits: Range) -> Iterator[LocatedFlaw]:
     """Yield what is wrong with a range of the speed of a UAV that banks to turn."""
     if limits.lower <= 0:
         yield (
@@ -69,9 +69,9 @@ def speed_limit_problems(limits: Range) -> Iterator[Problem]:
         )
 
 
-def start_speed_problems(
+def start_speed_flaws(
     place: tuple[str | int, ...], speed: float, limits: Range
-) -> Iterator[Problem]:
+) -> Iterator[LocatedFlaw]:
     """Yield what is wrong with a speed at the start.
 
     Args:

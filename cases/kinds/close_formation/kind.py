@@ -4,7 +4,7 @@ from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.close_formation.figures import draw
 from swarmstart.cases.kinds.close_formation.measures import measure
 from swarmstart.cases.kinds.close_formation.names import MEASURES, UNDEFINED
-from swarmstart.cases.kinds.close_formation.pose import pose, problems
+from swarmstart.cases.kinds.close_formation.pose import flaws, pose
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 
 KIND = Kind(
@@ -13,6 +13,6 @@ KIND = Kind(
     measure=measure,
     measures=MEASURES,
     undefined=UNDEFINED,
-    problems=problems,
+    flaws=flaws,
     figures=draw,
 )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.kind import Flight, Posed, PosedAgent, PosedPlant
-from swarmstart.cases.format.settings import Problem, bounds_of
+from swarmstart.cases.format.settings import LocatedFlaw, bounds_of
 from swarmstart.cases.kinds.close_formation.gusts import dryden
 from swarmstart.cases.kinds.close_formation.leader import leader_of
 from swarmstart.cases.kinds.close_formation.scenario import (
@@ -83,9 +83,9 @@ def pose(scenario: CloseFormationScenario) -> PosedCloseFormation:
     )
 
 
-def problems(scenario: CloseFormationScenario) -> Iterator[Problem]:
+def flaws(scenario: CloseFormationScenario) -> Iterator[LocatedFlaw]:
     """Yield what is wrong across the scenario's parts, with the place."""
-    yield from scenario.problems()
+    yield from scenario.flaws()
     substeps = scenario.prediction.dt / scenario.plant.substep_s
     if substeps > MOST_SUBSTEPS:
         yield (

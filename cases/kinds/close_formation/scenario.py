@@ -10,11 +10,11 @@ from pydantic import Field
 
 from swarmstart.cases.format.settings import (
     GridPart,
+    LocatedFlaw,
     NonNegative,
     Number,
     Part,
     Positive,
-    Problem,
     Range,
     Scenario,
 )
@@ -139,10 +139,10 @@ class CloseFormationScenario(Scenario):
     reference: Literal["none", "ipopt"] = "none"
     plant: PlantPart = PlantPart()
 
-    def problems(self) -> Iterator[Problem]:
+    def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what one part of the scenario makes wrong in another."""
-        yield from super().problems()
-        yield from self._manoeuvre_problems()
+        yield from super().flaws()
+        yield from self._manoeuvre_flaws()
         if not self.prediction.dt >= self.plant.substep_s:
             yield (
                 ("plant", "substep_s"),
@@ -157,9 +157,9 @@ class CloseFormationScenario(Scenario):
                     (key, "aerodynamics"),
                     "expected linear or none with model literal, found vortex",
                 )
-        yield from self._bounds_problems()
+        yield from self._bounds_flaws()
 
-    def _bounds_problems(self) -> Iterator[Problem]:
+    def _bounds_flaws(self) -> Iterator[LocatedFlaw]:
         limits = self.commands.speed_ft_s
         speeds = [row.speed_ft_s for row in self.leader.manoeuvre]
         if min(speeds) < limits.lower or max(speeds) > limits.upper:
@@ -169,7 +169,7 @@ class CloseFormationScenario(Scenario):
                 f"{max(speeds):g}; found [{limits.lower:g}, {limits.upper:g}]",
             )
 
-    def _manoeuvre_problems(self) -> Iterator[Problem]:
+    def _manoeuvre_flaws(self) -> Iterator[LocatedFlaw]:
         rows = self.leader.manoeuvre
         end, dt = rows[-1].time_s, self.prediction.dt
         if 0 < end < dt:

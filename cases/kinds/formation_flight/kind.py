@@ -5,7 +5,7 @@ from swarmstart.cases.kinds.formation_flight.animation import animate, check_wri
 from swarmstart.cases.kinds.formation_flight.figures import draw
 from swarmstart.cases.kinds.formation_flight.measures import measure
 from swarmstart.cases.kinds.formation_flight.names import MEASURES, UNDEFINED
-from swarmstart.cases.kinds.formation_flight.pose import pose, problems
+from swarmstart.cases.kinds.formation_flight.pose import flaws, pose
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 
 KIND = Kind(
@@ -14,7 +14,7 @@ KIND = Kind(
     measure=measure,
     measures=MEASURES,
     undefined=UNDEFINED,
-    problems=problems,
+    flaws=flaws,
     figures=draw,
     animate=animate,
     check_animation=check_writer,

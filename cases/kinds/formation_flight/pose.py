@@ -18,7 +18,7 @@ from swarmstart.cases.format.kind import (
     PosedAgent,
     PosedPlant,
 )
-from swarmstart.cases.format.settings import Problem
+from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.formation_flight.linear_law import terminal_set_of
 from swarmstart.cases.kinds.formation_flight.problem import (
     dynamics_of,
@@ -109,9 +109,9 @@ def pose(scenario: FormationScenario) -> PosedFormation:
     )
 
 
-def problems(scenario: FormationScenario) -> Iterator[Problem]:
+def flaws(scenario: FormationScenario) -> Iterator[LocatedFlaw]:
     """Yield what is wrong across the scenario's parts, impossible designs included."""
-    found = list(scenario.problems())
+    found = list(scenario.flaws())
     yield from found
     if found:
         return

@@ -13,11 +13,11 @@ from pydantic import Field
 from swarmstart.cases.format.settings import (
     Checks,
     GridPart,
+    LocatedFlaw,
     NonNegative,
     Number,
     Part,
     Positive,
-    Problem,
     Range,
     Scenario,
 )
@@ -25,7 +25,7 @@ from swarmstart.cases.kinds.planar import (
     PlanarState,
     Point,
     distance,
-    start_speed_problems,
+    start_speed_flaws,
 )
 from swarmstart.ocp.integrators import Integrator
 
@@ -86,9 +86,9 @@ class TerminalCost(Part):
     design: Literal["riccati", "given"]
     P: Matrix | None = None
 
-    def problems(self) -> Iterator[Problem]:
+    def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what is wrong with it."""
-        yield from _matrix_problems(self.design == "given", self.P)
+        yield from _matrix_flaws(self.design == "given", self.P)
 
 
 class Avoidance(Part):
@@ -118,9 +118,9 @@ class DualModePart(Part):
         """Whether the set is certified: the literal one never is."""
         return self.enabled and self.certify and self.design == "sampled"
 
-    def problems(self) -> Iterator[Problem]:
+    def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what is wrong with it."""
-        yield from _matrix_problems(self.design == "literal", self.P)
+        yield from _matrix_flaws(self.design == "literal", self.P)
 
 
 class PlantPart(Part):
@@ -169,20 +169,20 @@ class FormationScenario(Scenario):
         places = sorted(range(len(numbers)), key=numbers.__getitem__)
         return places if self.planning_order == "lowest_first" else places[::-1]
 
-    def problems(self) -> Iterator[Problem]:
+    def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what one part of the scenario makes wrong in another."""
-        yield from super().problems()
+        yield from super().flaws()
         for key in ("terminal_cost", "dual_mode"):
-            for path, message in getattr(self, key).problems():
+            for path, message in getattr(self, key).flaws():
                 yield (key, *path), message
-        yield from self._order_problems()
-        yield from self._place_problems()
-        yield from self._control_problems()
-        yield from self._plan_problems()
+        yield from self._order_flaws()
+        yield from self._place_flaws()
+        yield from self._control_flaws()
+        yield from self._plan_flaws()
         if self.vehicle.speed_m_s is not None:
-            yield from self._speed_problems(self.vehicle.speed_m_s)
+            yield from self._speed_flaws(self.vehicle.speed_m_s)
 
-    def _order_problems(self) -> Iterator[Problem]:
+    def _order_flaws(self) -> Iterator[LocatedFlaw]:
         numbers = self.numbers
         for place, number in enumerate(numbers):
             if number in numbers[:place]:
@@ -198,7 +198,7 @@ class FormationScenario(Scenario):
                 f"found {order}",
             )
 
-    def _place_problems(self) -> Iterator[Problem]:
+    def _place_flaws(self) -> Iterator[LocatedFlaw]:
         safe = self.avoidance.safe_distance_m
         for (i, one), (j, other) in itertools.combinations(enumerate(self.uavs), 2):
             for key in ("start", "slot"):
@@ -218,7 +218,7 @@ class FormationScenario(Scenario):
                     f"{disc.radius_m:g} m, found {apart:g} m from its centre",
                 )
 
-    def _control_problems(self) -> Iterator[Problem]:
+    def _control_flaws(self) -> Iterator[LocatedFlaw]:
         for key in ("acceleration_m_s2", "turn_rate_rad_s"):
             limits: Range = getattr(self.vehicle, key)
             if not limits.lower < 0 < limits.upper:
@@ -236,7 +236,7 @@ class FormationScenario(Scenario):
                 f"a horizon; found {len(each)}",
             )
 
-    def _plan_problems(self) -> Iterator[Problem]:
+    def _plan_flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what is wrong with plans that are given."""
         given = {i: uav.plan for i, uav in enumerate(self.uavs) if uav.plan is not None}
         if given and self.steps != 1:
@@ -260,11 +260,11 @@ class FormationScenario(Scenario):
                     f"intervals of the horizon, found {len(plan)}",
                 )
             for k, controls in enumerate(plan):
-                yield from self._bound_problems(("uavs", i, "plan", k), controls)
+                yield from self._bound_flaws(("uavs", i, "plan", k), controls)
 
-    def _bound_problems(
+    def _bound_flaws(
         self, place: tuple[str | int, ...], controls: list[float]
-    ) -> Iterator[Problem]:
+    ) -> Iterator[LocatedFlaw]:
         """Yield the controls of one interval that are out of the vehicle's bounds."""
         keys = ("acceleration_m_s2", "turn_rate_rad_s")
         for row, (key, value) in enumerate(zip(keys, controls, strict=True)):
@@ -276,7 +276,7 @@ class FormationScenario(Scenario):
                     f"{limits.upper:g}], found {value:g}",
                 )
 
-    def _speed_problems(self, limits: Range) -> Iterator[Problem]:
+    def _speed_flaws(self, limits: Range) -> Iterator[LocatedFlaw]:
         if not limits.lower < self.leader.speed_m_s < limits.upper:
             yield (
                 ("leader", "speed_m_s"),
@@ -286,10 +286,10 @@ class FormationScenario(Scenario):
             )
         for i, uav in enumerate(self.uavs):
             place = ("uavs", i, "start", "speed_m_s")
-            yield from start_speed_problems(place, uav.start.speed_m_s, limits)
+            yield from start_speed_flaws(place, uav.start.speed_m_s, limits)
 
 
-def _matrix_problems(needed: bool, P: Matrix | None) -> Iterator[Problem]:
+def _matrix_flaws(needed: bool, P: Matrix | None) -> Iterator[LocatedFlaw]:
     """Yield what is wrong with a 4 x 4 matrix that a design needs, or does not."""
     if not needed:
         return

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 
 from swarmstart.cases.format.expressions import FLOAT_OPERATIONS
-from swarmstart.cases.format.settings import Problem
+from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.model import (
     Member,
     candidate_scopes,
@@ -35,7 +35,7 @@ Attempt = tuple[Place, Callable[[], object]]
 Members = tuple[Member, ...]
 
 
-def tried(attempts: Iterable[Attempt]) -> Iterator[Problem]:
+def tried(attempts: Iterable[Attempt]) -> Iterator[LocatedFlaw]:
     """Yield the error of each attempt that fails, of a whole only if no part does."""
     failed: set[Place] = set()
     for place, attempt in attempts:

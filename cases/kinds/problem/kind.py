@@ -2,10 +2,10 @@
 
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.problem.figures import draw
+from swarmstart.cases.kinds.problem.flaws import flaws
 from swarmstart.cases.kinds.problem.measures import measure, own_measures
 from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.problem.pose import pose
-from swarmstart.cases.kinds.problem.problems import problems
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 
 KIND = Kind(
@@ -15,6 +15,6 @@ KIND = Kind(
     measures=MEASURES,
     own_measures=own_measures,
     undefined=UNDEFINED,
-    problems=problems,
+    flaws=flaws,
     figures=draw,
 )

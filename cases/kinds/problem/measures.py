@@ -23,7 +23,7 @@ from swarmstart.cases.format.expressions import (
     parse,
 )
 from swarmstart.cases.format.kind import NEVER, Flight, Measure, Posed
-from swarmstart.cases.format.settings import Problem
+from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.feasibility import found_plans, planned
 from swarmstart.cases.kinds.problem.model import planning_problem
 from swarmstart.cases.kinds.problem.names import MEASURES
@@ -116,7 +116,7 @@ def own_measures(scenario: UserScenario) -> dict[str, str]:
     }
 
 
-def measure_problems(scenario: ProblemScenario) -> Iterator[Problem]:
+def measure_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield what is wrong with the scenario's own measures."""
     owners: dict[str, Mapping[str, str]] = {"": {}}
     if scenario.vehicles is not None:
@@ -134,7 +134,7 @@ def measure_problems(scenario: ProblemScenario) -> Iterator[Problem]:
 
 def wrong_measures(
     own: Mapping[str, str], known: Mapping[str, Any]
-) -> Iterator[Problem]:
+) -> Iterator[LocatedFlaw]:
     """Yield what is wrong with own measures.
 
     Args:

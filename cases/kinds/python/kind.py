@@ -6,7 +6,7 @@ from pathlib import Path
 from swarmstart.cases.drawing.problem_figures import draw_problem
 from swarmstart.cases.format.expressions import CONSTANTS, parse
 from swarmstart.cases.format.kind import Flight, Kind, Measure, Posed
-from swarmstart.cases.format.settings import Problem
+from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.measures import (
     PATH,
     measured,
@@ -22,9 +22,9 @@ from swarmstart.ocp import Known, Trajectory
 from swarmstart.ocp.controller import known_at
 
 
-def problems(scenario: PythonScenario) -> Iterator[Problem]:
+def flaws(scenario: PythonScenario) -> Iterator[LocatedFlaw]:
     """Yield all that can be said without running the file: it alone has the names."""
-    yield from scenario.problems()
+    yield from scenario.flaws()
     for name, text in scenario.measures.items():
         used = parse(text, of_paths=True).names - CONSTANTS.keys()
         yield from wrong_measures({name: text}, dict.fromkeys(used, PATH))
@@ -71,7 +71,7 @@ KIND = Kind(
     measures=MEASURES,
     own_measures=own_measures,
     undefined=UNDEFINED,
-    problems=problems,
+    flaws=flaws,
     figures=draw,
     code=lambda scenario: scenario.problem.file,
 )

@@ -4,7 +4,7 @@ from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.reconfiguration.figures import draw
 from swarmstart.cases.kinds.reconfiguration.measures import measure
 from swarmstart.cases.kinds.reconfiguration.names import MEASURES, UNDEFINED
-from swarmstart.cases.kinds.reconfiguration.pose import pose, problems
+from swarmstart.cases.kinds.reconfiguration.pose import flaws, pose
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 
 KIND = Kind(
@@ -13,6 +13,6 @@ KIND = Kind(
     measure=measure,
     measures=MEASURES,
     undefined=UNDEFINED,
-    problems=problems,
+    flaws=flaws,
     figures=draw,
 )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.kind import Flight, Posed, PosedAgent, PosedPlant
-from swarmstart.cases.format.settings import Problem
+from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.reconfiguration.priority import (
     links_of,
     planning_order,
@@ -26,7 +26,7 @@ from swarmstart.cases.kinds.reconfiguration.problem import (
 )
 from swarmstart.cases.kinds.reconfiguration.scenario import (
     ReconfigurationScenario,
-    start_problems,
+    start_flaws,
 )
 from swarmstart.cases.kinds.reconfiguration.target import assigned_slots
 
@@ -94,16 +94,16 @@ def pose(scenario: ReconfigurationScenario) -> PosedReconfiguration:
     )
 
 
-def problems(scenario: ReconfigurationScenario) -> Iterator[Problem]:
+def flaws(scenario: ReconfigurationScenario) -> Iterator[LocatedFlaw]:
     """Yield what is wrong across the scenario's parts, starts included."""
-    found = list(scenario.problems())
+    found = list(scenario.flaws())
     yield from found
     if found:
         return
     slots, (_, far) = assigned_slots(scenario), scenario.distances.kept_m
     linked = {(min(pair), max(pair)) for pair in _links(scenario, slots)}
     for pair in itertools.combinations(range(len(slots)), 2):
-        yield from start_problems(scenario, pair, linked=pair in linked)
+        yield from start_flaws(scenario, pair, linked=pair in linked)
     for i, j in sorted(linked):
         apart = float(np.hypot(*(slots[i] - slots[j])))
         if apart > far:

@@ -13,10 +13,10 @@ from pydantic import Field
 from swarmstart.cases.format.settings import (
     Checks,
     GridPart,
+    LocatedFlaw,
     NonNegative,
     Part,
     Positive,
-    Problem,
     Range,
     Scenario,
 )
@@ -24,10 +24,10 @@ from swarmstart.cases.kinds.planar import (
     SAME_PLACE_M,
     PlanarState,
     Point,
-    bank_problems,
+    bank_flaws,
     distance,
-    speed_limit_problems,
-    start_speed_problems,
+    speed_limit_flaws,
+    start_speed_flaws,
 )
 
 MOST_JOINT = 40
@@ -45,11 +45,11 @@ class Vehicle(Part):
     turn: Literal["sin", "tan"] = "sin"
     speed_m_s: Range | None = None
 
-    def problems(self) -> Iterator[Problem]:
+    def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what is wrong with it."""
-        yield from bank_problems(self.turn, self.bank_rad)
+        yield from bank_flaws(self.turn, self.bank_rad)
         if self.speed_m_s is not None:
-            yield from speed_limit_problems(self.speed_m_s)
+            yield from speed_limit_flaws(self.speed_m_s)
 
 
 class Distances(Part):
@@ -65,7 +65,7 @@ class Distances(Part):
         """What plans keep: the limits, with the margin taken off on both sides."""
         return self.safe_m + self.margin_m, self.communication_m - self.margin_m
 
-    def problems(self) -> Iterator[Problem]:
+    def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what is wrong with them."""
         near, far = self.kept_m
         if near >= far:
@@ -89,7 +89,7 @@ class Planning(Part):
     range_m: Positive | None = None
     links: int = Field(default=1, ge=1, le=8)
 
-    def problems(self) -> Iterator[Problem]:
+    def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what is wrong with it."""
         if self.name == "priority" and self.range_m is None:
             yield (), "expected the key range_m with priority"
@@ -124,11 +124,11 @@ class ReconfigurationScenario(Scenario):
         """The leader's number from 0."""
         return self.leader_uav - 1
 
-    def problems(self) -> Iterator[Problem]:
+    def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what one part of the scenario makes wrong in another."""
-        yield from super().problems()
+        yield from super().flaws()
         for key in ("vehicle", "distances", "planning"):
-            for path, message in getattr(self, key).problems():
+            for path, message in getattr(self, key).flaws():
                 yield (key, *path), message
         if not any(self.weights):
             yield ("weights",), "expected a weight above 0, found zeros only"
@@ -139,13 +139,13 @@ class ReconfigurationScenario(Scenario):
                 f"expected priority with more than {MOST_JOINT} UAVs, found joint with "
                 f"{len(self.uavs)}",
             )
-        elif not any(self.distances.problems()):  # Else slots could not keep them.
-            yield from self._slot_problems()
-        yield from self._speed_problems()
-        yield from self._leader_problems()
-        yield from self._range_problems()
+        elif not any(self.distances.flaws()):  # Else slots could not keep them.
+            yield from self._slot_flaws()
+        yield from self._speed_flaws()
+        yield from self._leader_flaws()
+        yield from self._range_flaws()
 
-    def _slot_problems(self) -> Iterator[Problem]:
+    def _slot_flaws(self) -> Iterator[LocatedFlaw]:
         slots, uavs = len(self.slots), len(self.uavs)
         if slots != uavs:
             word = "more" if slots > uavs else "fewer"
@@ -156,7 +156,7 @@ class ReconfigurationScenario(Scenario):
             )
         near, far = self.distances.kept_m
         if self.planning.name == "priority":
-            far = math.inf  # Only linked UAVs stay within it; see build.problems.
+            far = math.inf  # Only linked UAVs stay within it; see pose.flaws.
         for i, j in itertools.combinations(range(slots), 2):
             apart = distance(self.slots[i], self.slots[j])
             if apart < SAME_PLACE_M:
@@ -166,7 +166,7 @@ class ReconfigurationScenario(Scenario):
                 for what in _out_of_range(apart, near=near, far=far):
                     yield ("slots", j), f"expected {what.format(f'slot {i + 1}')}"
 
-    def _speed_problems(self) -> Iterator[Problem]:
+    def _speed_flaws(self) -> Iterator[LocatedFlaw]:
         limits = self.vehicle.speed_m_s
         for i, uav in enumerate(self.uavs):
             place, speed = ("uavs", i, "speed_m_s"), uav.speed_m_s
@@ -177,16 +177,16 @@ class ReconfigurationScenario(Scenario):
                     f"found {speed:g}",
                 )
             elif limits is not None:
-                yield from start_speed_problems(place, speed, limits)
+                yield from start_speed_flaws(place, speed, limits)
 
-    def _leader_problems(self) -> Iterator[Problem]:
+    def _leader_flaws(self) -> Iterator[LocatedFlaw]:
         if self.leader_uav > len(self.uavs):
             yield (
                 ("leader_uav",),
                 f"expected a UAV from 1 to {len(self.uavs)}, found {self.leader_uav}",
             )
             return
-        yield from self._own_slot_problems()
+        yield from self._own_slot_flaws()
         for key, trim in (("thrust_n", self.vehicle.drag_n), ("bank_rad", 0.0)):
             limits: Range = getattr(self.vehicle, key)
             if self.leader == "straight" and not limits.lower <= trim <= limits.upper:
@@ -196,7 +196,7 @@ class ReconfigurationScenario(Scenario):
                     f"flies straight; found [{limits.lower:g}, {limits.upper:g}]",
                 )
 
-    def _own_slot_problems(self) -> Iterator[Problem]:
+    def _own_slot_flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what is wrong with the leader's slot: slots are relative to it."""
         expected = "expected the leader's own slot at (0, 0)"
         if self.assignment == "shortest":
@@ -210,7 +210,7 @@ class ReconfigurationScenario(Scenario):
                     f"{expected}, found ({slot.x_m:g}, {slot.y_m:g})",
                 )
 
-    def _range_problems(self) -> Iterator[Problem]:
+    def _range_flaws(self) -> Iterator[LocatedFlaw]:
         if self.planning.name != "priority":
             return
         if self.leader != "straight":
@@ -242,9 +242,9 @@ class ReconfigurationScenario(Scenario):
                 )
 
 
-def start_problems(
+def start_flaws(
     scenario: ReconfigurationScenario, pair: tuple[int, int], *, linked: bool
-) -> Iterator[Problem]:
+) -> Iterator[LocatedFlaw]:
     """Yield what is wrong with the distance of two starts.
 
     Args:

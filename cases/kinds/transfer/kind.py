@@ -4,7 +4,7 @@ from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.transfer.figures import draw
 from swarmstart.cases.kinds.transfer.measures import measure
 from swarmstart.cases.kinds.transfer.names import MEASURES, UNDEFINED
-from swarmstart.cases.kinds.transfer.pose import pose, problems
+from swarmstart.cases.kinds.transfer.pose import flaws, pose
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 
 KIND = Kind(
@@ -13,6 +13,6 @@ KIND = Kind(
     measure=measure,
     measures=MEASURES,
     undefined=UNDEFINED,
-    problems=problems,
+    flaws=flaws,
     figures=draw,
 )

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.kind import Flight, Posed, PosedAgent, PosedPlant
-from swarmstart.cases.format.settings import Problem, bounds_of
+from swarmstart.cases.format.settings import LocatedFlaw, bounds_of
 from swarmstart.cases.kinds.assignment import shortest_assignment
 from swarmstart.cases.kinds.models.bank_to_turn import bank_to_turn
 from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds
 from swarmstart.cases.kinds.transfer.paths import flat_paths
-from swarmstart.cases.kinds.transfer.scenario import TransferScenario, goal_problems
+from swarmstart.cases.kinds.transfer.scenario import TransferScenario, goal_flaws
 from swarmstart.ocp import (
     Bounds,
     Model,
@@ -73,11 +73,11 @@ def pose(scenario: TransferScenario) -> PosedTransfer:
     )
 
 
-def problems(scenario: TransferScenario) -> Iterator[Problem]:
+def flaws(scenario: TransferScenario) -> Iterator[LocatedFlaw]:
     """Yield what is wrong across the scenario's parts, with the place."""
-    yield from scenario.problems()
+    yield from scenario.flaws()
     for number, (x, y) in enumerate(assigned_goals(scenario)):
-        yield from goal_problems(scenario, number, (float(x), float(y)))
+        yield from goal_flaws(scenario, number, (float(x), float(y)))
 
 
 def assigned_goals(scenario: TransferScenario) -> Array:

@@ -13,10 +13,10 @@ from pydantic import Field
 from swarmstart.cases.format.settings import (
     Checks,
     GridPart,
+    LocatedFlaw,
     NonNegative,
     Part,
     Positive,
-    Problem,
     Range,
     Scenario,
 )
@@ -24,10 +24,10 @@ from swarmstart.cases.kinds.planar import (
     SAME_PLACE_M,
     PlanarState,
     Point,
-    bank_problems,
+    bank_flaws,
     distance,
-    speed_limit_problems,
-    start_speed_problems,
+    speed_limit_flaws,
+    start_speed_flaws,
 )
 
 
@@ -39,10 +39,10 @@ class Vehicle(Part):
     speed_m_s: Range
     turn: Literal["sin", "tan"] = "tan"
 
-    def problems(self) -> Iterator[Problem]:
+    def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what is wrong with it."""
-        yield from bank_problems(self.turn, self.bank_rad)
-        yield from speed_limit_problems(self.speed_m_s)
+        yield from bank_flaws(self.turn, self.bank_rad)
+        yield from speed_limit_flaws(self.speed_m_s)
 
 
 class Uav(Part):
@@ -89,24 +89,24 @@ class TransferScenario(Scenario):
     repair: bool = True
     plant: PlantPart = PlantPart()
 
-    def problems(self) -> Iterator[Problem]:
+    def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield what one part of the scenario makes wrong in another."""
-        yield from super().problems()
+        yield from super().flaws()
         if self.steps > self.prediction.intervals:
             yield (
                 ("steps",),
                 f"expected at most prediction.intervals = {self.prediction.intervals}, "
                 f"found {self.steps}",
             )
-        for path, message in self.vehicle.problems():
+        for path, message in self.vehicle.flaws():
             yield ("vehicle", *path), message
         for i, uav in enumerate(self.uavs):
             place = ("uavs", i, "start", "speed_m_s")
             speed, limits = uav.start.speed_m_s, self.vehicle.speed_m_s
-            yield from start_speed_problems(place, speed, limits)
-        yield from self._place_problems()
+            yield from start_speed_flaws(place, speed, limits)
+        yield from self._place_flaws()
 
-    def _place_problems(self) -> Iterator[Problem]:
+    def _place_flaws(self) -> Iterator[LocatedFlaw]:
         safe = self.safe_distance_m + self.margin_m
         for (i, one), (j, other) in itertools.combinations(enumerate(self.uavs), 2):
             for key in ("start", "goal"):
@@ -120,9 +120,9 @@ class TransferScenario(Scenario):
                     )
 
 
-def goal_problems(
+def goal_flaws(
     scenario: TransferScenario, number: int, goal: tuple[float, float]
-) -> Iterator[Problem]:
+) -> Iterator[LocatedFlaw]:
     """Yield what is wrong with the goal that a UAV has, its own or an assigned one.
 
     Args:

@@ -12,8 +12,8 @@ from swarmstart.cases.format.scenario import InvalidScenarioError
 from swarmstart.cases.kinds.formation_flight.pose import (
     FormationFlight,
     NoTerminalSetError,
+    flaws,
     leader_positions,
-    problems,
 )
 from swarmstart.cases.kinds.formation_flight.problem import slot_states
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
@@ -180,13 +180,13 @@ def test_the_literal_terminal_cost_is_the_printed_one(literal: FormationFlight) 
 def test_a_design_that_is_impossible_is_a_problem_with_its_place(
     make: Make, scenario: FormationScenario
 ) -> None:
-    assert list(problems(scenario)) == []
+    assert list(flaws(scenario)) == []
     standing = scenario.model_copy(
         update={
             "leader": scenario.leader.model_copy(update={"speed_m_s": 0.0}),
             "vehicle": scenario.vehicle.model_copy(update={"speed_m_s": None}),
         }
     )
-    ((path, what),) = problems(standing)
+    ((path, what),) = flaws(standing)
     assert path == ("weights",)
     assert "cannot be stabilised" in str(what)

@@ -13,7 +13,7 @@ from swarmstart.cases.format.scenario import (
     resolve,
     shipped,
 )
-from swarmstart.cases.kinds.reconfiguration.pose import problems
+from swarmstart.cases.kinds.reconfiguration.pose import flaws
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import slots_at, uavs_at
 
 if TYPE_CHECKING:
@@ -224,7 +224,7 @@ def test_starts_and_slots_at_the_very_limits_are_allowed(make: Make) -> None:
     rows = [(2, 0, 0, 25), (2, 0, 0, 20), (2, 0, 0, 0), (2, 0, 0, -20), (2, 0, 0, -25)]
     slots = [(0, y) for _, _, _, y in rows]
     scenario = make(uavs_at(rows), slots_at(slots), "assignment=shortest")
-    assert not list(problems(scenario))
+    assert not list(flaws(scenario))
 
 
 def test_in_priority_only_links_keep_the_communication_distance(make: Make) -> None:
@@ -232,7 +232,7 @@ def test_in_priority_only_links_keep_the_communication_distance(make: Make) -> N
     column = [(0, y) for y in (60, 30, 0, -30, -60)]
     apart = [(10.0, 0, *place) for place in column]
     posed = (*FOLLOWING, slots_at(column), uavs_at(apart))
-    assert not list(problems(make(*posed, variant="corrected")))
+    assert not list(flaws(make(*posed, variant="corrected")))
     apart[4] = (10.0, 0, 0, -81)  # linked to the fourth, 51 m from it
     assert complaints(*posed[:-1], uavs_at(apart)) == [
         ("--set uavs", f"{FAR_START} 4, found 51 m")

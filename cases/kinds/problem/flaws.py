@@ -10,10 +10,10 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
 import casadi as ca
 
-from swarmstart.cases.format.settings import Problem
+from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem import attempts
 from swarmstart.cases.kinds.problem.attempts import Place, tried
-from swarmstart.cases.kinds.problem.measures import measure_problems
+from swarmstart.cases.kinds.problem.measures import measure_flaws
 from swarmstart.cases.kinds.problem.model import (
     Member,
     members_of,
@@ -30,15 +30,15 @@ MOST_OPERATIONS = 40_000
 _NAMED = ("constants", "parameters", "signals", "definitions", "states", "controls")
 
 
-def problems(scenario: ProblemScenario) -> Iterator[Problem]:
+def flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield what is wrong; a later stage only if the earlier ones are right."""
-    stages: list[Callable[[ProblemScenario], Iterable[Problem]]] = [
+    stages: list[Callable[[ProblemScenario], Iterable[LocatedFlaw]]] = [
         _of_parts,
         lambda s: tried(attempts.constants(s)),
         lambda s: tried(attempts.definitions(s)),
         lambda s: tried(attempts.expressions(s)),
         _of_numbers,
-        measure_problems,
+        measure_flaws,
         lambda s: tried([((), lambda: _whole(s))]),
         _of_size,
     ]
@@ -56,7 +56,7 @@ def _whole(scenario: ProblemScenario) -> OptimalControlProblem:
     return planning_problem(scenario, members[:1] if one_by_one else members)
 
 
-def _of_size(scenario: ProblemScenario) -> Iterator[Problem]:
+def _of_size(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield that an interval, which is one expression, would take minutes to build."""
     problem, grid = _whole(scenario), scenario.prediction
     symbols = [*problem.symbols().values()]
@@ -72,9 +72,9 @@ def _of_size(scenario: ProblemScenario) -> Iterator[Problem]:
         )
 
 
-def _of_parts(scenario: ProblemScenario) -> Iterator[Problem]:
+def _of_parts(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield names given twice or to nothing, and parts that do not go together."""
-    yield from scenario.problems()
+    yield from scenario.flaws()
     yield from _names_given_twice(scenario)
     for place, given, known, what in _mappings(scenario):
         for name in given:
@@ -85,7 +85,7 @@ def _of_parts(scenario: ProblemScenario) -> Iterator[Problem]:
     yield from _of_feedback(scenario)
 
 
-def _names_given_twice(scenario: ProblemScenario) -> Iterator[Problem]:
+def _names_given_twice(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     seen: dict[str, str] = {}
     for part in _NAMED:
         for name in getattr(scenario, part):
@@ -119,7 +119,7 @@ def _vehicles(scenario: ProblemScenario) -> list[Vehicle]:
     return scenario.vehicles.members if scenario.vehicles else []
 
 
-def _missing_keys(scenario: ProblemScenario) -> Iterator[Problem]:
+def _missing_keys(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield keys that other parts of the scenario make necessary."""
     if not {"stage_cost", "terminal_cost"} & scenario.model_fields_set:
         yield (), "expected stage_cost, terminal_cost or both; found neither"
@@ -141,7 +141,7 @@ def _missing_keys(scenario: ProblemScenario) -> Iterator[Problem]:
         yield from ((place, f"expected the key {n!r}") for n in names if n not in given)
 
 
-def _of_vehicles(scenario: ProblemScenario) -> Iterator[Problem]:
+def _of_vehicles(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     names = [vehicle.name for vehicle in _vehicles(scenario)]
     for index, name in enumerate(names):
         if name in names[:index]:
@@ -156,7 +156,7 @@ def _of_vehicles(scenario: ProblemScenario) -> Iterator[Problem]:
             yield where, _unknown(text, scenario.states, "state")
 
 
-def _of_feedback(scenario: ProblemScenario) -> Iterator[Problem]:
+def _of_feedback(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield what does not go with one plan that is flown to its end."""
     if scenario.feedback.law != "open_loop":
         return
@@ -181,7 +181,7 @@ def _unknown(name: str, known: Collection[str], what: str) -> str:
     return f"expected a {what}, found {name!r}; {hint}"
 
 
-def _of_numbers(scenario: ProblemScenario) -> Iterator[Problem]:
+def _of_numbers(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield starts and bounds that are invalid, or do not fit each other; once each."""
     seen: set[Place] = set()
     for member in members_of(scenario, shared_of(scenario)):
@@ -191,7 +191,7 @@ def _of_numbers(scenario: ProblemScenario) -> Iterator[Problem]:
                 yield place, what
 
 
-def _of_member(scenario: ProblemScenario, member: Member) -> Iterator[Problem]:
+def _of_member(scenario: ProblemScenario, member: Member) -> Iterator[LocatedFlaw]:
     is_searched = scenario.search.name != "none"
     starts = dict(zip(scenario.states, member.start, strict=True))
     for part in ("states", "controls"):
