@@ -30,7 +30,7 @@ from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_space import Start
 
 Array = NDArray[np.float64]
-Reference = Callable[[Array], Array]
+ReferenceSignals = Callable[[Array], Array]
 """Absolute times (n,) [s] -> known signals (nr, n)."""
 
 
@@ -97,7 +97,7 @@ class Controller(Protocol):
 def known_at(
     problem: OptimalControlProblem,
     time: float,
-    reference: Reference | None,
+    reference: ReferenceSignals | None,
     parameters: Callable[[float], Array] | None,
     seen: tuple[Array, ...] = (),
 ) -> Known:
@@ -128,7 +128,7 @@ class RecedingHorizon:
     """
 
     planner: Planner
-    reference: Reference | None = None
+    reference: ReferenceSignals | None = None
     parameters: Callable[[float], Array] | None = None
     candidates: Callable[[float], Array] | None = None
     append: Appended = "zero"

@@ -34,7 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.controller import Decision, RecedingHorizon, Reference
+from swarmstart.ocp.controller import Decision, RecedingHorizon, ReferenceSignals
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.guess import shifted_controls
@@ -66,7 +66,7 @@ class LocalAgent:
 
     parameters: ArrayLike
     links: tuple[int, ...] = ()
-    reference: Reference | None = None
+    reference: ReferenceSignals | None = None
     candidates: Array | None = None
     held: Array | None = None
 

@@ -376,7 +376,9 @@ def _status_of_plans(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str
     """
     if flight.posed.open_loop:
         answer = flight.answer(trajectory)
-        said = f"flown to the end; the plan is {answer.status.value}"
+        said = f"simulated to the end; the plan is {answer.status.value}"
+        if flight.posed.plant.differs:
+            said += ", for the model it was made with: the simulated system is another"
         if answer.status.is_confirmed:
             return said, True
         return f"{said}: {answer.reason}; {answer.advice}", False
@@ -384,11 +386,12 @@ def _status_of_plans(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str
     infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
     if not infeasible:
         law = f", {linear} steps under the linear law" if linear else ""
-        return f"flown to the end; every planned step found a feasible plan{law}", True
+        said = "simulated to the end; every planned step found a feasible plan"
+        return said + law, True
     if infeasible == len(found):
-        return "flown to the end; no step found a feasible plan", False
+        return "simulated to the end; no step found a feasible plan", False
     return (
-        f"flown to the end; {infeasible} of {len(found)} planned steps found no "
+        f"simulated to the end; {infeasible} of {len(found)} planned steps found no "
         "feasible plan",
         True,
     )

@@ -25,7 +25,7 @@ from swarmstart.ocp import (
     TrajectoryFamily,
     verified,
 )
-from swarmstart.ocp.controller import Reference
+from swarmstart.ocp.controller import ReferenceSignals
 from swarmstart.ocp.guess import Appended
 from swarmstart.terminal_set import TerminalSet
 
@@ -60,7 +60,7 @@ class PosedAgent:
 
     problem: OptimalControlProblem
     family: TrajectoryFamily | None = None
-    reference: Reference | None = None
+    reference: ReferenceSignals | None = None
     parameters: Callable[[float], Array] | None = None
     candidates: Callable[[float], Array] | None = None
     append: Appended = "zero"
@@ -79,11 +79,13 @@ class PosedPlant:
         model: The model.
         substeps: Steps of the integrator in a control interval.
         parameters: Times (n,) [s] -> the model's parameters (np, n); None: none.
+        differs: Whether it is another system than the planning problems', on purpose.
     """
 
     model: Model
     substeps: int
     parameters: Callable[[Array], Array] | None = None
+    differs: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

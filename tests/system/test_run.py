@@ -215,7 +215,7 @@ def test_fail_on_leaves_with_3_where_it_holds(
         *("--fail-on", condition, "--json"),
     )
     assert said.code == code
-    assert json.loads(said.out)["status"].startswith("flown to the end")
+    assert json.loads(said.out)["status"].startswith("simulated to the end")
     if code:
         assert said.err.startswith("swarmstart: gate failed: ")
         assert condition.split(maxsplit=1)[0] in said.err
@@ -258,7 +258,7 @@ def test_no_feasible_plan_at_any_step_leaves_with_4(
     )
     told = json.loads(said.out)
     assert said.code == 4
-    assert told["status"] == "flown to the end; no step found a feasible plan"
+    assert told["status"] == "simulated to the end; no step found a feasible plan"
     assert told["measures"]["infeasible_steps"] == 2
 
 

@@ -211,6 +211,7 @@ def _plant(
         parameters=(lambda times: np.stack([row(times) for row in rows]))
         if rows
         else None,
+        differs=bool(part.parameters or part.disturbance),
     )
 
 

@@ -12,7 +12,7 @@ from swarmstart.cases.kinds.problem.symbols import TIME
 from swarmstart.cases.kinds.python.code import UserCodeError, returned
 from swarmstart.cases.kinds.python.scenario import PythonScenario
 from swarmstart.ocp import Known, Model, OptimalControlProblem
-from swarmstart.ocp.controller import Reference
+from swarmstart.ocp.controller import ReferenceSignals
 
 Array = NDArray[np.float64]
 MOST_INTERVALS = 10_000
@@ -77,7 +77,9 @@ def names_of(model: Model) -> tuple[str, ...]:
     return (TIME, *model.state_names, *model.control_names)
 
 
-def _reference(problem: OptimalControlProblem, signals: Array) -> Reference | None:
+def _reference(
+    problem: OptimalControlProblem, signals: Array
+) -> ReferenceSignals | None:
     """Return signals at absolute times; the last value is held after the horizon."""
     if not len(signals):
         return None

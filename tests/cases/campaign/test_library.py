@@ -47,7 +47,7 @@ def test_a_run_of_the_library_is_that_of_the_command() -> None:
     }
     assert found.resolved.settings == expected.resolved.settings
     assert told[-1] == (2, 2, "flying")
-    assert repr(found).startswith("Run of formation_v, seed 3: flown to the end")
+    assert repr(found).startswith("Run of formation_v, seed 3: simulated to the end")
 
 
 def test_a_run_is_recorded_where_it_is_asked_to_be_and_loaded_again(

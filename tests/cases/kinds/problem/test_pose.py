@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.cases.campaign.run import run
 from swarmstart.cases.kinds.problem.pose import ProblemPosed, pose
 from swarmstart.ocp import Start
-from swarmstart.tests.cases.kinds.problem.conftest import scenario_of, simulated
+from swarmstart.tests.cases.kinds.problem.conftest import (
+    PENDULUM,
+    scenario_of,
+    simulated,
+    stated,
+)
 
 Array = NDArray[np.float64]
 MOVED = """\
@@ -299,3 +305,11 @@ def test_a_dual_mode_has_the_weights_and_the_reference_of_the_file() -> None:
 def test_vehicles_that_plan_alone_have_a_set_and_a_certificate_each() -> None:
     more = "vehicles: {planning: priority, members: [{name: a}, {name: b}]}\n"
     assert [*posed(DUAL + more).documents] == ["certificate.json", "certificate1.json"]
+
+
+def test_a_plan_for_another_system_than_the_simulated_one_is_said_to_be_one() -> None:
+    short = PENDULUM + "budget: {evaluations: 500}\n"
+    pushed = stated(short + "plant: {disturbance: {speed: 1}}")
+    assert "the simulated system is another" in run(pushed, seed=0).status
+    alone = stated(short)
+    assert "another" not in run(alone, seed=0).status
