@@ -95,6 +95,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Bounds as Bounds,
         Connection as Connection,
         Decision as Decision,
+        DivergedError as DivergedError,
         DualMode as DualMode,
         Fitness as Fitness,
         InvalidProblemError as InvalidProblemError,
@@ -122,6 +123,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         SolveError as SolveError,
         SolveInterrupted as SolveInterrupted,
         Source as Source,
+        Start as Start,
         Step as Step,
         SteppedPlant as SteppedPlant,
         Team as Team,
@@ -199,14 +201,14 @@ _NAMES = {
         static_penalty
     """,
     "swarmstart.ocp": """
-        Agent BackendWarning Bounds Connection Decision DualMode Fitness
+        Agent BackendWarning Bounds Connection Decision DivergedError DualMode Fitness
         InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Mode Model
         NlpOptions OpenLoop OptimalControlProblem PathConstraint Plan Planner
         PlanningInterrupted Plant PolishStatus RecedingHorizon SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError
-        SolveInterrupted Source Step SteppedPlant Team TerminalConstraint Trajectory
-        TrajectoryFamily UncertifiedSetError compile_batch disc fly interpolate
-        multistart simulate solve stack_models terminal_set_of
+        SolveInterrupted Source Start Step SteppedPlant Team TerminalConstraint
+        Trajectory TrajectoryFamily UncertifiedSetError compile_batch disc fly
+        interpolate multistart simulate solve stack_models terminal_set_of
     """,
     "swarmstart.terminal_set": """
         AsymmetricMatrixError Certificate CoarseHoldError

@@ -24,6 +24,7 @@ from swarmstart.ocp.polish_options import (
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 from swarmstart.ocp.search_settings import SearchGiven, search_settings
+from swarmstart.ocp.search_space import Start
 from swarmstart.ocp.solution import Solution, verified
 
 Array = NDArray[np.float64]
@@ -52,7 +53,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     budget: Budget | int | None = None,
     order: Order | None = None,
     polish: PolishGiven = "ipopt",
-    guess: ArrayLike | None = None,
+    guess: ArrayLike | Start | None = None,
     known: Known = NOTHING,
     start: StartRule = "must hold",
     repair: bool = False,
@@ -76,7 +77,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             the problem's tolerance.
         polish: "ipopt" or True, the name of another NLP solver of CasADi, options of
             one; None, False or "none" means no polish.
-        guess: Controls to start from, shape (nu, N); None means none is known.
+        guess: Controls to start from, shape (nu, N), or a Start, which has states for
+            the polish as well; None means none is known.
         known: Parameters and signals, where the problem has any.
         start: Whether x0 must be inside the bounds of the states and the path
             constraints ("must hold"), or "may violate" them, which the status says.
@@ -116,12 +118,12 @@ def solve(  # noqa: PLR0913 - the whole way in one call
                 f"constraints: {'; '.join(map(str, outside))} (start='may violate' "
                 "allows it)"
             )
-        controls = None if guess is None else _controls(guess)
+        start_at = None if guess is None else _start(guess)
         solution = _solved(
             planner,
             x0,
             known,
-            guess=controls,
+            guess=start_at,
             repair=repair,
             rng=rng,
             progress=progress,
@@ -134,7 +136,7 @@ def _solved(  # noqa: PLR0913 - what solve was given, checked
     x0: ArrayLike,
     known: Known,
     *,
-    guess: Array | None,
+    guess: Array | Start | None,
     repair: bool,
     rng: np.random.Generator,
     progress: ProgressCallback,
@@ -184,12 +186,14 @@ def polish_options(polish: PolishGiven) -> PolishOptions | None:
     return polish
 
 
-def _controls(guess: ArrayLike) -> Array:
-    """Return a guess as an array; a vector is one row.
+def _start(guess: ArrayLike | Start) -> Array | Start:
+    """Return a guess with its controls as an array; a vector is one row.
 
     Raises:
         InvalidProblemError: If it holds no numbers.
     """
+    if isinstance(guess, Start):
+        return guess
     try:
         controls = np.array(guess, dtype=np.float64)
     except (TypeError, ValueError) as error:

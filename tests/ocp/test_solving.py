@@ -18,6 +18,7 @@ from swarmstart.ocp import (
     OptimalControlProblem,
     SolutionStatus,
     Source,
+    Start,
     solve,
 )
 
@@ -163,3 +164,29 @@ def test_guess_is_where_the_polish_starts(passing_side: Posed) -> None:
 def test_refuses_to_solve_with_nothing(lq: OptimalControlProblem) -> None:
     with pytest.raises(InvalidProblemError, match="a search, a polish or both"):
         solve(lq, [0, 0], search=None, polish=None, rng=np.random.default_rng(0))
+
+
+def test_a_guess_of_states_leads_the_polish_where_controls_do_not() -> None:
+    """Zero controls never leave a pendulum that hangs: their path is stationary."""
+    angle, speed, torque = (ca.SX.sym(name) for name in ("angle", "speed", "torque"))
+    problem = OptimalControlProblem(
+        Model(
+            states=ca.vertcat(angle, speed),
+            controls=torque,
+            ode=ca.vertcat(speed, torque - 9.81 * ca.sin(angle)),
+        ),
+        horizon=3.0,
+        intervals=50,
+        stage_cost=torque**2,
+        bounds=Bounds(controls=(-8.0, 8.0)),
+        terminal=[ca.vertcat(ca.cos(angle) + 1, speed)],
+    )
+    controls = np.zeros((1, 50))
+    turns = [np.linspace(0, way * np.pi, 51) for way in (1, -1)]
+    ends = []
+    for turn in turns:
+        start = Start(controls, np.stack([turn, np.gradient(turn, 3 / 50)]))
+        answer = solve(problem, np.zeros(2), search=None, guess=start, seed=0)
+        assert answer.status.is_confirmed
+        ends.append(float(answer.states[0, -1]))
+    assert ends == pytest.approx([np.pi, -np.pi], abs=1e-3)
