@@ -8,13 +8,15 @@ from functools import partial
 
 from swarmstart.cases.format.expressions import FLOAT_OPERATIONS
 from swarmstart.cases.format.settings import LocatedFlaw
-from swarmstart.cases.kinds.problem.model import (
+from swarmstart.cases.kinds.problem.constraints import (
+    path_constraint,
+    terminal_constraint,
+)
+from swarmstart.cases.kinds.problem.members import (
     Member,
     candidate_scopes,
     members_of,
-    path_constraint,
     shared_of,
-    terminal_constraint,
 )
 from swarmstart.cases.kinds.problem.scenario import (
     Constraint,
@@ -23,11 +25,7 @@ from swarmstart.cases.kinds.problem.scenario import (
     OverTime,
     ProblemScenario,
 )
-from swarmstart.cases.kinds.problem.symbols import (
-    constants_of,
-    number,
-    over_time,
-)
+from swarmstart.cases.kinds.problem.symbols import constants_of, number, over_time
 from swarmstart.errors import SwarmstartError
 
 Place = tuple[str | int, ...]

@@ -14,12 +14,8 @@ from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem import attempts
 from swarmstart.cases.kinds.problem.attempts import Place, tried
 from swarmstart.cases.kinds.problem.measures import measure_flaws
-from swarmstart.cases.kinds.problem.model import (
-    Member,
-    members_of,
-    planning_problem,
-    shared_of,
-)
+from swarmstart.cases.kinds.problem.members import Member, members_of, shared_of
+from swarmstart.cases.kinds.problem.model import planning_problem
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario, Vehicle
 from swarmstart.cases.kinds.problem.symbols import RESERVED, limits
 from swarmstart.errors import SwarmstartError

@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.format.expressions import FLOAT_OPERATIONS
 from swarmstart.cases.format.kind import LinearLaws, Posed, PosedAgent, PosedPlant
-from swarmstart.cases.kinds.problem.model import (
+from swarmstart.cases.kinds.problem.members import (
     Member,
     candidate_scopes,
     members_of,
+    shared_of,
+)
+from swarmstart.cases.kinds.problem.model import (
     model_of,
     planning_problem,
     positions_of,
-    shared_of,
 )
 from swarmstart.cases.kinds.problem.scenario import (
     DualMode,
@@ -30,12 +32,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     over_time,
     rows_over_time,
 )
-from swarmstart.ocp import (
-    OptimalControlProblem,
-    Start,
-    terminal_set_of,
-    zero_controls,
-)
+from swarmstart.ocp import OptimalControlProblem, Start, terminal_set_of, zero_controls
 from swarmstart.terminal_set import TerminalSet, Weights, certificate_text
 
 Array = NDArray[np.float64]

@@ -5,12 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.cases.kinds.problem.model import (
-    members_of,
-    model_of,
-    planning_problem,
-    shared_of,
-)
+from swarmstart.cases.kinds.problem.members import members_of, shared_of
+from swarmstart.cases.kinds.problem.model import model_of, planning_problem
 from swarmstart.ocp import Model, OptimalControlProblem
 from swarmstart.tests.cases.kinds.problem.conftest import scenario_of, simulated
 

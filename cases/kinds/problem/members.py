@@ -1,0 +1,186 @@
+"""The vehicles of a problem, with their symbols, and what may stand where.
+
+Without `vehicles` there is one, without a name. All share parameters and signals.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.expressions import parse
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario, Vehicle
+from swarmstart.cases.kinds.problem.symbols import (
+    TIME,
+    Scope,
+    constants_of,
+    number,
+    over_time,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Shared:
+    """Symbols that all vehicles share.
+
+    Attributes:
+        parameters: Name -> symbol.
+        signals: Name -> symbol.
+    """
+
+    parameters: Mapping[str, ca.SX]
+    signals: Mapping[str, ca.SX]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Member:
+    """A vehicle with its symbols; without `vehicles` there is one, without a name.
+
+    Attributes:
+        suffix: Follows the names of its states and controls in the results.
+        constants: Name -> number.
+        start: Its states at the start, shape (nx,).
+        states: Name -> symbol.
+        controls: Name -> symbol.
+        shared: Symbols of all.
+        scopes: Where an expression stands -> the names that it may use.
+    """
+
+    suffix: str
+    constants: Mapping[str, float]
+    start: Array
+    states: Mapping[str, ca.SX]
+    controls: Mapping[str, ca.SX]
+    shared: Shared
+    scopes: Mapping[str, Scope]
+
+    def titled(self, names: Mapping[str, object]) -> tuple[str, ...]:
+        """Return names with its suffix."""
+        return tuple(f"{name}{self.suffix}" for name in names)
+
+
+def shared_of(scenario: ProblemScenario) -> Shared:
+    """Return new symbols for parameters and signals."""
+    return Shared(
+        parameters=_symbols(scenario.parameters), signals=_symbols(scenario.signals)
+    )
+
+
+def members_of(scenario: ProblemScenario, shared: Shared) -> tuple[Member, ...]:
+    """Return the vehicles with symbols of their own.
+
+    Raises:
+        ExpressionError: If an expression has no value.
+    """
+    if scenario.vehicles is None:
+        return (_member(scenario, shared, None),)
+    return tuple(_member(scenario, shared, one) for one in scenario.vehicles.members)
+
+
+def candidate_scopes(
+    scenario: ProblemScenario,
+    members: Sequence[Member],
+    constants: Mapping[str, float],
+    time: float,
+) -> list[Scope]:
+    """Return the names that candidates may use, with their values at a time [s].
+
+    Args:
+        scenario: The scenario.
+        members: Those that are planned together.
+        constants: The file's, as numbers.
+        time: When the plan is made.
+    """
+    values = {
+        name: float(over_time(given, constants)(np.array([time]))[0])
+        for name, given in scenario.parameters.items()
+    }
+    return [
+        Scope({**m.constants, **values, TIME: time}, {}, "candidates") for m in members
+    ]
+
+
+def column_of(entries: Any) -> ca.SX:
+    """Return symbols as one column, of no rows if there are none."""
+    return ca.vertcat(ca.SX(0, 1), *entries)
+
+
+def _member(
+    scenario: ProblemScenario, shared: Shared, vehicle: Vehicle | None
+) -> Member:
+    suffix = "" if vehicle is None else f"_{vehicle.name}"
+    constants = constants_of(scenario, vehicle.constants if vehicle else None)
+    given = vehicle.start if vehicle else {}
+    start = [
+        number(given.get(name, state.start or "0"), constants)
+        for name, state in scenario.states.items()
+    ]
+    states = _symbols(scenario.states, suffix)
+    controls = _symbols(scenario.controls, suffix)
+    return Member(
+        suffix=suffix,
+        constants=constants,
+        start=np.array(start),
+        states=states,
+        controls=controls,
+        shared=shared,
+        scopes=_scopes(scenario, shared, constants, (states, controls)),
+    )
+
+
+def _symbols(names: Mapping[str, object], suffix: str = "") -> dict[str, ca.SX]:
+    return {name: ca.SX.sym(f"{name}{suffix}") for name in names}
+
+
+def _scopes(
+    scenario: ProblemScenario,
+    shared: Shared,
+    constants: Mapping[str, float],
+    own: tuple[Mapping[str, ca.SX], Mapping[str, ca.SX]],
+) -> dict[str, Scope]:
+    """Return what may stand where: rates know no signals, ends no controls.
+
+    A definition may stand where all that it uses may.
+    """
+    states, controls = own
+    roles: dict[str, Mapping[str, Any]] = {
+        "constant": constants,
+        "state": states,
+        "control": controls,
+        "parameter": shared.parameters,
+        "signal": shared.signals,
+    }
+    kinds = {name: role for role, names in roles.items() for name in names}
+    barred = {
+        "rate": ("signal",),
+        "stage_cost": (),
+        "path": (),
+        "terminal_cost": ("control",),
+        "terminal": ("control",),
+    }
+    everything = {name: v for names in roles.values() for name, v in names.items()}
+    uses: dict[str, frozenset[str]] = {n: frozenset({k}) for n, k in kinds.items()}
+    for name, text in scenario.definitions.items():
+        scope = Scope(everything, {}, "a definition")
+        everything = {**everything, name: scope.symbol(text)}
+        of_parts = [uses.get(part, frozenset()) for part in parse(text).names]
+        uses[name] = frozenset().union(*of_parts)
+    return {
+        place: Scope(
+            {n: v for n, v in everything.items() if not uses[n] & {*without}},
+            {n: _said(n, uses[n] & {*without}, kinds) for n in everything},
+            place,
+        )
+        for place, without in barred.items()
+    }
+
+
+def _said(name: str, roles: frozenset[str], kinds: Mapping[str, str]) -> str:
+    """Return what a name is, in words, where it may not stand."""
+    role = next(iter(sorted(roles)), "")
+    return role if name in kinds else f"definition with a {role}"
