@@ -521,17 +521,21 @@ problem = ss.OptimalControlProblem(
     terminal=[x - ca.vertcat(np.pi, np.pi, 0, 0)], substeps=10,
 )
 import swarmstart.ocp.{module} as module
-whole = module.{name}
+whole, evaluated = module.{name}, threading.Event()
+def progress(done, of, what):
+    if done:
+        evaluated.set()
 def told(*arguments, **options):
     def kill():
-        time.sleep(3.0 if "{name}" == "minimize" else 0.3)
+        evaluated.wait(60)
+        time.sleep(0.3)
         print("sent", time.time(), flush=True)
         os.kill(os.getpid(), signal.SIGINT)
     threading.Thread(target=kill).start()
     return whole(*arguments, **options)
 module.{name} = told
 try:
-    ss.solve(problem, [0, 0, 0, 0], budget={budget}, seed=0)
+    ss.solve(problem, [0, 0, 0, 0], budget={budget}, seed=0, progress=progress)
 except KeyboardInterrupt as stopped:
     print("caught", time.time(), flush=True)
     partial = stopped.partial
