@@ -1,40 +1,44 @@
-"""The first plan of a record, as a guess for another run."""
+"""The first plan of a record, or a saved solution, as a guess for another run."""
 
 from pathlib import Path
 
 import numpy as np
 
+from swarmstart.cases.record.files import read_arrays
+from swarmstart.cases.record.partial import UNREADABLE
 from swarmstart.cases.record.record import TRAJECTORY
+from swarmstart.cases.record.results import SOLUTION
 
 LARGEST_FILE = 100 * 2**20
-"""Bytes of a trajectory that is read."""
+"""Bytes of a file that is read."""
 
 
 def recorded_plan(folder: object) -> tuple[list[float], list[list[float]]]:
     """Return the beginnings of the intervals [s] and a row for each control.
 
     Args:
-        folder: The folder of a run of one problem.
+        folder: The folder of a run of one problem, or of a saved Solution.
 
     Raises:
         ValueError: If there is no plan to be read, with the reason.
     """
     if not isinstance(folder, str):
         raise ValueError(f"expected guess.record to be a folder, found {folder!r}")
-    file = Path(folder) / TRAJECTORY
+    saved, flown = Path(folder) / SOLUTION, Path(folder) / TRAJECTORY
+    file = saved if saved.exists() else flown
     try:
         if file.stat().st_size > LARGEST_FILE:
             raise ValueError("the file is too large")
-        with np.load(file, allow_pickle=False) as arrays:
-            times, plans = arrays["times"], arrays["plan_controls"]
-        controls = np.asarray(plans[0, 0], dtype=np.float64)
-        dt = float(times[1] - times[0])
-    except (OSError, ValueError, LookupError, TypeError, EOFError) as error:
+        arrays = read_arrays(file)
+        plan = arrays["controls"] if file == saved else arrays["plan_controls"][0, 0]
+        rows = np.atleast_2d(np.asarray(plan, dtype=np.float64))
+        steps = arrays["controls"].shape[1]
+        dt = float(arrays["times"][-1] - arrays["times"][0]) / steps
+    except (*UNREADABLE, ArithmeticError) as error:
         raise ValueError(
             f"expected guess.record to be the folder of a run, found {folder!r}: "
             f"{error}"
         ) from None
-    rows = np.atleast_2d(controls)
-    if not (np.isfinite(rows).all() and dt > 0):
+    if not (np.isfinite(rows).all() and 0 < dt < np.inf):
         raise ValueError(f"expected a plan of finite numbers in {folder!r}")
     return (dt * np.arange(rows.shape[1])).tolist(), rows.tolist()
