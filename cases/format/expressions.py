@@ -362,6 +362,8 @@ def _check_tokens(text: str, start: int, end: int, allowed: re.Pattern[str]) -> 
     """Refuse every character and number that no allowed expression holds."""
     while start < end:
         token = allowed.match(text, start, end)
+        if token is None and text[start] == "^":
+            raise ExpressionError("expected ** for a power, found '^'", text, start + 1)
         if token is None:
             found = ascii(text[start : min(end, start + 12)])
             what = f"expected an expression, found {found}; allowed are {_ALLOWED}"

@@ -227,6 +227,7 @@ def test_failure_of_the_parser_is_an_expression_error(
         ("2*(1 +", 3, "expected a complete expression, found: '(' was never closed"),
         ("  1 +", 6, "expected a complete expression"),
         ("1 + atan2(1)", 5, "expected atan2 with 2 plain argument(s), found 1"),
+        ("2^3", 2, "expected ** for a power"),
         ("", 1, "expected an expression, found nothing"),
     ],
 )
