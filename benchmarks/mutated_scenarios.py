@@ -45,6 +45,8 @@ from swarmstart.errors import SwarmstartError
 
 LIMIT_S = 180
 """A proof of a terminal set gives up after a minute, and there may be two."""
+STEPS = 2
+"""Of a run."""
 MEMORY = 8 << 30
 """Address space of the process [B], so that what asks for more is refused."""
 NUMBERS = (
@@ -385,11 +387,11 @@ def assay(
     counted[f"{'checked' if to_check else 'resolved'}: {code}"] += 1
     if wrong or code != DONE or not (to_check and to_run):
         return [f"checking: {wrong}"] if wrong else []
-    few = ("--set", "steps=2")
+    is_long = resolve(read_document(str(file))).scenario.steps > STEPS
     run = (
         *("run", file, "--quiet", "--out", place / "run"),
         *("--set", "budget={evaluations: 200}", "--set", "ipopt.max_iterations=5"),
-        *(few if re.search("steps:|receding_horizon", text) else ()),
+        *(("--set", f"steps={STEPS}") if is_long else ()),
     )
     code, wrong = judged(lambda: told(*run), (DONE, GATE, INFEASIBLE, FILE))
     counted[f"run: {code}"] += 1
