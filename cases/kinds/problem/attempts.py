@@ -6,7 +6,6 @@ An attempt is a place in the scenario and a call that raises what is wrong there
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 
-from swarmstart.cases.format.expressions import FLOAT_OPERATIONS
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.constraints import (
     path_constraint,
@@ -147,7 +146,7 @@ def _candidate(
     scenario: ProblemScenario, members: Members, text: str
 ) -> Callable[[], object]:
     scopes = partial(candidate_scopes, scenario, members, constants_of(scenario))
-    return lambda: [scope.value(text, FLOAT_OPERATIONS) for scope in scopes(0.0)]
+    return lambda: [scope.number(text) for scope in scopes(0.0)]
 
 
 def _in_all(members: Members, place: str, text: str) -> Callable[[], object]:

@@ -35,8 +35,7 @@ def flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         lambda s: tried(attempts.expressions(s)),
         _of_numbers,
         measure_flaws,
-        lambda s: tried([((), lambda: _whole(s))]),
-        _of_size,
+        _of_whole,
     ]
     for stage in stages:
         found = list(stage(scenario))
@@ -52,10 +51,17 @@ def _whole(scenario: ProblemScenario) -> OptimalControlProblem:
     return planning_problem(scenario, members[:1] if one_by_one else members)
 
 
-def _of_size(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield that an interval, which is one expression, would take minutes to build."""
-    problem, grid = _whole(scenario), scenario.prediction
-    symbols = [*problem.symbols().values()]
+def _of_whole(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield that there is no such problem, or that it would take minutes to build.
+
+    An interval is one expression.
+    """
+    try:
+        problem = _whole(scenario)
+    except SwarmstartError as error:
+        yield (), error
+        return
+    grid, symbols = scenario.prediction, [*problem.symbols().values()]
     rates = ca.Function("rates", symbols, [problem.model.ode, problem.stage_cost])
     evaluations = 4 if grid.integrator == "rk4" else 1
     found = rates.n_instructions() * evaluations * grid.substeps * grid.checks

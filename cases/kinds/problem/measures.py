@@ -171,33 +171,28 @@ def path_of(
     Names of states, controls, definitions and a vehicle's constants end with the
     vehicle's suffix; the file's constants are known without one, too.
     """
-    shared = {TIME, *posed.known}
-    together: dict[str, Value] = {**constants_of(scenario)}
-    for own, suffix, _ in _of_members(scenario, posed, trajectory):
-        together |= {n if n in shared else f"{n}{suffix}": v for n, v in own.items()}
-    return together
-
-
-def _of_members(
-    scenario: ProblemScenario, posed: ProblemPosed, trajectory: Trajectory
-) -> Iterator[tuple[dict[str, Value], str, Any]]:
-    """Yield each vehicle's own names with their values, its suffix, and itself."""
     times = times_of(trajectory)
     flat = times.reshape(-1)
     shared = {n: f(flat).reshape(times.shape) for n, f in posed.known.items()}
+    shared[TIME] = times
+    together: dict[str, Value] = {**constants_of(scenario), **shared}
     states, controls = rows_of(trajectory)
     nx, nu = len(scenario.states), len(scenario.controls)
     for number, member in enumerate(posed.members):
         own: dict[str, Value] = {
             **member.constants,
-            TIME: times,
             **shared,
             **dict(zip(scenario.states, states[number * nx :], strict=False)),
             **dict(zip(scenario.controls, controls[number * nu :], strict=False)),
         }
         for name, text in scenario.definitions.items():
             own[name] = _along(text, own)
-        yield own, member.suffix, member
+        together |= {
+            f"{name}{member.suffix}": value
+            for name, value in own.items()
+            if name not in shared
+        }
+    return together
 
 
 def times_of(trajectory: Trajectory) -> Array:

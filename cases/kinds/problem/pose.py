@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.expressions import FLOAT_OPERATIONS
 from swarmstart.cases.format.kind import LinearLaws, Posed, PosedAgent, PosedPlant
 from swarmstart.cases.kinds.problem.members import (
     Member,
@@ -27,16 +26,17 @@ from swarmstart.cases.kinds.problem.scenario import (
     ProblemScenario,
 )
 from swarmstart.cases.kinds.problem.symbols import (
+    Signal,
     constants_of,
     number,
     over_time,
     rows_over_time,
+    stacked,
 )
 from swarmstart.ocp import OptimalControlProblem, Start, terminal_set_of, zero_controls
 from swarmstart.terminal_set import TerminalSet, Weights, certificate_text
 
 Array = NDArray[np.float64]
-Signal = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -74,11 +74,12 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
     sets = laws.sets if laws is not None else ()
     in_order = tuple(range(len(agents)))
     truly = {**scenario.parameters, **scenario.plant.parameters}
-    known = {**truly, **scenario.signals}
+    over = {**truly, **scenario.signals}
+    known = {name: over_time(given, constants) for name, given in over.items()}
     return ProblemPosed(
         agents=agents,
         x0=np.concatenate([member.start for member in members]),
-        plant=_plant(scenario, members, constants),
+        plant=_plant(scenario, members, constants, known),
         order=None if len(agents) == 1 and laws is None else in_order,
         open_loop=scenario.feedback.law == "open_loop",
         repair=scenario.feedback.repair,
@@ -88,7 +89,7 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
             for number, one in enumerate(sets)
             if one.certificate is not None
         },
-        known={name: over_time(given, constants) for name, given in known.items()},
+        known=known,
         members=members,
     )
 
@@ -135,11 +136,7 @@ def _candidates(
     def candidates(time: float) -> Array:
         scopes = candidate_scopes(scenario, group, constants, time)
         columns = [
-            [
-                float(scope.value(one[name], FLOAT_OPERATIONS))
-                for scope in scopes
-                for name in scenario.controls
-            ]
+            [scope.number(one[name]) for scope in scopes for name in scenario.controls]
             for one in scenario.candidates
         ]
         held = np.array(columns).T[:, None, :]
@@ -185,12 +182,14 @@ def _rows(
 
 
 def _plant(
-    scenario: ProblemScenario, members: Sequence[Member], constants: Mapping[str, float]
+    scenario: ProblemScenario,
+    members: Sequence[Member],
+    constants: Mapping[str, float],
+    known: Mapping[str, Signal],
 ) -> PosedPlant:
     """Return the simulated system, with parameters and disturbances of its own."""
     part, grid = scenario.plant, scenario.prediction
-    truly = {**scenario.parameters, **part.parameters}
-    rows = [over_time(truly[name], constants) for name in scenario.parameters]
+    rows = [known[name] for name in scenario.parameters]
     step = grid.dt / part.substeps
     count = scenario.steps * part.substeps
     for place, _ in enumerate(members):
@@ -205,9 +204,7 @@ def _plant(
     return PosedPlant(
         model=model_of(scenario, members, disturbed=True),
         substeps=part.substeps,
-        parameters=(lambda times: np.stack([row(times) for row in rows]))
-        if rows
-        else None,
+        parameters=stacked(rows),
         differs=bool(part.parameters or part.disturbance),
     )
 

@@ -24,6 +24,8 @@ from swarmstart.cases.format.expressions import (
 from swarmstart.cases.kinds.problem.scenario import OverTime, ProblemScenario, Table
 
 Array = NDArray[np.float64]
+Signal = Callable[[Array], Array]
+"""Times (n,) [s] -> values, shape (n,) or (rows, n)."""
 TIME = "time"
 """Name of the time since the start [s], where values change in time."""
 TIMING_S = 1e-9
@@ -138,9 +140,7 @@ def limits(
     )
 
 
-def over_time(
-    given: OverTime, constants: Mapping[str, float]
-) -> Callable[[Array], Array]:
+def over_time(given: OverTime, constants: Mapping[str, float]) -> Signal:
     """Return times (n,) [s] -> values (n,), of a table or an expression in time.
 
     Raises:
@@ -174,7 +174,11 @@ def _last_before(times: Array, at: Array) -> NDArray[np.intp]:
 
 def rows_over_time(
     given: Mapping[str, OverTime], constants: Mapping[str, float]
-) -> Callable[[Array], Array] | None:
+) -> Signal | None:
     """Return times (n,) [s] -> a row each, shape (rows, n); None without any."""
-    rows = [over_time(one, constants) for one in given.values()]
+    return stacked([over_time(one, constants) for one in given.values()])
+
+
+def stacked(rows: Sequence[Signal]) -> Signal | None:
+    """Return times (n,) [s] -> all rows together, shape (rows, n); None without any."""
     return (lambda times: np.stack([row(times) for row in rows])) if rows else None
