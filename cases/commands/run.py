@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import difflib
 import math
 import re
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from swarmstart.cases.commands.exit_codes import DONE, GATE, INFEASIBLE
 from swarmstart.cases.commands.output import answer, say
 from swarmstart.cases.commands.permission import allowing
 from swarmstart.cases.commands.progress import Progress
-from swarmstart.cases.format.document import printable
+from swarmstart.cases.format.document import meant, printable
 from swarmstart.cases.format.kind import NEVER, Measure
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.format.settings import Scenario
@@ -98,8 +97,7 @@ def _condition(text: str, resolved: Resolved) -> Condition:
         raise InvalidConditionError(f"{expected}, found {text!r}")
     measure, relation, bound = match.groups()
     if measure not in known:
-        near = difflib.get_close_matches(measure, known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else "see swarmstart list"
+        hint = meant(measure, known, otherwise="see swarmstart list")
         raise InvalidConditionError(
             f"expected a measure in --fail-on, found {measure!r}; {hint}"
         )

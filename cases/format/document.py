@@ -1,7 +1,8 @@
 """Documents: the plain data of a YAML text, and the place of every value in it."""
 
+import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -170,6 +171,18 @@ def _flattened(
 def shown(text: str) -> str:
     """Quote, escape and shorten a text for a message."""
     return repr(text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}...")
+
+
+def meant(name: str, known: Iterable[str], *, otherwise: str) -> str:
+    """Return a question about the nearest of the known names, or else something else.
+
+    Args:
+        name: A name that is not known.
+        known: The names that are.
+        otherwise: Returned if none of them is near.
+    """
+    near = difflib.get_close_matches(name, known, n=1)
+    return f"did you mean {near[0]!r}?" if near else otherwise
 
 
 def printable(text: str) -> str:

@@ -16,7 +16,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmstart.cases.format.document import Document, Place, YamlError, frame, shown
+from swarmstart.cases.format.document import (
+    Document,
+    Place,
+    YamlError,
+    frame,
+    meant,
+    shown,
+)
 from swarmstart.cases.format.expressions import ExpressionError
 from swarmstart.cases.format.overrides import assign, overlay, split_assignment
 from swarmstart.cases.format.registry import KINDS, SEARCHES, load
@@ -344,8 +351,7 @@ def _claim_flaws(
         known = kind.measures_of(scenario)
         if claim.measure not in known:
             what = f"expected a measure, found {_shown(claim.measure)}"
-            near = difflib.get_close_matches(claim.measure, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else "see swarmstart list"
+            hint = meant(claim.measure, known, otherwise="see swarmstart list")
             yield ("claims", number, "measure"), f"{what}; {hint}"
         for key in claim.when:
             if _is_missing(scenario, key):
@@ -416,8 +422,8 @@ def _described(
             what = f"expected {new}, found {path[-1]}"
             return _flaw(document, path, what, of_key=True)
         known = _known_keys(model, document.data, path[:-1])
-        near = difflib.get_close_matches(str(path[-1]), known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
+        listed = f"known: {', '.join(known)}"
+        hint = meant(str(path[-1]), known, otherwise=listed)
         what = f"expected a known key, found {_shown(path[-1])}; {hint}"
         return _flaw(document, path, what, of_key=True)
     if kind == "missing":

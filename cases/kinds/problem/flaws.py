@@ -4,12 +4,12 @@ Names first, then constants, definitions and all expressions; last the problem i
 as the library takes it.
 """
 
-import difflib
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
 import casadi as ca
 
+from swarmstart.cases.format.document import meant
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem import attempts
 from swarmstart.cases.kinds.problem.attempts import Place, tried
@@ -177,9 +177,7 @@ def _of_feedback(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _unknown(name: str, known: Collection[str], what: str) -> str:
-    near = difflib.get_close_matches(name, known, n=1)
-    listed = ", ".join(known) or "none"
-    hint = f"did you mean {near[0]!r}?" if near else f"known: {listed}"
+    hint = meant(name, known, otherwise=f"known: {', '.join(known) or 'none'}")
     return f"expected a {what}, found {name!r}; {hint}"
 
 
