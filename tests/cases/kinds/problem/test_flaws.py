@@ -1,5 +1,6 @@
 """Every wrong part of a problem is named where it stands, in the file's own words."""
 
+import re
 from collections.abc import Callable
 
 import pytest
@@ -28,6 +29,7 @@ Refused = Callable[[str, str], str]
         ("stage_cost: torque**2\n", "", "1:1", "stage_cost, terminal_cost or both"),
         ("{start: 0, rate: speed", "{rate: speed", "4:10", "expected the key 'start'"),
         ("unit: rad/s", "bounds: [1, 2]", "5:18", "within the bounds [1, 2], found 0"),
+        ("unit: rad/s", "bounds: [-2, -1]", "5:18", "within the bounds [-2, -1]"),
         ("intervals: 50", "intervals: 50.5", "10:39", "an integer"),
         ("vals: 50", "vals: 50, checks: 99, substeps: 99", "10:13", "at most 40000 op"),
         ("vals: 50", "vals: 5000, checks: 3", "10:13", "at most 10000 checks"),
@@ -166,3 +168,19 @@ def test_others_see_states_and_no_expressions(planning: str) -> None:
     else:
         with pytest.raises(ValueError, match=r"expected a state, found '2\*x'"):
             stated(twice)
+
+
+def test_an_interval_has_as_many_operations_as_are_allowed_and_no_more() -> None:
+    def with_substeps(count: int) -> str:
+        return PENDULUM.replace("intervals: 50", f"intervals: 50, substeps: {count}")
+
+    with pytest.raises(ValueError, match="operations in an interval") as caught:
+        stated(with_substeps(1000))
+    found = re.search(r"at most (\d+) operations.*found (\d+):", str(caught.value))
+    assert found is not None
+    allowed, needed = map(int, found.groups())
+    most = allowed // (needed // 1000)
+    stated(with_substeps(most))
+    with pytest.raises(ValueError, match="operations in an interval"):
+        stated(with_substeps(most + 1))
+    assert allowed == 40_000
