@@ -98,6 +98,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         DivergedError as DivergedError,
         DualMode as DualMode,
         Fitness as Fitness,
+        Free as Free,
         InvalidProblemError as InvalidProblemError,
         IpoptOptions as IpoptOptions,
         Known as Known,
@@ -202,7 +203,7 @@ _NAMES = {
     """,
     "swarmstart.ocp": """
         Agent BackendWarning Bounds Connection Decision DivergedError DualMode Fitness
-        InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Mode Model
+        Free InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Mode Model
         NlpOptions OpenLoop OptimalControlProblem PathConstraint Plan Planner
         PlanningInterrupted Plant PolishStatus RecedingHorizon SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError

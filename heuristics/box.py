@@ -48,6 +48,7 @@ class Box:
             bounds are equal is fixed.
         per_step: Where the variables are a sequence in time, step after step: how many
             of them belong to one step. None where they are no sequence.
+        constant: How many of the variables, the last ones, belong to no step.
 
     Raises:
         InvalidBoxError: If the bounds are no vectors of one length, not finite, or a
@@ -57,6 +58,7 @@ class Box:
     lower: Array
     upper: Array
     per_step: int | None = None
+    constant: int = 0
 
     def __post_init__(self) -> None:
         """Check the bounds, copy them and set them read-only."""
@@ -66,8 +68,10 @@ class Box:
             object.__setattr__(self, name, bound)
         problem = _problem(self.lower, self.upper)
         if not problem and self.per_step is not None:
-            if self.per_step < 1 or self.dim % self.per_step:
-                problem = f"per_step must divide {self.dim}, got {self.per_step}"
+            if self.per_step < 1 or self.in_sequence % self.per_step:
+                problem = (
+                    f"per_step must divide {self.in_sequence}, got {self.per_step}"
+                )
         if problem:
             raise InvalidBoxError(problem, lower=self.lower, upper=self.upper)
 
@@ -75,6 +79,11 @@ class Box:
     def dim(self) -> int:
         """Number of variables."""
         return self.lower.size
+
+    @property
+    def in_sequence(self) -> int:
+        """Number of variables that belong to steps, where there are any."""
+        return self.dim - self.constant
 
     @property
     def width(self) -> Array:

@@ -34,7 +34,7 @@ from swarmstart.heuristics.box import Box, between
 from swarmstart.heuristics.chaos import draw_seeds, leave_traps, logistic
 from swarmstart.heuristics.copying import copy_points
 from swarmstart.heuristics.order import RunningOrder, better
-from swarmstart.heuristics.sampling import smooth_fractions
+from swarmstart.heuristics.sampling import smooth_in
 from swarmstart.heuristics.swarm import (
     fly,
     remember,
@@ -352,7 +352,7 @@ class ChaoticPSO:
         if box.per_step is None:
             allowed = "independent, in a box without per_step"
             raise InvalidSettingsError("initial_velocity", "smooth", allowed)
-        return smooth_fractions((box.dim, self.size), per_step=box.per_step, rng=rng)
+        return smooth_in(box, self.size, rng=rng)
 
     def _velocity_max(self, box: Box) -> Array:
         """Largest speed of each variable, shape (dim,), a new array."""

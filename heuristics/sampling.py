@@ -62,8 +62,7 @@ def sample(
         fractions = latin_hypercube((box.dim, size), rng=rng)
     else:
         smooth = size if sampling == "smooth" else size // 2
-        shape = (box.dim, smooth)
-        fractions = smooth_fractions(shape, per_step=box.per_step or box.dim, rng=rng)
+        fractions = smooth_in(box, smooth, rng=rng)
     points = box.lower[:, None] + box.width[:, None] * fractions
     points = np.minimum(points, box.upper[:, None])  # rounding may step over
     rest = sample_uniform(box, size - points.shape[1], rng=rng)
@@ -99,6 +98,23 @@ def smooth_fractions(
     fractions = np.empty(shape)
     correlate(rng, per_step, fractions)
     return fractions
+
+
+def smooth_in(box: Box, size: int, *, rng: np.random.Generator) -> Array:
+    """Draw numbers uniform in (0, 1), smooth over the steps of a box's variables.
+
+    Variables that belong to no step are independent.
+
+    Args:
+        box: The box.
+        size: Number of columns.
+        rng: Source of randomness.
+    """
+    per_step = box.per_step or box.in_sequence
+    smooth = smooth_fractions((box.in_sequence, size), per_step=per_step, rng=rng)
+    if not box.constant:
+        return smooth
+    return np.concatenate([smooth, rng.random((box.constant, size))])
 
 
 @kernel

@@ -23,6 +23,7 @@ from swarmstart.ocp.distances import largest_distance, smallest_distance
 from swarmstart.ocp.dual_mode import DualMode, UncertifiedSetError
 from swarmstart.ocp.errors import DivergedError, InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import Fitness, Known
+from swarmstart.ocp.free import Free
 from swarmstart.ocp.guess import shifted_controls, zero_controls
 from swarmstart.ocp.integrators import INTEGRATORS, Integrator, held_step
 from swarmstart.ocp.local_team import LocalAgent, LocalTeam
@@ -63,6 +64,7 @@ __all__ = [
     "DivergedError",
     "DualMode",
     "Fitness",
+    "Free",
     "Integrator",
     "InvalidProblemError",
     "IpoptOptions",

@@ -11,8 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.constraint_forms import label
 from swarmstart.ocp.constraints import Constraint
-from swarmstart.ocp.problem import STATE_BOUNDS, OptimalControlProblem, label
+from swarmstart.ocp.problem import STATE_BOUNDS, OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.shooting import Shooting, shooting_of
 
@@ -69,17 +70,12 @@ class Checker:
         path, ends = problem.path_constraints, problem.terminal_constraints
         self._path = ConstraintRows(problem, path)
         self._end = ConstraintRows(problem, ends, first=len(path))
-        controlled = [np.empty(0, dtype=bool)]
-        for constraint, with_controls in zip(
-            path, shooting.rows_with_controls, strict=True
-        ):
-            rows = constraint.rows(constraint.expression).lower.size
-            controlled.append(np.isin(np.arange(rows), with_controls))
-        self._free = ~np.concatenate(controlled)
+        self._controlled = _mask(path, shooting.rows_with_controls)
+        self._free = ~(self._controlled | _mask(path, shooting.rows_of_start))
 
     @property
     def looks_at_start(self) -> bool:
-        """Whether there is any row that no control enters."""
+        """Whether there is any row that nothing decided enters at the start."""
         return bool(self._free.any())
 
     def at_start(
@@ -106,7 +102,13 @@ class Checker:
         return [e for e in found if e.relative > self._problem.tolerance]
 
     def along(
-        self, points: "Points", p: Array, sizes: Sizes, *, outside: list[Excess]
+        self,
+        points: "Points",
+        p: Array,
+        sizes: Sizes,
+        *,
+        outside: list[Excess],
+        left: "Points | None" = None,
     ) -> list[Excess]:
         """Return the worst excess of each row of the path, those above zero.
 
@@ -116,10 +118,18 @@ class Checker:
             sizes: The sizes.
             outside: What the start breaks: such a row counts from where it is kept for
                 the first time, unless it gets worse than at the start.
+            left: The point that the last interval's end leaves, where it changes the
+                state: rows that a control enters do not hold there.
         """
         excess, above = self._path.excess(
             points.states, points.controls, p, points.signals
         )
+        times = points.times
+        if left is not None:
+            last, side = self._path.excess(left.states, left.controls, p, left.signals)
+            last[self._controlled] = -np.inf
+            excess, above = np.hstack([excess, last]), np.hstack([above, side])
+            times = np.append(times, left.times)
         for start in outside:
             row = self._path.number(start)
             limit = start.amount * (1 + self._problem.path_tolerance)
@@ -128,8 +138,8 @@ class Checker:
             if (excess[row, :first_kept] <= limit).all():
                 excess[row, :first_kept] = -np.inf
         # No control can keep them at the start: `outside` tells of these.
-        excess[np.ix_(self._free, points.times == 0.0)] = -np.inf
-        return self._path.worst(excess, above, points.times, sizes)
+        excess[np.ix_(self._free, times == 0.0)] = -np.inf
+        return self._path.worst(excess, above, times, sizes)
 
     def slack(self, points: "Points", p: Array) -> dict[tuple[int, int], float]:
         """Return how far inside its limits each path row is at least, by its place.
@@ -142,11 +152,24 @@ class Checker:
         least = -found.max(axis=1, initial=-np.inf)
         return dict(zip(self._path.places, least.tolist(), strict=True))
 
-    def at_end(self, x: Array, p: Array, s: Array, sizes: Sizes) -> list[Excess]:
-        """Return the excess of each terminal row, those above zero."""
+    def at_end(
+        self, x: Array, p: Array, s: Array, sizes: Sizes, time: float
+    ) -> list[Excess]:
+        """Return the excess of each terminal row, those above zero; time is the end."""
         u = np.zeros((self._problem.model.nu, 1))
         excess, above = self._end.excess(x[:, None], u, p, s[:, None])
-        return self._end.worst(excess, above, np.array([self._problem.horizon]), sizes)
+        return self._end.worst(excess, above, np.array([time]), sizes)
+
+
+def _mask(
+    constraints: tuple[Constraint, ...], chosen: tuple[list[int], ...]
+) -> NDArray[np.bool_]:
+    """Return which of all rows, in order, are among the chosen ones."""
+    found = [np.empty(0, dtype=bool)]
+    for constraint, rows in zip(constraints, chosen, strict=True):
+        size = constraint.rows(constraint.expression).lower.size
+        found.append(np.isin(np.arange(size), rows))
+    return np.concatenate(found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -89,12 +89,15 @@ class Bounds:
             control with equal bounds is fixed.
         states: (lower, upper), each a number or shape (nx,), -inf and inf where a
             state is free; None = all free. They hold at the start and at every check.
+        search: Bounds of the controls that a population search looks within, where they
+            are narrower or the controls have none; None: those of the controls.
         state_scale: The excess of a state is divided by it, a number or shape (nx,);
             None: found automatically.
     """
 
     controls: tuple[Limit, Limit] | None = None
     states: tuple[Limit, Limit] | None = None
+    search: tuple[Limit, Limit] | None = None
     state_scale: Limit | None = None
 
 

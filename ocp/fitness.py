@@ -1,6 +1,8 @@
 """Cost and violation of a whole population of control sequences.
 
-A decision vector is ca.vec of the controls (nu, N): interval after interval.
+A decision vector is ca.vec of the controls (nu, N), interval after interval, and then
+what is decided about the start, if anything is: one number for each of
+`problem.free_starts`. Of one control sequence the initial state says these.
 """
 
 from dataclasses import replace
@@ -64,12 +66,17 @@ class Known(NamedTuple):
     """What is known of one planning problem besides its initial state.
 
     Attributes:
-        parameters: Shape (np,).
+        parameters: Those that are not decided, shape (np,).
         signals: Shape (ns, nodes).
+        time: At the start of the horizon [s].
+        previous: Control of the interval before, shape (nu,); None: the nearest to zero
+            that is allowed.
     """
 
     parameters: ArrayLike = ()
     signals: ArrayLike = ()
+    time: float = 0.0
+    previous: ArrayLike | None = None
 
 
 NOTHING = Known()
@@ -115,6 +122,8 @@ class Fitness:
                 shooting.terminal,
                 intervals=problem.intervals,
                 signals_per_interval=problem.ns * problem.checks,
+                decided=_decided(problem),
+                begin=shooting.begin if shooting.has_begin else None,
                 precision=precision,
             ),
             lambda: CasadiMap(shooting.rollout),
@@ -129,7 +138,7 @@ class Fitness:
         return self._evaluate.backend
 
     def objective(self, x0: ArrayLike, known: Known = NOTHING) -> Objective:
-        """Return population (nu * N, size) -> cost (size,) and violation (size,).
+        """Return population (decisions, size) -> cost (size,) and violation (size,).
 
         Args:
             x0: Initial state, shape (nx,); copied.
@@ -138,15 +147,15 @@ class Fitness:
         Raises:
             InvalidProblemError: If a shape is not the problem's, or x0 not finite.
         """
-        dim = self.problem.model.nu * self.problem.intervals
-        return Objective(self._evaluate.bind(self.arguments(x0, known)), dim)
+        bound = self._evaluate.bind(self.arguments(x0, known))
+        return Objective(bound, self.problem.decisions)
 
     def value(
         self, controls: Array, x0: ArrayLike, known: Known = NOTHING
     ) -> tuple[float, float]:
         """Return cost and violation of one control sequence, shape (nu, N)."""
         objective = self.objective(x0, known)
-        cost, violation = objective(self._decision(controls)[:, None])
+        cost, violation = objective(self.decision(controls, x0)[:, None])
         return float(cost[0]), float(violation[0])
 
     def states(self, controls: Array, x0: ArrayLike, known: Known = NOTHING) -> Array:
@@ -167,17 +176,50 @@ class Fitness:
             known: Parameters and signals.
         """
         shared = self.arguments(x0, known)
-        states, outside = self._trajectory(self._decision(controls), *shared)
+        states, outside = self._trajectory(self.decision(controls, x0), *shared)
         return np.array(states), float(outside)
 
-    def _decision(self, controls: Array) -> Array:
-        """Return ca.vec of controls, which need not be finite."""
+    def decision(self, controls: Array, x0: ArrayLike) -> Array:
+        """Return the decision vector of controls, which need not be finite.
+
+        Args:
+            controls: Shape (nu, N).
+            x0: Initial state, shape (nx,), which has what is decided about the start.
+        """
         shape = (self.problem.model.nu, self.problem.intervals)
         if np.shape(controls) != shape:
             raise InvalidProblemError(
                 f"controls must have shape {shape}, got {np.shape(controls)}"
             )
-        return flatten(controls)
+        starts = self.problem.free_starts
+        if not starts:
+            return flatten(controls)
+        state = np.asarray(x0, dtype=np.float64).ravel()
+        return np.concatenate(
+            [flatten(controls), [state[one.states[0]] for one in starts]]
+        )
+
+
+def _decided(problem: OptimalControlProblem) -> tuple[int | None, ...]:
+    """Return for each state the number of the decision that it starts at, or None."""
+    place: dict[int, int] = {
+        i: number for number, one in enumerate(problem.free_starts) for i in one.states
+    }
+    return tuple(place.get(i) for i in range(problem.model.nx))
+
+
+def started(problem: OptimalControlProblem, x0: ArrayLike, decided: Array) -> Array:
+    """Return an initial state with what is decided about it.
+
+    Args:
+        problem: The problem.
+        x0: Initial state, shape (nx,).
+        decided: One number for each of the problem's free starts.
+    """
+    state = np.array(x0, dtype=np.float64).ravel()
+    for one, value in zip(problem.free_starts, decided, strict=True):
+        state[list(one.states)] = value
+    return state
 
 
 class Arguments:
@@ -275,7 +317,7 @@ def replay(
     x, p, flat = Arguments(shooting)(x0, known)
     signals, checks = at_nodes(problem, flat), problem.checks
     interval, states = shooting.stage, [x[:, None]]
-    cost = violation = 0.0
+    cost, violation = map(float, shooting.begin(x, p, signals[:, 0]))
     for k in range(problem.intervals):
         nodes = signals[:, k * checks : (k + 1) * checks + 1]
         after, spent, broken = interval(states[-1][:, -1], controls[:, k], p, nodes)

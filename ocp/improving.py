@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from swarmstart.ocp.checking import Excess
 from swarmstart.ocp.fitness import Fitness, Known
 from swarmstart.ocp.optimality import Curvature, NlpPoint, curvature
-from swarmstart.ocp.planner import Plan, Planner, Source
+from swarmstart.ocp.planner import Plan, Planner, Source, start_of
 from swarmstart.ocp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -118,6 +118,7 @@ def settled_answer(
     undecided = solution.status is SolutionStatus.FEASIBLE and not solution.path.kinks
     if used.polisher is None or not undecided or solution.plan.point is None:
         return solution
+    x0 = start_of(planner.problem, solution.plan, x0)
     states = used.fitness.states(solution.controls, x0, given)
     plan = replace(solution.plan, states=states)
     plan, is_settled = settled(used, plan, x0, given, rng=rng)
@@ -158,7 +159,7 @@ def settled(
             return plan, bent is not Curvature.NEGATIVE
         plan = planner.evaluated(
             better.controls,
-            x0,
+            better.x0,
             known=known,
             value=(better.cost, better.violation),
             source=Source.POLISH,
@@ -179,6 +180,7 @@ def _descended(
     rng: np.random.Generator,
 ) -> tuple[Polished | None, int]:
     """Return the first answer from a perturbed start that is better, and the effort."""
+    x0 = start_of(fitness.problem, plan, x0)
     sizes = fitness.arguments.sizes_along(plan.controls, plan.states, x0, known)
     evaluations = 0
     for _ in range(STARTS):
@@ -221,7 +223,8 @@ def followed_down(
             backend="casadi",
         )
         near = part < PARTS[0]
-        plan = other.plan(x0, known=known, guess=at.controls, near=near, rng=rng)
+        start = start_of(problem, at.plan, x0)
+        plan = other.plan(start, known=known, guess=at.controls, near=near, rng=rng)
         # Stationary for the rounded problem only.
         plan = _judged_by(planner, plan, x0, known, before=at, point=None)
         at = verified(planner.tracer, plan, x0, known)
@@ -261,7 +264,8 @@ def repaired(
             polish=planner.polish,
             backend=planner.fitness.backend,
         )
-        plan = other.plan(x0, known=given, guess=at.controls, rng=rng)
+        start = start_of(problem, at.plan, x0)
+        plan = other.plan(start, known=given, guess=at.controls, rng=rng)
         judged = _judged_by(planner, plan, x0, known, before=at, point=plan.point)
         return Answer(verified(planner.tracer, judged, x0, known), other, given)
 
@@ -329,7 +333,7 @@ def _judged_by(
     """
     return planner.evaluated(
         plan.controls,
-        x0,
+        start_of(planner.problem, plan, x0),
         known=known,
         source=plan.source,
         search=before.plan.search if before else plan.search,

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.model import Model, right_hand_side
+from swarmstart.ocp.model import Model, rate_of
 
 Rate = Callable[[float, ca.SX], ca.SX]
 """r(t, x): the rate at time t after the step's beginning [s]."""
@@ -59,6 +59,9 @@ def held_step(
 ) -> ca.Function:
     """Return F(x, u, p) -> x after dt seconds with u held, in `substeps` steps.
 
+    Of a model with signals or a time it is F(x, u, p, s), s these at both ends of dt,
+    shape (ns, 2), linear between. A jump at the end of an interval is not made.
+
     Args:
         model: The model.
         dt: Duration of the step [s], positive.
@@ -66,18 +69,22 @@ def held_step(
         substeps: Number of equal steps of the integrator within dt.
 
     Raises:
-        InvalidProblemError: If dt, the method or the number of steps is none.
+        InvalidProblemError: If dt, the method or the number of steps is invalid.
     """
     if not dt > 0:
         raise InvalidProblemError(f"dt must be positive, got {dt}")
     require_integrator(method, substeps)
-    f = right_hand_side(model)
+    f = rate_of(model)
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
-    p = ca.SX.sym("p", model.np)
-    after = integrate(
-        method, lambda _, y: f(y, u, p), x, start=0.0, duration=dt, steps=substeps
-    )
-    return ca.Function("held_step", [x, u, p], [after], ["x", "u", "p"], ["x_next"])
+    p, ends = ca.SX.sym("p", model.np), ca.SX.sym("s", model.varying.numel(), 2)
+
+    def rate(t: float, y: ca.SX) -> ca.SX:
+        return f(y, u, p, ends[:, 0] + t / dt * (ends[:, 1] - ends[:, 0]))
+
+    after = integrate(method, rate, x, start=0.0, duration=dt, steps=substeps)
+    arguments = [x, u, p, ends] if ends.numel() else [x, u, p]
+    names = ["x", "u", "p", "s"][: len(arguments)]
+    return ca.Function("held_step", arguments, [after], names, ["x_next"])
 
 
 def require_integrator(method: str, substeps: int) -> None:

@@ -78,7 +78,14 @@ class Kinks:
 def kinks_of(problem: OptimalControlProblem) -> Kinks:
     """Return the switches in the model, the costs and the constraints of a problem."""
     symbols = [*problem.symbols().values()]
-    expressions = [problem.model.ode, problem.stage_cost, problem.terminal_cost]
+    expressions = [
+        problem.model.ode,
+        problem.model.next_state,
+        problem.stage_cost,
+        problem.step_cost,
+        problem.initial_cost,
+        problem.terminal_cost,
+    ]
     expressions += [
         c.expression for c in (*problem.path_constraints, *problem.terminal_constraints)
     ]

@@ -1,8 +1,12 @@
-"""A model: named states, controls and parameters, and their right-hand side.
+"""A model: named states, controls and parameters, and how the states change.
 
-    x' = f(x, u, p)
+    x' = f(t, x, u, p, s)             within a control interval
+    x+ = phi(t, x, u, p, s)           at its end, where the model has such an update
 
-x: states (nx,), u: controls (nu,), p: parameters (np,), constant over a horizon.
+x: states (nx,), u: controls (nu,), p: parameters (np,), constant over a horizon,
+s: signals (ns,), known over time and linear between the nodes, t: time [s]. A
+discrete-time model has an update only: `next_state`. A model with both jumps from
+interval to interval: a state that remembers the last control, a stage that is dropped.
 """
 
 from collections.abc import Sequence
@@ -12,17 +16,26 @@ import casadi as ca
 
 from swarmstart.ocp.errors import InvalidProblemError
 
+_ROLES = ("states", "controls", "parameters", "signals")
+CHANGES = ("ode", "next_state")
+"""What may say how the states change."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Model:
-    """An ordinary differential equation with inputs, as CasADi SX symbols.
+    """A differential or difference equation with inputs, as CasADi SX symbols.
 
     Attributes:
         states: Symbols of the states, shape (nx, 1).
         controls: Symbols of the controls, shape (nu, 1).
         ode: Right-hand side, shape (nx, 1), SI units per second; a list of its rows is
-            taken, too.
+            taken, too. Left out, it is zero: then there must be a next state.
+        next_state: State after a control interval, shape (nx, 1), of a discrete-time
+            model; with an `ode` as well, the state that an interval's end makes of the
+            one that the `ode` leads to. Left out, there is no such jump.
         parameters: Symbols of what is constant over a horizon, shape (np, 1).
+        signals: Symbols of what is known over time and enters the model, shape (ns, 1).
+        time: Symbol of the time [s], shape (1, 1); left out, nothing depends on it.
         state_names: A name for each state; taken from the symbols where empty.
         control_names: A name for each control; taken from the symbols where empty.
 
@@ -33,28 +46,31 @@ class Model:
 
     states: ca.SX
     controls: ca.SX
-    ode: ca.SX
+    ode: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    next_state: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     parameters: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    signals: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    time: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     state_names: tuple[str, ...] = ()
     control_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the symbols against each other and fill in the names."""
-        for role in ("states", "controls", "parameters"):
+        for role in ("states", "controls", "parameters", "signals", "time"):
             require_symbols(role, getattr(self, role))
         if not self.nx:
             raise InvalidProblemError("states must hold at least one symbol, got none")
-        ode = as_column("ode", self.ode)
-        if ode.numel() != self.nx:
+        if self.time.numel() > 1:
             raise InvalidProblemError(
-                f"ode must have one row for each of the {self.nx} states, "
-                f"got {ode.numel()}"
+                f"time must be one symbol, got {self.time.numel()}"
             )
-        require_known(
-            "ode", ode, {"states": self.states, "controls": self.controls,
-                         "parameters": self.parameters}
-        )  # fmt: skip
-        object.__setattr__(self, "ode", ode)
+        given = {role: as_column(role, getattr(self, role)) for role in CHANGES}
+        if not any(rows.numel() for rows in given.values()):
+            raise InvalidProblemError(
+                "a model must have an ode or a next_state, got neither"
+            )
+        for role, rows in given.items():
+            object.__setattr__(self, role, self._checked(role, rows))
         for role, symbols in (("state", self.states), ("control", self.controls)):
             names = tuple(getattr(self, f"{role}_names")) or symbol_names(symbols)
             if len(names) != symbols.numel():
@@ -62,6 +78,31 @@ class Model:
                     f"{role}_names must name {symbols.numel()} {role}s, got {names}"
                 )
             object.__setattr__(self, f"{role}_names", names)
+
+    def _checked(self, role: str, rows: ca.SX) -> ca.SX:
+        """Return the rows of an equation; an ode that is left out is zero."""
+        if not rows.numel():
+            return ca.SX.zeros(self.nx) if role == "ode" else rows
+        if rows.numel() != self.nx:
+            raise InvalidProblemError(
+                f"{role} must have one row for each of the {self.nx} states, "
+                f"got {rows.numel()}"
+            )
+        require_known(role, rows, self.symbols())
+        return rows
+
+    def symbols(self) -> dict[str, ca.SX]:
+        """Return the columns of symbols that its expressions may use, by role.
+
+        Signals and time only where the model has any.
+        """
+        found = {
+            "states": self.states,
+            "controls": self.controls,
+            "parameters": self.parameters,
+        }
+        more = {"signals": self.signals, "time": self.time}
+        return found | {role: s for role, s in more.items() if s.numel()}
 
     @property
     def nx(self) -> int:
@@ -78,6 +119,26 @@ class Model:
         """Number of parameters."""
         return int(self.parameters.numel())
 
+    @property
+    def ns(self) -> int:
+        """Number of signals."""
+        return int(self.signals.numel())
+
+    @property
+    def varying(self) -> ca.SX:
+        """Symbols of what is known over time: the signals, then the time."""
+        return ca.vertcat(self.signals, self.time)
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the end of a control interval changes the state."""
+        return bool(self.next_state.numel())
+
+    @property
+    def is_discrete(self) -> bool:
+        """Whether nothing changes within a control interval."""
+        return self.jumps and bool(self.ode.is_zero())
+
     def __repr__(self) -> str:
         """Return the names of states, controls and parameters."""
         names = (self.state_names, self.control_names, symbol_names(self.parameters))
@@ -91,14 +152,31 @@ class Model:
 
 
 def right_hand_side(model: Model) -> ca.Function:
-    """Return f(x, u, p) -> x' of a model as a `casadi.Function`."""
-    return ca.Function(
-        "right_hand_side",
-        [model.states, model.controls, model.parameters],
-        [model.ode],
-        ["x", "u", "p"],
-        ["xdot"],
+    """Return f(x, u, p) -> x' of a model as a `casadi.Function`.
+
+    Of a model with signals or a time it is f(x, u, p, s), s the signals, then the time.
+    """
+    arguments = [model.states, model.controls, model.parameters]
+    arguments += [model.varying] if model.varying.numel() else []
+    names = ["x", "u", "p", "s"][: len(arguments)]
+    return ca.Function("right_hand_side", arguments, [model.ode], names, ["xdot"])
+
+
+def rate_of(model: Model) -> ca.Function:
+    """Return f(x, u, p, s) -> x' of any model, s its signals and then its time."""
+    return _function_of(model, "rate", model.ode)
+
+
+def jump_of(model: Model) -> ca.Function:
+    """Return phi(x, u, p, s) -> the state that the end of an interval leaves."""
+    return _function_of(
+        model, "jump", model.next_state if model.jumps else model.states
     )
+
+
+def _function_of(model: Model, name: str, rows: ca.SX) -> ca.Function:
+    arguments = [model.states, model.controls, model.parameters, model.varying]
+    return ca.Function(name, arguments, [rows])
 
 
 def stack_models(models: Sequence[Model]) -> Model:
@@ -112,20 +190,9 @@ def stack_models(models: Sequence[Model]) -> Model:
     """
     if not models:
         raise InvalidProblemError("stack_models needs at least one model, got none")
-    copies = []
-    for number, model in enumerate(models):
-        x = ca.SX.sym(f"x{number}", model.nx)
-        u = ca.SX.sym(f"u{number}", model.nu)
-        p = ca.SX.sym(f"p{number}", model.np)
-        copies.append((x, u, p, right_hand_side(model)(x, u, p)))
-    states, controls, parameters, ode = (
-        ca.vertcat(*c) for c in zip(*copies, strict=True)
-    )
     return Model(
-        states=states,
-        controls=controls,
-        ode=ode,
-        parameters=ca.reshape(parameters, -1, 1),
+        **{role: ca.vertcat(*rows) for role, rows in _side_by_side(models).items()},
+        time=_one_time(models),
         state_names=tuple(
             f"{name}_{i}" for i, m in enumerate(models) for name in m.state_names
         ),
@@ -133,6 +200,32 @@ def stack_models(models: Sequence[Model]) -> Model:
             f"{name}_{i}" for i, m in enumerate(models) for name in m.control_names
         ),
     )
+
+
+def _side_by_side(models: Sequence[Model]) -> dict[str, list[ca.SX]]:
+    """Return the symbols and equations of copies of the models, by their roles."""
+    found: dict[str, list[ca.SX]] = {}
+    jumping = any(model.jumps for model in models)
+    time = _one_time(models)
+    for number, model in enumerate(models):
+        copies = {
+            role: ca.SX.sym(f"{letter}{number}", getattr(model, role).numel())
+            for role, letter in zip(_ROLES, "xups", strict=True)
+        }
+        s = ca.vertcat(copies["signals"], time[: model.time.numel()])
+        arguments = [*[*copies.values()][:3], s]
+        copies["ode"] = rate_of(model)(*arguments)
+        if jumping:
+            copies["next_state"] = jump_of(model)(*arguments)
+        for role, rows in copies.items():
+            found.setdefault(role, [ca.SX(0, 1)]).append(rows)
+    return found
+
+
+def _one_time(models: Sequence[Model]) -> ca.SX:
+    """Return one symbol of the time for all models; none where they have none."""
+    times = [model.time for model in models if model.time.numel()]
+    return times[0] if times else ca.SX(0, 1)
 
 
 LONGEST_SHOWN = 60

@@ -6,6 +6,7 @@ Hessian are evaluated by one mapped function and their numbers put in their plac
 that the time to build them does not grow with the number of intervals.
 """
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -36,7 +37,9 @@ class LimitedRows(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A part of the NLP with its derivatives by its own variables z.
+    """A part of the NLP, an interval, the end or the start, with its derivatives.
+
+    The derivatives are those by its own variables z.
 
     Attributes:
         cost: (z, shared, s) -> cost.
@@ -56,110 +59,145 @@ class Part(NamedTuple):
     rows: LimitedRows
 
 
-def argument_sizes(
-    problem: OptimalControlProblem, interval: Part, end: Part
-) -> list[int]:
-    """Return the lengths of x0, shared, both parts' weights and signals in q."""
-    weights = [len(part.rows.places) for part in (interval, end)]
-    shared = interval.value.numel_in(1) - weights[0]
-    return [problem.model.nx, shared, *weights, problem.ns * problem.nodes]
+class Parts(NamedTuple):
+    """The parts of an NLP.
+
+    Attributes:
+        interval: One interval, z = (x, u).
+        end: The end of the horizon, z = x.
+        begin: Its start, z = x, where any state's start is decided; else None.
+    """
+
+    interval: Part
+    end: Part
+    begin: Part | None
+
+    @property
+    def present(self) -> tuple[Part, ...]:
+        """All parts that there are."""
+        several = (self.interval, self.end)
+        return several if self.begin is None else (*several, self.begin)
+
+    def argument_sizes(self, problem: OptimalControlProblem) -> list[int]:
+        """Return the lengths of x0, shared, the parts' weights and signals in q."""
+        weights = [len(part.rows.places) for part in self.present]
+        shared = self.interval.value.numel_in(1) - weights[0]
+        return [problem.model.nx, shared, *weights, problem.ns * problem.nodes]
 
 
 class Mapped:
     """Symbols of the NLP, and the functions of its parts applied to them."""
 
-    def __init__(
-        self, problem: OptimalControlProblem, interval: Part, end: Part
-    ) -> None:
+    def __init__(self, problem: OptimalControlProblem, parts: Parts) -> None:
         """Make the symbols, and shape them into arguments side by side.
 
         Args:
             problem: The problem.
-            interval: One interval.
-            end: The end of the horizon.
+            parts: The parts of its NLP.
         """
         model, N, checks = problem.model, problem.intervals, problem.checks
-        self.nx, self.nu, self.N = model.nx, model.nu, N
-        self.rows = interval.value.numel_out(0)
-        self.w = ca.MX.sym("w", (model.nu + model.nx) * N)
-        sizes = argument_sizes(problem, interval, end)
+        self.nx, self.nu, self.N, self.parts = model.nx, model.nu, N, parts
+        self.rows = parts.interval.value.numel_out(0)
+        self.free = decided_states(problem)
+        inner = (model.nu + model.nx) * N
+        self.w = ca.MX.sym("w", inner + len(self.free))
+        sizes = parts.argument_sizes(problem)
         self.q = ca.MX.sym("q", sum(sizes))
-        x0, known, inside, at_end, flat = ca.vertsplit(
+        x0, known, *weights, flat = ca.vertsplit(
             self.q, [0, *np.cumsum(sizes).tolist()]
         )
-        both = ca.reshape(self.w, model.nu + model.nx, N)
+        both = ca.reshape(self.w[:inner], model.nu + model.nx, N)
         self.x = both[model.nu :, :]
-        z = ca.vertcat(ca.horzcat(x0, self.x[:, :-1]), both[: model.nu, :])
+        place = {i: inner + j for j, i in enumerate(self.free)}
+        start = ca.vertcat(
+            *[self.w[place[i]] if i in place else x0[i] for i in range(model.nx)]
+        )
+        z = ca.vertcat(ca.horzcat(start, self.x[:, :-1]), both[: model.nu, :])
         signals = ca.reshape(flat, problem.ns, problem.nodes)
         columns = [k * checks + c for k in range(N) for c in range(checks + 1)]
-        self._stage = [z, ca.vertcat(known, inside), signals[:, columns]]
-        self._end = [self.x[:, -1], ca.vertcat(known, at_end), signals[:, -1]]
+        places = [
+            (z, signals[:, columns]),
+            (self.x[:, -1], signals[:, -1]),
+            (start, signals[:, 0]),
+        ]
+        self._arguments = [
+            [at, ca.vertcat(known, rows), s]
+            for (at, s), rows in zip(places, weights, strict=False)
+        ]
 
     def applied(
         self,
-        stage: ca.Function,
-        end: ca.Function,
-        stage_more: tuple[ca.MX, ...] = (),
-        end_more: tuple[ca.MX, ...] = (),
+        chosen: Callable[[Part], ca.Function],
+        more: Sequence[tuple[ca.MX, ...]] = ((), (), ()),
         *,
         same: tuple[int, ...] = (1,),
-    ) -> list[ca.MX]:
-        """Return the outputs of all intervals, side by side, and of the end.
+    ) -> list[list[ca.MX]]:
+        """Return the outputs of all intervals, side by side, of the end and the start.
 
         Args:
-            stage: A function of an interval.
-            end: The same of the end.
-            stage_more: Arguments besides, side by side.
-            end_more: Arguments besides.
+            chosen: Which function of a part.
+            more: Arguments besides, of each part; of the intervals side by side.
             same: Numbers of the arguments that are the same for all intervals.
         """
-        mapped = stage.map(stage.name(), "serial", self.N, list(same), [])
-        found = [mapped(*self._stage, *stage_more), end(*self._end, *end_more)]
-        return [out for part in found for out in _several(part)]
+        functions = [chosen(part) for part in self.parts.present]
+        stage = functions[0]
+        functions[0] = stage.map(stage.name(), "serial", self.N, list(same), [])
+        return [
+            _several(function(*arguments, *besides))
+            for function, arguments, besides in zip(
+                functions, self._arguments, more, strict=False
+            )
+        ]
 
-    def rows_of(self, g: ca.MX, end_g: ca.MX) -> ca.MX:
+    def rows_of(self, g: list[ca.MX]) -> ca.MX:
         """Return the g of the NLP: defects and rows; one that is always 0 counts."""
         reached = ca.vertcat(self.x, ca.MX.zeros(self.rows - self.nx, self.N))
-        return ca.densify(ca.vertcat(ca.vec(g - reached), end_g))
+        return ca.densify(ca.vertcat(ca.vec(g[0] - reached), *g[1:]))
 
     def place(self, k: int) -> list[int]:
-        """Return the numbers in w of an interval's z; -1 for the initial state."""
+        """Return the numbers in w of an interval's z; -1 for a start that is given."""
         step = self.nu + self.nx
-        before = range((k - 1) * step + self.nu, k * step)
-        x = [-1] * self.nx if k == 0 else list(before)
+        if k == 0:
+            place = {i: self.N * step + j for j, i in enumerate(self.free)}
+            x = [place.get(i, -1) for i in range(self.nx)]
+        else:
+            x = list(range((k - 1) * step + self.nu, k * step))
         return x + list(range(k * step, k * step + self.nu))
 
     def places(self) -> list[Index]:
         """Return the numbers in w of each interval's z."""
         return [np.array(self.place(k)) for k in range(self.N)]
 
-    def last(self) -> Index:
-        """Return the numbers in w of the state after the last interval."""
-        return np.array(self.place(self.N)[: self.nx])
+    def ends(self) -> list[tuple[Part, Index]]:
+        """Return the parts but the interval, with the numbers in w of their z."""
+        places = [np.array(self.place(k)[: self.nx]) for k in (self.N, 0)]
+        return list(zip(self.parts.present[1:], places, strict=False))
 
 
 def _several(found: ca.MX | tuple[ca.MX, ...] | list[ca.MX]) -> list[ca.MX]:
     return [found] if isinstance(found, ca.MX) else list(found)
 
 
-def derivatives_of(mapped: Mapped, interval: Part, end: Part) -> dict[str, ca.Function]:
+def decided_states(problem: OptimalControlProblem) -> list[int]:
+    """Return the numbers of the states whose start is decided, a variable each."""
+    return [i for one in problem.free_starts for i in one.states]
+
+
+def derivatives_of(mapped: Mapped) -> dict[str, ca.Function]:
     """Return gradient, Jacobian and Hessian of the NLP, as nlpsol's IPOPT takes them.
 
     Args:
         mapped: The NLP's symbols.
-        interval: One interval.
-        end: The end of the horizon.
     """
-    cost, slope, end_cost, end_slope = mapped.applied(
-        interval.cost_slope, end.cost_slope
-    )
-    g, jac, end_g, end_jac = mapped.applied(interval.slopes, end.slopes)
+    costs = mapped.applied(lambda part: part.cost_slope)
+    values = mapped.applied(lambda part: part.slopes)
     w, q = mapped.w, mapped.q
-    f, rows = ca.sum2(cost) + end_cost, mapped.rows_of(g, end_g)
-    gradient = _gradient(mapped, slope, end_slope)
-    jacobian = _jacobian(mapped, interval, end, (jac, end_jac), rows.numel())
+    f = sum((end[0] for end in costs[1:]), ca.sum2(costs[0][0]))
+    rows = mapped.rows_of([g for g, _ in values])
+    gradient = _gradient(mapped, [slope for _, slope in costs])
+    jacobian = _jacobian(mapped, [jac for _, jac in values], rows.numel())
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", rows.numel())
-    hessian = _hessian(mapped, interval, end, (lam_f, lam_g))
+    hessian = _hessian(mapped, (lam_f, lam_g))
     return {
         "grad_f": ca.Function(
             "nlp_grad_f", [w, q], [f, gradient], ["x", "p"], ["f", "grad_f_x"]
@@ -177,55 +215,60 @@ def derivatives_of(mapped: Mapped, interval: Part, end: Part) -> dict[str, ca.Fu
     }
 
 
-def _gradient(mapped: Mapped, slope: ca.MX, end_slope: ca.MX) -> ca.MX:
-    """Return the gradient of the cost, from those of the intervals and the end."""
-    places = [*mapped.places(), mapped.last()]
+def _gradient(mapped: Mapped, slopes: list[ca.MX]) -> ca.MX:
+    """Return the gradient of the cost, from those of the parts."""
+    places = [*mapped.places(), *[place for _, place in mapped.ends()]]
     entries = [(place, np.zeros_like(place)) for place in places]
-    values = ca.vertcat(ca.vec(ca.densify(slope)), ca.densify(end_slope))
+    values = ca.vertcat(*[ca.vec(ca.densify(slope)) for slope in slopes])
     return _assembled((mapped.w.numel(), 1), entries, values)
 
 
-def _jacobian(
-    mapped: Mapped, interval: Part, end: Part, blocks: tuple[ca.MX, ca.MX], size: int
-) -> ca.MX:
+def _jacobian(mapped: Mapped, blocks: list[ca.MX], size: int) -> ca.MX:
     """Return the Jacobian of all rows; states are taken off the next ones' rows."""
-    N, nx, places, last = mapped.N, mapped.nx, mapped.places(), mapped.last()
-    rows, columns = _triplet(interval.slopes, 1)
-    end_rows, end_columns = _triplet(end.slopes, 1)
+    N, nx, places, parts = mapped.N, mapped.nx, mapped.places(), mapped.parts.present
+    rows, columns = _triplet(parts[0].slopes, 1)
     following = [np.array(mapped.place(k + 1)[:nx]) for k in range(N)]
     entries = [(rows + k * mapped.rows, places[k][columns]) for k in range(N)]
-    entries.append((end_rows + N * mapped.rows, last[end_columns]))
+    above = N * mapped.rows
+    for part, place in mapped.ends():
+        end_rows, end_columns = _triplet(part.slopes, 1)
+        entries.append((end_rows + above, place[end_columns]))
+        above += part.value.numel_out(0)
     entries += [(np.arange(nx) + k * mapped.rows, following[k]) for k in range(N)]
     values = ca.vertcat(
-        _nonzeros(interval.slopes.sparsity_out(1), blocks[0], N),
-        _nonzeros(end.slopes.sparsity_out(1), blocks[1], 1),
+        *[
+            _nonzeros(part.slopes.sparsity_out(1), block, count)
+            for part, block, count in zip(parts, blocks, (N, 1, 1), strict=False)
+        ],
         -ca.MX.ones(nx * N),
     )
     return _assembled((size, mapped.w.numel()), entries, values)
 
 
-def _hessian(
-    mapped: Mapped, interval: Part, end: Part, multipliers: tuple[ca.MX, ca.MX]
-) -> ca.MX:
+def _hessian(mapped: Mapped, multipliers: tuple[ca.MX, ca.MX]) -> ca.MX:
     """Return the upper triangle of the Hessian of lam_f f + lam_g' g."""
-    N, places, last = mapped.N, mapped.places(), mapped.last()
+    N, places, parts = mapped.N, mapped.places(), mapped.parts.present
     lam_f, lam_g = multipliers
     inside = N * mapped.rows
-    curved, end_curved = mapped.applied(
-        interval.curvature,
-        end.curvature,
-        (lam_f, ca.reshape(lam_g[:inside], mapped.rows, N)),
-        (lam_f, lam_g[inside:]),
+    last = inside + parts[1].value.numel_out(0)
+    curved = mapped.applied(
+        lambda part: part.curvature,
+        (
+            (lam_f, ca.reshape(lam_g[:inside], mapped.rows, N)),
+            (lam_f, lam_g[inside:last]),
+            (lam_f, lam_g[last:]),
+        ),
         same=(1, 3),
     )
-    rows, columns = _triplet(interval.curvature, 0)
-    end_rows, end_columns = _triplet(end.curvature, 0)
+    rows, columns = _triplet(parts[0].curvature, 0)
     entries = [_upper(place[rows], place[columns]) for place in places]
-    entries.append(_upper(last[end_rows], last[end_columns]))
-    values = ca.vertcat(
-        _nonzeros(interval.curvature.sparsity_out(0), curved, N),
-        _nonzeros(end.curvature.sparsity_out(0), end_curved, 1),
-    )
+    for part, place in mapped.ends():
+        end_rows, end_columns = _triplet(part.curvature, 0)
+        entries.append(_upper(place[end_rows], place[end_columns]))
+    values = ca.vertcat(*[
+        _nonzeros(part.curvature.sparsity_out(0), block[0], count)
+        for part, block, count in zip(parts, curved, (N, 1, 1), strict=False)
+    ])  # fmt: skip
     size = mapped.w.numel()
     return _assembled((size, size), entries, values)
 
@@ -254,16 +297,23 @@ def _nonzeros(sparsity: ca.Sparsity, blocks: ca.MX, count: int) -> ca.MX:
 def _assembled(
     shape: tuple[int, int], entries: list[tuple[Index, Index]], values: ca.MX
 ) -> ca.MX:
-    """Return a sparse matrix of values at (row, column); those at -1 are left out.
+    """Return a sparse matrix of the sums of values at (row, column).
 
-    No place may be named twice.
+    Those at -1 are left out.
     """
     rows, columns = (np.concatenate(v) for v in zip(*entries, strict=True))
     kept = np.flatnonzero((rows >= 0) & (columns >= 0))
     order = kept[np.lexsort((rows[kept], columns[kept]))]
-    sparsity = ca.Sparsity.triplet(
-        *shape, rows[order].tolist(), columns[order].tolist()
-    )
     if not order.size:
-        return ca.MX(sparsity)
-    return ca.MX(sparsity, ca.vec(values[order.tolist()]))
+        return ca.MX(ca.Sparsity.triplet(*shape, [], []))
+    rows, columns = rows[order], columns[order]
+    new = np.r_[True, (np.diff(rows) != 0) | (np.diff(columns) != 0)]
+    sparsity = ca.Sparsity.triplet(*shape, rows[new].tolist(), columns[new].tolist())
+    found = ca.vec(values[order.tolist()])
+    if not new.all():
+        into = (np.cumsum(new) - 1).tolist()
+        ones = ca.Sparsity.triplet(
+            int(new.sum()), order.size, into, [*range(order.size)]
+        )
+        found = ca.mtimes(ca.DM(ones, 1.0), found)
+    return ca.MX(sparsity, found)

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.fitness import at_nodes
-from swarmstart.ocp.nlp_assembly import Part, argument_sizes
+from swarmstart.ocp.nlp_assembly import Part, decided_states
 from swarmstart.ocp.transcription import Limits, NonlinearProgram
 
 Array = NDArray[np.float64]
@@ -118,7 +118,7 @@ def curvature(point: NlpPoint) -> Curvature:
     size = max(stages.largest, np.finfo(np.float64).tiny)
     flat, held = _FLAT * size, _HELD * size
     found = Curvature.POSITIVE
-    P = stages.end_hessian + held * _outer(stages.end_active)
+    P = stages.ends[0][0] + held * _outer(stages.ends[0][1])
     for k in reversed(range(N)):
         P = P + held * np.diag(stages.held_states[k])
         H, AB, C = stages.hessian[k], stages.dynamics[k], stages.active[k]
@@ -137,7 +137,30 @@ def curvature(point: NlpPoint) -> Curvature:
             P = M[:nx, :nx]
         if not np.isfinite(P).all():
             return Curvature.FLAT
-    return found
+    return _with_start(stages, P, found, (flat, held))
+
+
+def _with_start(
+    stages: "_Stages", P: Array, found: Curvature, sizes: tuple[float, float]
+) -> Curvature:
+    """Return what the second derivatives say with those by a decided start.
+
+    Args:
+        stages: The linearised problem.
+        P: Of the cost to go from the start, shape (nx, nx).
+        found: What the intervals say.
+        sizes: What counts as flat, and the weight of the active rows.
+    """
+    flat, held = sizes
+    free = np.array(stages.decided, dtype=int)[~stages.held_start]
+    if not free.size:
+        return found
+    H, active = stages.ends[1]
+    M = P + H + held * _outer(active)
+    least = np.linalg.eigvalsh(M[np.ix_(free, free)])[0]
+    if least < -flat * 10:
+        return Curvature.NEGATIVE
+    return Curvature.FLAT if least < flat else found
 
 
 class _Stages:
@@ -147,13 +170,16 @@ class _Stages:
         program = point.program
         problem = program.problem
         nx, nu, N = problem.model.nx, problem.model.nu, problem.intervals
-        rows = program.interval.value.numel_out(0)
-        both = point.w.reshape((nu + nx, N), order="F")
-        start = point.q[:nx]
+        interval = program.parts.interval
+        rows = interval.value.numel_out(0)
+        inner = (nu + nx) * N
+        both = point.w[:inner].reshape((nu + nx, N), order="F")
+        start, self.decided = point.q[:nx].copy(), decided_states(problem)
+        start[self.decided] = point.w[inner:]
         x = np.hstack([start[:, None], both[nu:, :-1]])
         z = np.vstack([x, both[:nu]])
-        sizes = argument_sizes(problem, program.interval, program.end)
-        _, shared, inside, at_end, signals = np.split(point.q, np.cumsum(sizes)[:-1])
+        sizes = program.parts.argument_sizes(problem)
+        _, shared, inside, *weights, signals = np.split(point.q, np.cumsum(sizes)[:-1])
         checks = problem.checks
         s = at_nodes(problem, signals)
         known = np.concatenate([shared, inside])
@@ -163,22 +189,37 @@ class _Stages:
         active = np.abs(point.lam_g) > distance
         for k in range(N):
             at = z[:, k], known, s[:, k * checks : (k + 1) * checks + 1]
-            H, J = _derivatives(program.interval, at, lam[:, k])
+            H, J = _derivatives(interval, at, lam[:, k])
             self.hessian.append(H)
             self.dynamics.append(J[:nx])
             self.active.append(J[nx:][active[k * rows + nx : (k + 1) * rows]])
-        at = both[nu:, -1], np.concatenate([shared, at_end]), s[:, -1]
-        self.end_hessian, J = _derivatives(program.end, at, point.lam_g[rows * N :])
-        self.end_active = J[active[rows * N :]]
+        self.ends, first = [], rows * N
+        nodes = ((both[nu:, -1], s[:, -1]), (start, s[:, 0]))
+        for part, (at_node, known_there), own in zip(
+            program.parts.present[1:], nodes, weights, strict=False
+        ):
+            after = first + part.value.numel_out(0)
+            at = at_node, np.concatenate([shared, own]), known_there
+            H, J = _derivatives(part, at, point.lam_g[first:after])
+            self.ends.append((H, J[active[first:after]]))
+            first = after
+        self._hold(point, inner)
+        entries = [
+            np.abs(H).max(initial=0)
+            for H in (*self.hessian, *[H for H, _ in self.ends])
+        ]
+        self.largest = float(max(entries))
+
+    def _hold(self, point: NlpPoint, inner: int) -> None:
+        """Note which variables are held at a bound; the inner ones come first."""
+        model = point.program.problem.model
         room = _room(point.lam_x, point.w, point.limits.lbx, point.limits.ubx)
         fixed = point.limits.lbx == point.limits.ubx
-        at_bound = (fixed | (np.abs(point.lam_x) > room)).reshape(
-            (nu + nx, N), order="F"
-        )
-        self.held_controls = at_bound[:nu].T
-        self.held_states = at_bound[nu:].T.astype(np.float64)
-        entries = [np.abs(H).max(initial=0) for H in (*self.hessian, self.end_hessian)]
-        self.largest = float(max(entries))
+        at_bound = fixed | (np.abs(point.lam_x) > room)
+        inside_bounds = at_bound[:inner].reshape((model.nu + model.nx, -1), order="F")
+        self.held_controls = inside_bounds[: model.nu].T
+        self.held_states = inside_bounds[model.nu :].T.astype(np.float64)
+        self.held_start = at_bound[inner:]
 
 
 def _derivatives(

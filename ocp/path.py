@@ -82,14 +82,19 @@ class Tracer:
         self.checker = checker or Checker(shooting)
         self.problem = problem = shooting.problem
         self._steps = problem.checks * problem.substeps * FINER
+        self._at_once = self._steps
+        if not problem.model.jumps:
+            self._at_once *= problem.intervals
         self._fine = _fine_step(shooting, problem.dt / self._steps).mapaccum(
-            "path", self._steps * problem.intervals
+            "path", self._at_once
         )
         names = [*problem.symbols().values()]
         self._stage_cost = ca.Function("stage_cost", names, [problem.stage_cost])
-        at_end = [names[0], names[2], names[3]]
+        self._step_cost = ca.Function("step_cost", names, [problem.step_cost])
+        ends = [names[0], names[2], names[3]]
         self._kinks = kinks_of(problem)
-        self._end_cost = ca.Function("end_cost", at_end, [problem.terminal_cost])
+        self._end_cost = ca.Function("end_cost", ends, [problem.terminal_cost])
+        self._first_cost = ca.Function("first_cost", ends, [problem.initial_cost])
 
     def __call__(
         self, controls: Array, x0: Array, p: Array, signals: Array, sizes: Sizes
@@ -105,44 +110,82 @@ class Tracer:
         """
         problem, m = self.problem, self._steps
         u = np.repeat(controls, m, axis=1)
-        times = np.linspace(0.0, problem.horizon, u.shape[1] + 1)
+        times = np.linspace(0.0, problem.length, u.shape[1] + 1)
         s = signals_between(problem, signals, times)
-        start = np.concatenate([x0, [0.0, 0.0]])
-        many = np.tile(p[:, None], (1, u.shape[1]))
-        both = np.array(self._fine(start, u, many, s[:, :-1], s[:, 1:]))
-        states = np.hstack([x0[:, None], both[:-2]])
-        spent, magnitude = both[-2:, -1]
+        times = times * (self.shooting.stated.lowered.end_time(x0) / problem.length)
+        states, before, sums = self._followed(x0, u, p, s)
+        at = [states[:, ::m], s[:, ::m]]
         if problem.quadrature != "integral":
-            spent, magnitude = self._summed(states[:, ::m], controls, p, s[:, ::m])
-        end = float(self._end_cost(states[:, -1], p, s[:, -1]))
+            side = slice(0, -1) if problem.quadrature == "left" else slice(1, None)
+            rates = self._values(self._stage_cost, at, side, controls, p)
+            sums = problem.dt * np.array([rates.sum(), np.abs(rates).sum()])
+        single = self._values(self._step_cost, at, slice(0, -1), controls, p)
+        ends = (
+            self._first_cost(x0, p, s[:, 0]),
+            self._end_cost(states[:, -1], p, s[:, -1]),
+        )
+        single = np.append(single, [float(cost) for cost in ends])
         outside = self.checker.at_start(x0, p, s[:, 0], lambda: sizes)
         begins = Points(times[:-1], states[:, :-1], u, s[:, :-1])
-        ends = Points(times[m::m], states[:, m::m], controls, s[:, m::m])
         points = Points(
-            np.concatenate([begins.times, ends.times]),
-            np.hstack([begins.states, ends.states]),
-            np.hstack([begins.controls, ends.controls]),
-            np.hstack([begins.signals, ends.signals]),
+            np.concatenate([begins.times, times[m::m]]),
+            np.hstack([begins.states, before]),
+            np.hstack([begins.controls, controls]),
+            np.hstack([begins.signals, s[:, m::m]]),
         )
-        broken = self.checker.along(_in_time(points), p, sizes, outside=outside)
-        broken += self.checker.at_end(states[:, -1], p, s[:, -1], sizes)
+        last = Points(times[-1:], states[:, -1:], controls[:, -1:], s[:, -1:])
+        broken = self.checker.along(
+            _in_time(points),
+            p,
+            sizes,
+            outside=outside,
+            left=last if problem.model.jumps else None,
+        )
+        broken += self.checker.at_end(states[:, -1], p, s[:, -1], sizes, times[-1])
         return Path(
             times=times,
             states=states,
             controls=u,
-            cost=float(spent) + end,
-            magnitude=float(magnitude) + abs(end),
+            cost=float(sums[0] + single.sum()),
+            magnitude=float(sums[1] + np.abs(single).sum()),
             outside=tuple(outside),
-            kinks=self._touched(Points(times, states, controls, s), p, sizes),
+            kinks=self._touched(Points(times, states, controls, s), before, p, sizes),
             broken=tuple(sorted(broken, key=lambda e: -e.relative)),
             not_finite=first_not_finite(problem, times, states),
         )
 
-    def _touched(self, path: Points, p: Array, sizes: Sizes) -> tuple[str, ...]:
+    def _followed(
+        self, x0: Array, u: Array, p: Array, s: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return the states, those before each interval's end changes them, and sums.
+
+        The sums are of the cost and of its size, integrated.
+        """
+        m, nx = self._steps, x0.size
+        y, found, before = np.append(x0, [0.0, 0.0]), [x0[:, None]], []
+        at_once = self._at_once
+        for first in range(0, u.shape[1], at_once):
+            part = slice(first, first + at_once)
+            many = np.tile(p[:, None], (1, at_once))
+            after = slice(first + 1, first + at_once + 1)
+            both = np.array(self._fine(y, u[:, part], many, s[:, part], s[:, after]))
+            y = both[:, -1]
+            before.append(both[:nx, m - 1 :: m].copy())
+            if self.problem.model.jumps:
+                known = s[: self.problem.model.ns, first + at_once]
+                jumped = self.shooting.jump(y[:nx], u[:, first], p, known)
+                y[:nx] = both[:nx, -1] = np.array(jumped).ravel()
+            found.append(both[:nx])
+        return np.hstack(found), np.hstack(before), y[nx:]
+
+    def _touched(
+        self, path: Points, before: Array, p: Array, sizes: Sizes
+    ) -> tuple[str, ...]:
         """Return the kinks that the path touches, both ends of each interval seen.
 
         Args:
             path: All its points, with one column of controls for each interval.
+            before: States before each interval's end changes them, shape (nx, N).
             p: Parameters, shape (np,).
             sizes: The sizes.
         """
@@ -151,25 +194,29 @@ class Tracer:
             return ()
         m, N = self._steps, self.problem.intervals
         columns = (np.arange(N)[:, None] * m + np.arange(m + 1)).ravel()
+        seen = states[:, columns]
+        seen[:, m :: m + 1] = before
         u = np.repeat(controls, m + 1, axis=1)
         many = np.tile(p[:, None], (1, columns.size))
         sides, reach = self._kinks.sides(
-            states[:, columns], u, many, path.signals[:, columns],
+            seen, u, many, path.signals[:, columns],
             *(np.tile(v[:, None], (1, columns.size))
               for v in (sizes.states, sizes.controls)),
         )  # fmt: skip
         return self._kinks.touched(np.array(sides), np.array(reach), N)
 
-    def _summed(
-        self, states: Array, controls: Array, p: Array, s: Array
-    ) -> tuple[float, float]:
-        """Return the sums of the stage cost and of its size at the intervals' ends."""
-        problem = self.problem
-        side = slice(0, -1) if problem.quadrature == "left" else slice(1, None)
+    def _values(
+        self,
+        cost: ca.Function,
+        at: list[Array],
+        side: slice,
+        controls: Array,
+        p: Array,
+    ) -> Array:
+        """Return a cost at one end of each interval, shape (N,)."""
         many = np.tile(p[:, None], (1, controls.shape[1]))
-        rates = self._stage_cost(states[:, side], controls, many, s[:, side])
-        spent = problem.dt * np.array(rates)
-        return float(spent.sum()), float(np.abs(spent).sum())
+        states, signals = (values[:, side] for values in at)
+        return np.array(cost(states, controls, many, signals)).ravel()
 
 
 def first_not_finite(
@@ -195,9 +242,9 @@ def _fine_step(shooting: Shooting, h: float) -> ca.Function:
     counts = float(problem.quadrature == "integral")
 
     def rate(t: float, z: ca.SX) -> ca.SX:
-        x = z[: model.nx]
-        spent = counts * cost(x, u, p, before + t / h * (after - before))
-        return ca.vertcat(f(x, u, p), spent, ca.fabs(spent))
+        x, s = z[: model.nx], before + t / h * (after - before)
+        spent = counts * cost(x, u, p, s)
+        return ca.vertcat(f(x, u, p, s[: model.ns]), spent, ca.fabs(spent))
 
     stepped = rk4(rate, y, 0.0, h)
     return ca.Function("fine", [y, u, p, before, after], ca.cse([stepped]))

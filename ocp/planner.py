@@ -107,6 +107,11 @@ class Plan:
     start_excess: float = 0.0
     point: NlpPoint | None = None
 
+    @property
+    def x0(self) -> Array:
+        """Initial state, with what was decided about it, shape (nx,)."""
+        return self.states[:, 0]
+
     def __repr__(self) -> str:
         """Return cost, violation and source in one line."""
         kind = "feasible" if self.feasible else "infeasible"
@@ -115,6 +120,17 @@ class Plan:
             f"{self.controls.shape[1]} intervals, from {self.source.value}, "
             f"{self.evaluations} evaluations"
         )
+
+
+def start_of(problem: OptimalControlProblem, plan: Plan, x0: ArrayLike) -> ArrayLike:
+    """Return where a plan starts: what is decided about it is the plan's.
+
+    Args:
+        problem: The problem that it is a plan of.
+        plan: The plan.
+        x0: Initial state as given, shape (nx,).
+    """
+    return plan.x0 if problem.free_starts else x0
 
 
 class Account(TypedDict, total=False):
@@ -144,8 +160,12 @@ class PlanningInterrupted(KeyboardInterrupt):
 class Planner:
     """Search and polish of one problem, compiled once.
 
+    All its methods but `posed` speak of the core of the problem (lowering.py), which is
+    the problem itself unless it decides or remembers more than controls.
+
     Attributes:
-        problem: The problem.
+        stated: The problem as it is stated.
+        problem: Its core.
         fitness: Its evaluator.
         search: The population search; None: none.
         polish: Options of the polish; None: none.
@@ -178,8 +198,9 @@ class Planner:
                 the family does not fit the problem.
             InvalidSettingsError: If the search's population does not fit into memory.
         """
-        self.problem = problem
+        self.stated = problem
         self.fitness = Fitness(Shooting(problem), backend=backend)
+        self.problem = self.fitness.problem
         self._checker = Checker(self.fitness.shooting)
         search = search_settings(search)
         self.search, self.polish = search, polish
@@ -194,6 +215,31 @@ class Planner:
     def tracer(self) -> Tracer:
         """Traces the paths of plans; compiled when first asked for."""
         return Tracer(self.fitness.shooting, self._checker)
+
+    def posed(
+        self, x0: ArrayLike, known: Known = NOTHING, guess: Array | Start | None = None
+    ) -> tuple[ArrayLike, Known, Array | Start | None]:
+        """Return initial state, what is known and a guess as the core has them.
+
+        Args:
+            x0: Initial state of the stated problem, shape (nx,).
+            known: What the stated problem knows.
+            guess: Controls, or a Start with states of the stated problem.
+
+        Raises:
+            InvalidProblemError: If a shape is not the problem's.
+        """
+        lowered = self.stated.lowered
+        if lowered.core is self.stated and not self.problem.free_starts:
+            return x0, known, guess
+        start = lowered.start(x0, known.previous)
+        core = Known(
+            lowered.parameters(known.parameters, known.time),
+            lowered.signals(known.signals),
+        )
+        if isinstance(guess, Start) and guess.states is not None:
+            guess = guess._replace(states=lowered.states(guess.states, start))
+        return start, core, guess
 
     def plan(  # noqa: PLR0913 - each may be left out
         self,
@@ -226,7 +272,9 @@ class Planner:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
             PlanningInterrupted: On Ctrl-C, with the best plan so far, if there is one.
         """
-        controls, states = guess if isinstance(guess, Start) else (guess, None)
+        given = guess if isinstance(guess, Start) or guess is None else Start(guess)
+        controls, states, start = given or (None, None, None)
+        x0 = x0 if start is None else start
         if controls is not None:
             controls = bounded_controls(self.problem, controls)
         first = []
@@ -254,7 +302,7 @@ class Planner:
             raise PlanningInterrupted(plan) from None
         return self.evaluated(
             polished.controls,
-            x0,
+            polished.x0,
             known=known,
             value=(polished.cost, polished.violation),
             source=Source.POLISH if polished.improved else plan.source,
@@ -322,7 +370,7 @@ class Planner:
                 algorithm=search.algorithm,
                 budget=search.budget,
                 order=search.order or default_order(self.problem.tolerance),
-                initial=first_population(search, space, guess, first),
+                initial=first_population(search, space, guess, first, x0),
                 basins=search.basins if self.polisher else 0,
                 radius=search.radius,
                 rng=rng,
@@ -332,7 +380,7 @@ class Planner:
             start = space.decoded(stopped.partial.x, x0, known)
             plan = self.evaluated(
                 start.controls,
-                x0,
+                x0 if start.x0 is None else start.x0,
                 known=known,
                 source=Source.SEARCH,
                 evaluations=stopped.partial.evaluations,
@@ -341,7 +389,7 @@ class Planner:
         starts = [space.decoded(x, x0, known) for x in points(result)]
         plan = self.evaluated(
             starts[0].controls,
-            x0,
+            x0 if starts[0].x0 is None else starts[0].x0,
             known=known,
             source=Source.SEARCH,
             search=SearchReport(

@@ -35,6 +35,7 @@ from swarmstart.ocp.polish_options import (
     PolishOptions,
     PolishStatus,
 )
+from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.search_space import Start
 from swarmstart.ocp.transcription import multiple_shooting
@@ -54,6 +55,7 @@ class Polished:
 
     Attributes:
         controls: Shape (nu, N), within the bounds.
+        x0: Initial state, with what is decided about it, shape (nx,).
         cost: Its cost on the problem's evaluator.
         violation: Its violation there.
         improved: False if the guess was kept.
@@ -64,6 +66,7 @@ class Polished:
     """
 
     controls: Array
+    x0: Array
     cost: float
     violation: float
     improved: bool
@@ -132,7 +135,7 @@ class Polisher:
 
         Args:
             controls: The guess, shape (nu, N), clipped to the bounds; not changed.
-            x0: Initial state, shape (nx,).
+            x0: Initial state, shape (nx,), with the guess of what is decided about it.
             known: Parameters and signals.
             states: At the nodes, shape (nx, nodes): where the solver starts; they need
                 not be those that the controls lead to. None means they are.
@@ -172,12 +175,12 @@ class Polisher:
     ) -> Polished:
         """Return the better of a guess of known value and the solver's answer."""
         problem, fitness = self._fitness.problem, self._fitness
-        point, stats, found = self._solve(controls, states, x0, known, near=near)
-        lower, upper = (limit[:, None] for limit in problem.control_limits)
-        better = np.clip(found, lower, upper)
+        given = np.asarray(x0, dtype=np.float64).ravel()
+        point, stats, found = self._solve(controls, states, given, known, near=near)
+        better, start = _within(problem, given, *found)
         after = (
-            fitness.value(better, x0, known)
-            if np.isfinite(better).all()
+            fitness.value(better, start, known)
+            if np.isfinite(better).all() and np.isfinite(start).all()
             else (np.inf, np.inf)
         )
         status = self._judged(stats, point)
@@ -191,6 +194,7 @@ class Polisher:
                 status = PolishStatus.WORSE
         return Polished(
             controls=better if improved else controls,
+            x0=start if improved else given,
             cost=cost,
             violation=violation,
             improved=improved,
@@ -214,14 +218,17 @@ class Polisher:
         self,
         controls: Array,
         states: Array,
-        x0: ArrayLike,
+        x0: Array,
         known: Known,
         *,
         near: bool,
-    ) -> tuple[NlpPoint, dict[str, Any], Array]:
-        """Return the solver's answer, its statistics and its controls."""
+    ) -> tuple[NlpPoint, dict[str, Any], tuple[Array, Array]]:
+        """Return the solver's answer, its statistics, and what it says in our units.
+
+        That is the controls, and the states at the start that are decided.
+        """
         program, problem = self._program, self._fitness.problem
-        ends = states[:, problem.checks :: problem.checks]
+        ends = np.hstack([x0[:, None], states[:, problem.checks :: problem.checks]])
         sizes = self._sizes(controls, states, x0, known)
         q = program.arguments(*shared_arguments(problem, x0, known), sizes)
         limits = program.limits(sizes)
@@ -247,7 +254,7 @@ class Polisher:
             lam_x=lam_x,
             limits=limits,
         )
-        return point, solver.stats(), program.split(w, sizes)[0]
+        return point, solver.stats(), program.split(w, sizes)
 
     def _sizes(
         self, controls: Array, states: Array, x0: ArrayLike, known: Known
@@ -282,7 +289,7 @@ def polish_basins(
     best, *others = (
         polisher(
             start.controls,
-            x0,
+            x0 if start.x0 is None else start.x0,
             known,
             states=start.states,
             near=near and start.states is None,
@@ -312,6 +319,19 @@ def _better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
         iterations=one.iterations + other.iterations,
         evaluations=one.evaluations + other.evaluations,
     )
+
+
+def _within(
+    problem: OptimalControlProblem, x0: Array, controls: Array, decided: Array
+) -> tuple[Array, Array]:
+    """Return controls and the initial state within their bounds."""
+    lower, upper = (limit[:, None] for limit in problem.control_limits)
+    start, place = x0.copy(), 0
+    for one in problem.free_starts:
+        value = np.clip(decided[place], one.value.lower, one.value.upper)
+        start[list(one.states)] = value
+        place += len(one.states)
+    return np.clip(controls, lower, upper), start
 
 
 def _last_line(error: Exception) -> str:

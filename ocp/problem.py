@@ -24,23 +24,29 @@ constraint has a scale (row_scales): the one given, the width of a range, or one
 for an initial state from the problem's own numbers (scaling.py).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
-from typing import Literal, cast, get_args
+from typing import Literal, NamedTuple, get_args
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.constraint_forms import (
+    as_path,
+    as_terminal,
+    known_scales,
+    label,
+)
 from swarmstart.ocp.constraints import (
     Bounds,
     Constraint,
     PathConstraint,
     TerminalConstraint,
-    limited,
 )
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.free import Free, FreeStart, free_starts
 from swarmstart.ocp.integrators import require_count, require_integrator
 from swarmstart.ocp.limits import (
     Limit,
@@ -49,14 +55,15 @@ from swarmstart.ocp.limits import (
     require_number,
     scales_given,
 )
+from swarmstart.ocp.lowering import Lowered, lowered
 from swarmstart.ocp.model import (
     Model,
     as_column,
     require_known,
     require_symbols,
     shortened,
+    symbol_names,
 )
-from swarmstart.ocp.separation import Connection, Separation
 from swarmstart.ocp.units import without_power_of_two
 
 Array = NDArray[np.float64]
@@ -67,22 +74,42 @@ _LARGEST_POWER = 1000
 """Of two: what is taken out of costs must itself be a number."""
 
 
+class Costs(NamedTuple):
+    """The costs of a problem, each a scalar; see OptimalControlProblem."""
+
+    stage: ca.SX
+    step: ca.SX
+    initial: ca.SX
+    terminal: ca.SX
+
+
 @dataclass(frozen=True, eq=False)
 class OptimalControlProblem:
     """An optimal-control problem over a horizon; the initial state is an argument.
 
     Attributes:
         model: The model whose symbols all expressions are written in.
-        horizon: Length of the prediction [s].
+        horizon: Length of the prediction [s]; a `Free` where it is decided.
         intervals: Number N of control intervals in it.
         stage_cost: Scalar in states, controls, parameters, signals [cost / s].
-        terminal_cost: Scalar in states, parameters, signals.
+        step_cost: The same, but [cost], added as each interval begins; it may depend
+            on the previous controls, too.
+        initial_cost: Scalar in states, parameters, signals, at the start.
+        terminal_cost: The same at the end.
         bounds: Bounds on controls and states.
         constraints: Path constraints: those of constraints.py, relations such as
             `x[0] <= 1`, or bare expressions, which mean expression = 0.
         terminal: Terminal constraints, relations, bare expressions (= 0), or pairs
             (expression, value).
-        signals: Symbols of the known signals, shape (ns, 1).
+        start: Names of the states whose value at the start is decided, each with its
+            bounds; several names in a tuple start at one value. What an initial state
+            says of them is the guess.
+        periodic: Names of states that end where they start, which is decided.
+        decided: Names of the model's parameters that are decided, with their bounds.
+        previous: Symbols of the controls of the interval before, shape (nu, 1), which
+            the step cost and the path constraints may depend on.
+        signals: Symbols of the known signals, shape (ns, 1); those of the model come
+            first, and are added where they are missing.
         quadrature: "integral", "left" or "right".
         integrator: A key of INTEGRATORS.
         substeps: Steps of the integrator from one check to the next.
@@ -98,13 +125,19 @@ class OptimalControlProblem:
 
     model: Model
     _: KW_ONLY
-    horizon: float
+    horizon: float | Free
     intervals: int
     stage_cost: ca.SX = field(default_factory=lambda: ca.SX(0))
+    step_cost: ca.SX = field(default_factory=lambda: ca.SX(0))
+    initial_cost: ca.SX = field(default_factory=lambda: ca.SX(0))
     terminal_cost: ca.SX = field(default_factory=lambda: ca.SX(0))
     bounds: Bounds = field(default_factory=Bounds)
     constraints: Sequence[Constraint | ca.SX] = ()
     terminal: Sequence[ca.SX | TerminalConstraint | tuple[ca.SX, Limit]] = ()
+    start: Mapping[str | tuple[str, ...], Free] = field(default_factory=dict)
+    periodic: Sequence[str] = ()
+    decided: Mapping[str, Free] = field(default_factory=dict)
+    previous: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     signals: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     quadrature: Quadrature = "integral"
     integrator: str = "rk4"
@@ -121,17 +154,24 @@ class OptimalControlProblem:
             )
         self._check_grid()
         require_symbols("signals", self.signals)
-        for role in ("stage_cost", "terminal_cost"):
+        require_symbols("previous", self.previous)
+        if self.previous.numel() not in (0, self.model.nu):
+            raise InvalidProblemError(
+                f"previous must be a symbol for each of the {self.model.nu} controls, "
+                f"got {self.previous.numel()}"
+            )
+        self._set("signals", _with_those_of(self.model, self.signals))
+        for role in ("stage_cost", "step_cost", "initial_cost", "terminal_cost"):
             self._set(role, self._scalar(role))
         self._set("constraints", tuple(map(as_path, self._listed("constraints"))))
         self._set("terminal", tuple(map(as_terminal, self._listed("terminal"))))
         self._set("bounds", self._array_bounds())
-        symbols = self.symbols()
+        self._set("start", dict(self.start))
         for constraint in self.stated:
-            require_known("a path constraint", constraint.expression, symbols)
-        at_end = {name: s for name, s in symbols.items() if name != "controls"}
+            self._require_known("a path constraint", constraint.expression)
         for end in self.terminal_constraints:
-            require_known("a terminal constraint", end.expression, at_end)
+            self._require_known("a terminal constraint", end.expression)
+        self._check_decisions()
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -146,18 +186,46 @@ class OptimalControlProblem:
         return list(given)
 
     def _check_grid(self) -> None:
-        for role in ("horizon", "tolerance", "path_tolerance"):
-            self._set(role, require_number(role, getattr(self, role)))
-        if not (np.isfinite(self.horizon) and self.horizon > 0):
-            raise InvalidProblemError(f"horizon must be positive, got {self.horizon}")
+        if not isinstance(self.horizon, Free):
+            self._set("horizon", require_number("horizon", self.horizon))
+            if not (np.isfinite(self.length) and self.length > 0):
+                raise InvalidProblemError(
+                    f"horizon must be positive, got {self.horizon}"
+                )
+        elif not self.horizon.lower > 0:
+            raise InvalidProblemError(
+                f"a free horizon must have a lower bound above 0, got {self.horizon}"
+            )
         for role in ("intervals", "checks"):
             require_count(role, getattr(self, role))
         require_integrator(self.integrator, self.substeps)
         require_choice("quadrature", self.quadrature, get_args(Quadrature))
         for role in ("tolerance", "path_tolerance"):
+            self._set(role, require_number(role, getattr(self, role)))
             if not getattr(self, role) >= 0:
                 raise InvalidProblemError(
                     f"{role} must be at least 0, got {getattr(self, role)}"
+                )
+
+    def _check_decisions(self) -> None:
+        """Refuse names of states and parameters that are unknown or come twice."""
+        free_starts(self.start, self.model.state_names, self.state_limits)
+        parameters = symbol_names(self.model.parameters)
+        for role, named, names in (
+            ("periodic", self.periodic, self.model.state_names),
+            ("decided", self.decided, parameters),
+        ):
+            wrong = [name for name in named if name not in names]
+            if wrong or isinstance(named, str) or len(set(named)) != len(named):
+                raise InvalidProblemError(
+                    f"{role} must name, each once, some of "
+                    f"{', '.join(names) or 'nothing'}, got {list(named)}"
+                )
+        for name, value in dict(self.decided).items():
+            if not isinstance(value, Free):
+                raise InvalidProblemError(
+                    f"decided parameter {name!r} must be a swarmstart.Free, "
+                    f"got {value!r}"
                 )
 
     def _scalar(self, role: str) -> ca.SX:
@@ -166,11 +234,19 @@ class OptimalControlProblem:
             raise InvalidProblemError(
                 f"{role} must be a scalar, got shape {expression.shape}"
             )
-        known = self.symbols()
-        if role == "terminal_cost":
-            del known["controls"]
-        require_known(role, expression, known)
+        self._require_known(role, expression)
         return expression
+
+    def _require_known(self, role: str, expression: ca.SX) -> None:
+        """Refuse an expression that depends on what has no value where it is used."""
+        known = self.symbols()
+        if role in ("initial_cost", "terminal_cost", "a terminal constraint"):
+            del known["controls"]
+        elif role != "stage_cost" and self.previous.numel():
+            known["previous"] = self.previous
+        if self.model.time.numel():
+            known["time"] = self.model.time
+        require_known(role, expression, known)
 
     def _array_bounds(self) -> Bounds:
         if not isinstance(self.bounds, Bounds):
@@ -182,8 +258,19 @@ class OptimalControlProblem:
             (-np.inf, np.inf) if limits is None else limits
             for limits in (self.bounds.controls, self.bounds.states)
         )
+        controls = limits_of("controls", controls, self.model.nu)
+        search = self.bounds.search
+        if search is not None:
+            within = limits_of("controls in the search", search, self.model.nu)
+            search = limits_of(
+                "controls in the search, within those of the controls",
+                (np.maximum(within[0], controls[0]),
+                 np.minimum(within[1], controls[1])),
+                self.model.nu,
+            )  # fmt: skip
         return Bounds(
-            controls=limits_of("controls", controls, self.model.nu),
+            controls=controls,
+            search=search,
             states=limits_of("states", states, self.model.nx),
             state_scale=scales_given("states", self.bounds.state_scale, self.model.nx),
         )
@@ -198,29 +285,48 @@ class OptimalControlProblem:
         }
 
     @property
+    def length(self) -> float:
+        """Length of the horizon [s].
+
+        Raises:
+            InvalidProblemError: If it is decided, and so no number of the problem.
+        """
+        if isinstance(self.horizon, Free):
+            raise InvalidProblemError(
+                "the horizon is free: its length is known of an answer only"
+            )
+        return self.horizon
+
+    @property
     def dt(self) -> float:
         """Length of a control interval [s]."""
-        return self.horizon / self.intervals
+        return self.length / self.intervals
 
     @property
     def ns(self) -> int:
         """Number of signals."""
         return int(self.signals.numel())
 
-    def costs(self) -> tuple[float, ca.SX, ca.SX]:
-        """Return (unit, stage cost / unit, terminal cost / unit), unit a power of two.
+    def costs(self) -> tuple[float, "Costs"]:
+        """Return (unit, costs / unit), the unit a power of two.
 
         A cost times a power of two differs in the unit only; see units.py.
         """
-        power, stage = without_power_of_two(self.stage_cost)
-        other, end = without_power_of_two(self.terminal_cost)
-        if self.stage_cost.is_zero():
-            power = other
-        if self.terminal_cost.is_zero():
-            other = power
-        if max(abs(power), abs(other), abs(other - power)) > _LARGEST_POWER:
-            return 1.0, self.stage_cost, self.terminal_cost
-        return 2.0**power, stage, 2.0 ** (other - power) * end
+        given = Costs(
+            self.stage_cost, self.step_cost, self.initial_cost, self.terminal_cost
+        )
+        split = [without_power_of_two(cost) for cost in given]
+        powers = [p for (p, _), cost in zip(split, given, strict=True)
+                  if not cost.is_zero()]  # fmt: skip
+        unit = powers[0] if powers else 0
+        if any(
+            abs(p) > _LARGEST_POWER or abs(p - unit) > _LARGEST_POWER for p in powers
+        ):
+            return 1.0, given
+        return 2.0**unit, Costs(
+            *[2.0 ** (power - unit) * cost if power != unit and not cost.is_zero()
+              else cost for power, cost in split]
+        )  # fmt: skip
 
     @property
     def nodes(self) -> int:
@@ -230,12 +336,20 @@ class OptimalControlProblem:
     @property
     def times(self) -> Array:
         """Times of the nodes after the start of the horizon, shape (nodes,) [s]."""
-        return np.linspace(0.0, self.horizon, self.nodes)
+        return np.linspace(0.0, self.length, self.nodes)
 
     @property
     def control_limits(self) -> tuple[Array, Array]:
         """Lower and upper bounds of the controls, each (nu,)."""
         lower, upper = self.bounds.controls or ((), ())
+        return np.asarray(lower), np.asarray(upper)
+
+    @property
+    def search_limits(self) -> tuple[Array, Array]:
+        """Lower and upper bounds of the controls in a search, each (nu,)."""
+        if self.bounds.search is None:
+            return self.control_limits
+        lower, upper = self.bounds.search
         return np.asarray(lower), np.asarray(upper)
 
     @property
@@ -282,6 +396,21 @@ class OptimalControlProblem:
         ]
 
     @cached_property
+    def free_starts(self) -> tuple[FreeStart, ...]:
+        """The decisions about the state at the start."""
+        return free_starts(self.start, self.model.state_names, self.state_limits)
+
+    @cached_property
+    def lowered(self) -> Lowered:
+        """The problem with its core; see lowering.py."""
+        return lowered(self)
+
+    @property
+    def decisions(self) -> int:
+        """Number of what is decided: the controls, and what of the start is free."""
+        return self.model.nu * self.intervals + len(self.free_starts)
+
+    @cached_property
     def automatic(self) -> int:
         """Number of rows whose scale depends on the initial state."""
         return sum(int(np.isnan(scales).sum()) for scales in self.row_scales())
@@ -289,9 +418,12 @@ class OptimalControlProblem:
     def __repr__(self) -> str:
         """Return the problem's sizes, names and grid in a few lines."""
         model, kinds = self.model, self.path_constraints
+        horizon = "a free time"
+        if not isinstance(self.horizon, Free):
+            horizon = f"{self.horizon:g} s"
         lines = [
-            f"OptimalControlProblem over {self.horizon:g} s: {self.intervals} intervals"
-            f" of {self.dt:g} s, {self.checks} check(s) in each, "
+            f"OptimalControlProblem over {horizon}: {self.intervals} intervals"
+            f", {self.checks} check(s) in each, "
             f"{self.integrator} in {self.substeps} step(s) a check",
             f"  states: {', '.join(model.state_names)}",
             f"  controls: {', '.join(map(self._with_limits, range(model.nu)))}",
@@ -306,69 +438,12 @@ class OptimalControlProblem:
         return f"{self.model.control_names[j]} in [{lower:g}, {upper:g}]"
 
 
-def known_scales(constraint: Constraint) -> Array:
-    """Return the scale of each row, as given or the width of a range; else NaN."""
-    if constraint.scale is not None:
-        return np.asarray(constraint.scale, dtype=np.float64)
-    rows = constraint.rows(constraint.expression)
-    with np.errstate(invalid="ignore"):
-        width = rows.upper - rows.lower
-    return np.where(np.isfinite(width) & (width > 0), width, np.nan)
-
-
-def label(constraint: Constraint) -> str:
-    """Return the name of a constraint, or its expression in short."""
-    return constraint.name or shortened(constraint.expression)
-
-
-def as_path(constraint: object) -> Constraint:
-    """Return a path constraint; a relation or a bare expression becomes one.
-
-    Raises:
-        InvalidProblemError: If it is none of these.
-    """
-    if isinstance(constraint, TerminalConstraint):
-        raise InvalidProblemError(
-            "constraints must hold path constraints; a TerminalConstraint belongs into "
-            "the list `terminal`"
-        )
-    stated = limited("a path constraint", constraint)
-    if stated is not None:
-        expression, lower, upper = stated
-        name = shortened(constraint)
-        return PathConstraint(
-            expression=expression, lower=lower, upper=upper, name=name
-        )
-    if not all(hasattr(constraint, n) for n in ("expression", "excess", "smooth")):
-        raise InvalidProblemError(
-            "constraints must hold PathConstraint, Separation, Connection, relations "
-            f"such as x[0] <= 1 or expressions, got {shortened(constraint)}"
-        )
-    return cast(Constraint, constraint)
-
-
-def as_terminal(constraint: object) -> TerminalConstraint:
-    """Return a terminal constraint; relations, expressions and pairs become one.
-
-    Raises:
-        InvalidProblemError: If it is none of these.
-    """
-    if isinstance(constraint, TerminalConstraint):
-        return constraint
-    if isinstance(constraint, PathConstraint | Separation | Connection):
-        raise InvalidProblemError(
-            "terminal must hold terminal constraints, got a "
-            f"{type(constraint).__name__}: use TerminalConstraint(expression=..., "
-            "lower=..., upper=...)"
-        )
-    stated = limited("a terminal constraint", constraint)
-    if stated is not None:
-        expression, lower, upper = stated
-        return TerminalConstraint(expression=expression, lower=lower, upper=upper)
-    if isinstance(constraint, tuple) and len(constraint) == 2:  # noqa: PLR2004
-        expression, value = constraint
-        return TerminalConstraint(expression=expression, lower=value, upper=value)
-    raise InvalidProblemError(
-        "terminal must hold TerminalConstraint, relations, expressions or pairs "
-        f"(expression, value), got {shortened(constraint)}"
-    )
+def _with_those_of(model: Model, signals: ca.SX) -> ca.SX:
+    """Return the signals of a problem, the model's first."""
+    own = [signals[i] for i in range(signals.numel())]
+    first = [model.signals[i] for i in range(model.ns)]
+    if len(own) >= len(first) and all(
+        ca.is_equal(a, b) for a, b in zip(first, own, strict=False)
+    ):
+        return signals
+    return ca.vertcat(model.signals, signals)

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.checking import Excess, Points
-from swarmstart.ocp.constraints import Bounds, Constraint, PathConstraint
+from swarmstart.ocp.constraint_forms import label
+from swarmstart.ocp.constraints import Constraint, PathConstraint
 from swarmstart.ocp.fitness import Known, at_nodes, shared_arguments
 from swarmstart.ocp.path import Tracer, signals_between
-from swarmstart.ocp.problem import OptimalControlProblem, label
+from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.separation import Connection, Separation
 from swarmstart.ocp.solution import Solution
 
@@ -100,9 +101,9 @@ def slack_at_checks(
     path, checks = solution.path, problem.intervals * problem.checks * times
     _, p, flat = shared_arguments(problem, x0, known)
     columns = np.linspace(0, path.times.size - 1, checks + 1).astype(int)[1:]
-    at = path.times[columns]
+    at = np.linspace(0.0, problem.length, checks + 1)[1:]
     points = Points(
-        at,
+        path.times[columns],
         path.states[:, columns],
         path.controls[:, columns - 1],
         signals_between(problem, at_nodes(problem, flat), at),
@@ -170,11 +171,7 @@ def tightened(
         bounded = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
         state = bounded[excess.row]
         _move_limit(lower, upper, state, excess.above, margin)
-    bounds = Bounds(
-        controls=problem.bounds.controls,
-        states=(lower, upper),
-        state_scale=problem.bounds.state_scale,
-    )
+    bounds = replace(problem.bounds, states=(lower, upper))
     return replace(problem, constraints=constraints, bounds=bounds)
 
 

@@ -26,7 +26,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.model import right_hand_side
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
@@ -65,7 +64,7 @@ class Sizing:
         """Compile what is evaluated at points around the initial state."""
         self._problem = problem
         symbols = [*problem.symbols().values()]
-        f = right_hand_side(problem.model)(*symbols[:3])
+        f = _rate(problem)
         path = [c.rows(c.expression) for c in problem.path_constraints]
         ends = [c.rows(c.expression) for c in problem.terminal_constraints]
         self._limits = [
@@ -74,8 +73,8 @@ class Sizing:
         ]
         outputs = [
             f,
-            problem.stage_cost,
-            problem.terminal_cost,
+            problem.stage_cost + problem.step_cost / problem.dt,
+            problem.terminal_cost + problem.initial_cost,
             *[r.values for r in (*path, *ends)],
         ]
         self._at = ca.Function("at", symbols, [ca.vertcat(*outputs)])
@@ -126,12 +125,15 @@ class Sizing:
             states = self._without_tiny(at, states, controls, guess)
         filled = self._filled(at, states, controls, guess)
         states, controls = (np.where(sizes > 0, sizes, 1.0) for sizes in filled)
+        for one in self._problem.free_starts:
+            together = list(one.states)
+            states[together] = states[together].max()
         values = self._around(at, states, controls, guess)
         stage, end = (
             float(np.nan_to_num(np.abs(v), nan=0, posinf=0).max()) for v in values[1:3]
         )
         rows = self._rows(values[3:])
-        cost = self._problem.horizon * stage + end
+        cost = self._problem.length * stage + end
         return Sizes(
             states=states,
             controls=controls,
@@ -168,10 +170,18 @@ class Sizing:
 
     def _first_states(self, x0: Array, parameters: Array, signals: Array) -> Array:
         """Return sizes by bounds, start and target; 0 if these say nothing."""
-        lower, upper = self._problem.state_limits
-        width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+        width = self._widths()
         target = np.array(self._target(parameters, signals)).ravel()
         return np.maximum(np.maximum(width, np.abs(x0)), np.abs(np.nan_to_num(target)))
+
+    def _widths(self) -> Array:
+        """Return the widths of the states' bounds, or of their start; 0: no bounds."""
+        lower, upper = (limits.copy() for limits in self._problem.state_limits)
+        for one in self._problem.free_starts:
+            for i in one.states:
+                if not np.isfinite(upper[i] - lower[i]):
+                    lower[i], upper[i] = one.value.lower, one.value.upper
+        return np.where(np.isfinite(upper - lower), upper - lower, 0.0)
 
     def _first_controls(self) -> Array:
         """Return sizes by bounds; 0 if these say nothing."""
@@ -186,7 +196,7 @@ class Sizing:
         self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
     ) -> tuple[Array, Array]:
         """Return the sizes with those that are 0 found from the dynamics; 0 if not."""
-        T, nx = self._problem.horizon, states.size
+        T, nx = self._problem.length, states.size
         for _ in range(2 * (nx + controls.size)):
             if states.all() and controls.all():
                 break
@@ -208,7 +218,7 @@ class Sizing:
 
         A start of 1e-300 is as good as zero.
         """
-        T = self._problem.horizon
+        T = self._problem.length
         states, controls = self._filled(at, direct, known, guess)
         rates = np.abs(self._around(at, states, controls, guess)[0])
         reach = np.nan_to_num(T * rates, nan=0, posinf=0).max(axis=1, initial=0)
@@ -216,7 +226,8 @@ class Sizing:
         np.fill_diagonal(needed, np.inf)  # What others need of it.
         need = needed.min(axis=0, initial=np.inf)
         derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
-        return np.where(direct < _NEGLIGIBLE * derived, 0.0, direct)
+        tiny = (direct < _NEGLIGIBLE * derived) & (self._widths() == 0)
+        return np.where(tiny, 0.0, direct)
 
     def _needed(self, at: "_Point", sizes: Array) -> Array:
         """Return sizes of states and controls, one step back from known rates."""
@@ -230,7 +241,7 @@ class Sizing:
         Shape (nx, nx + nu), infinity where it needs nothing.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
-            needed = states[:, None] / (self._problem.horizon * at.slopes)
+            needed = states[:, None] / (self._problem.length * at.slopes)
         needed[~((needed > 0) & (needed < np.inf))] = np.inf
         return np.asarray(needed)
 
@@ -294,6 +305,14 @@ class _Point:
     signals: Array
     slopes: Array
     seen: dict[bytes, list[Array]] = field(default_factory=dict)
+
+
+def _rate(problem: OptimalControlProblem) -> ca.SX:
+    """Return the rates of the states, with what an interval's end adds to them."""
+    model = problem.model
+    if not model.jumps:
+        return model.ode
+    return model.ode + (model.next_state - model.states) / problem.dt
 
 
 def _middle(lower: Array, upper: Array) -> Array:

@@ -40,7 +40,7 @@ from swarmstart.heuristics import (
 from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import Fitness, Known, Objective, flatten, unflatten
+from swarmstart.ocp.fitness import Fitness, Known, Objective, started, unflatten
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_settings import SearchSettings
 from swarmstart.ocp.shooting import (
@@ -60,10 +60,12 @@ class Start(NamedTuple):
     Attributes:
         controls: Shape (nu, N).
         states: At the nodes, shape (nx, nodes); None: where the controls lead.
+        x0: Initial state, shape (nx,), with what is decided about it; None: as given.
     """
 
     controls: Array
     states: Array | None = None
+    x0: Array | None = None
 
 
 class SearchSpace(Protocol):
@@ -79,8 +81,8 @@ class SearchSpace(Protocol):
     def decoded(self, x: Array, x0: ArrayLike, known: Known) -> Start:
         """Return what a point, shape (dim,), means."""
 
-    def encoded(self, controls: Array) -> Array:
-        """Return the point of controls, shape (nu, N).
+    def encoded(self, controls: Array, x0: ArrayLike) -> Array:
+        """Return the point of controls, shape (nu, N), from an initial state.
 
         Raises:
             InvalidProblemError: If controls have no point here.
@@ -108,13 +110,20 @@ class ControlSpace:
         return self._fitness.objective(x0, known)
 
     def decoded(self, x: Array, x0: ArrayLike, known: Known) -> Start:
-        """Return the controls; see SearchSpace."""
-        del x0, known
-        return Start(unflatten(x, self._fitness.problem.model.nu))
+        """Return the controls, and the start where it is decided; see SearchSpace."""
+        del known
+        problem = self._fitness.problem
+        inputs = problem.model.nu * problem.intervals
+        controls = unflatten(x[:inputs], problem.model.nu)
+        if not problem.free_starts:
+            return Start(controls)
+        return Start(controls, x0=started(problem, x0, x[inputs:]))
 
-    def encoded(self, controls: Array) -> Array:
-        """Return ca.vec of the controls; see SearchSpace."""
-        return flatten(controls)
+    def encoded(self, controls: Array, x0: ArrayLike) -> Array:
+        """Return the decision vector of controls; see SearchSpace."""
+        return np.clip(
+            self._fitness.decision(controls, x0), self.box.lower, self.box.upper
+        )
 
 
 def _control_box(fitness: Fitness) -> Box:
@@ -124,16 +133,31 @@ def _control_box(fitness: Fitness) -> Box:
             "a population search needs at least one control, got a model without any: "
             "solve it with search=None"
         )
-    lower, upper = problem.control_limits
+    lower, upper = problem.search_limits
+    starts = problem.free_starts
     if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
         raise InvalidProblemError(
             "a population search needs finite bounds on every control, "
-            f"got lower {lower} and upper {upper}"
+            f"got lower {lower} and upper {upper}: "
+            "Bounds(search=(lower, upper)) bounds the search alone"
         )
+    for one in starts:
+        if not np.isfinite(one.value.upper - one.value.lower):
+            name = problem.model.state_names[one.states[0]]
+            raise InvalidProblemError(
+                f"a population search needs finite bounds on what is decided, got "
+                f"{name} in [{one.value.lower:g}, {one.value.upper:g}]: give its Free "
+                "both bounds"
+            )
     return Box(
-        lower=np.tile(lower, problem.intervals),
-        upper=np.tile(upper, problem.intervals),
+        lower=np.append(
+            np.tile(lower, problem.intervals), [one.value.lower for one in starts]
+        ),
+        upper=np.append(
+            np.tile(upper, problem.intervals), [one.value.upper for one in starts]
+        ),
         per_step=problem.model.nu,
+        constant=len(starts),
     )
 
 
@@ -195,9 +219,9 @@ class FamilySpace:
         lower, upper = (limit[:, None] for limit in self._problem.control_limits)
         return Start(np.clip(np.mean(parts, axis=0), lower, upper), states)
 
-    def encoded(self, controls: Array) -> Array:
+    def encoded(self, controls: Array, x0: ArrayLike) -> Array:
         """Refuse: controls need not be those of a member; see SearchSpace."""
-        del controls
+        del controls, x0
         raise InvalidProblemError(
             "a search in a family of trajectories takes no guess of controls"
         )
@@ -263,6 +287,11 @@ def _check_violation(shooting: Shooting) -> ca.Function:
 
 def _require_fit(problem: OptimalControlProblem, family: TrajectoryFamily) -> None:
     model, nodes = problem.model, problem.nodes
+    if problem.free_starts or model.jumps or model.ns:
+        raise InvalidProblemError(
+            "a family of trajectories needs a start that is given, and a model without "
+            "jumps and signals"
+        )
     wanted = [family.box.dim, model.nx, model.np, model.nx * nodes, model.nu * nodes]
     f = family.trajectory
     found = [f.numel_in(i) for i in range(f.n_in())]
@@ -295,13 +324,14 @@ def first_population(
     space: SearchSpace,
     guess: Array | None,
     first: Sequence[Array],
+    x0: ArrayLike,
 ) -> Initial:
     """Return how the first population is made: candidates, guesses, the rest drawn."""
     size = first_size_of(search.algorithm, space.box, search.budget.evaluations)
-    given = [space.encoded(controls) for controls in first]
+    given = [space.encoded(controls, x0) for controls in first]
     if guess is not None and search.warm_start != "none":
         copies = {"all": size - len(given), "half": size // 2, "one": 1}
-        given += [space.encoded(guess)] * copies[search.warm_start]
+        given += [space.encoded(guess, x0)] * copies[search.warm_start]
     if not given:
         return Initial(sampling=search.sampling)
     return Initial(sampling=search.sampling, points=np.stack(given[:size], axis=1))

@@ -3,8 +3,9 @@
 One stage function covers one control interval; the rollout applies it N times from
 the initial state. Arguments, in this order, of everything made here:
 
-    controls    ca.vec of (nu, N): interval after interval, shape (nu * N,)
-    x0          initial state, shape (nx,)
+    decisions   ca.vec of the controls (nu, N): interval after interval; then what is
+                decided about the start, one number for each of problem.free_starts
+    x0          initial state, shape (nx,); of a state whose start is decided, anything
     parameters  (p, w): the model's parameters (np,), and 1 / scale of each row whose
                 scale depends on the initial state (problem.automatic of them)
     signals     ca.vec of (ns, nodes): node after node, shape (ns * nodes,)
@@ -17,19 +18,21 @@ finite again, are looked at in the end.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
 
 from swarmstart.ocp.constraints import Constraint, row_excess
 from swarmstart.ocp.integrators import integrate
-from swarmstart.ocp.model import right_hand_side
-from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.model import jump_of, rate_of
+from swarmstart.ocp.problem import Costs, OptimalControlProblem
 from swarmstart.ocp.scaling import Sizing
 
 _UNROLLED = 20_000
 """Operations up to which a trajectory is one function without calls."""
-ARGUMENTS = ("controls", "x0", "parameters", "signals")
+Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
+ARGUMENTS = ("decisions", "x0", "parameters", "signals")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +42,15 @@ class Shooting:
     Whatever evaluates a problem takes its `Shooting`, so that all share one.
 
     Attributes:
-        problem: The problem.
+        stated: The problem as it is stated; all functions are of its core.
     """
 
-    problem: OptimalControlProblem
+    stated: OptimalControlProblem
+
+    @property
+    def problem(self) -> OptimalControlProblem:
+        """The core of the problem; see lowering.py."""
+        return self.stated.lowered.core
 
     @cached_property
     def sizing(self) -> Sizing:
@@ -51,19 +59,30 @@ class Shooting:
 
     @cached_property
     def dynamics(self) -> ca.Function:
-        """(x, u, p) -> x'."""
-        return right_hand_side(self.problem.model)
+        """(x, u, p, s) -> x', s the model's signals."""
+        return rate_of(self.problem.model)
 
     @cached_property
-    def costs(self) -> tuple[float, ca.SX, ca.SX]:
-        """(unit, stage cost / unit, terminal cost / unit)."""
+    def jump(self) -> ca.Function:
+        """(x, u, p, s) -> the state that the end of an interval leaves."""
+        return jump_of(self.problem.model)
+
+    @cached_property
+    def costs(self) -> tuple[float, Costs]:
+        """(unit, costs / unit)."""
         return self.problem.costs()
 
     @cached_property
     def stage_cost(self) -> ca.Function:
         """(x, u, p, s) -> stage cost / unit."""
         names = self.problem.symbols().values()
-        return ca.Function("stage_cost", [*names], [self.costs[1]])
+        return ca.Function("stage_cost", [*names], [self.costs[1].stage])
+
+    @cached_property
+    def step_cost(self) -> ca.Function:
+        """(x, u, p, s) -> step cost / unit."""
+        names = self.problem.symbols().values()
+        return ca.Function("step_cost", [*names], [self.costs[1].step])
 
     @cached_property
     def path_values(self) -> tuple[ca.Function, ...]:
@@ -79,6 +98,45 @@ class Shooting:
         """The rows of each path constraint that depend on the controls."""
         controls = self.problem.model.controls
         return tuple(_depending(c, controls) for c in self.problem.path_constraints)
+
+    @cached_property
+    def rows_of_start(self) -> tuple[list[int], ...]:
+        """The rows of each path constraint that hold of a start that is decided.
+
+        No control enters them, and they depend on a state whose start is decided.
+        """
+        problem = self.problem
+        decided = ca.vertcat(ca.SX(0, 1), *[
+            problem.model.states[i] for one in problem.free_starts for i in one.states
+        ])  # fmt: skip
+        return tuple(
+            [row for row in _depending(c, decided) if row not in controlled]
+            for c, controlled in zip(
+                problem.path_constraints, self.rows_with_controls, strict=True
+            )
+        )
+
+    @cached_property
+    def rows_that_jump(self) -> tuple[list[int], ...]:
+        """The rows of each path constraint that an interval's end may change.
+
+        No control enters them, and they depend on a state that jumps.
+        """
+        model = self.problem.model
+        if not model.jumps:
+            return tuple([] for _ in self.problem.path_constraints)
+        jumping = [
+            model.states[i]
+            for i in range(model.nx)
+            if not ca.is_equal(model.next_state[i], model.states[i])
+        ]
+        moved = ca.vertcat(ca.SX(0, 1), *jumping)
+        return tuple(
+            [row for row in _depending(c, moved) if row not in controlled]
+            for c, controlled in zip(
+                self.problem.path_constraints, self.rows_with_controls, strict=True
+            )
+        )
 
     @cached_property
     def stage(self) -> ca.Function:
@@ -106,6 +164,20 @@ class Shooting:
         )
 
     @cached_property
+    def begin(self) -> ca.Function:
+        """(x, p, s) -> (cost, violation) at the start of the horizon.
+
+        p is as in the module's head. The violation is of the rows that hold of a start
+        that is decided.
+        """
+        return _begin(self)
+
+    @cached_property
+    def has_begin(self) -> bool:
+        """Whether the start adds a cost or a violation to a rollout."""
+        return any(self.rows_of_start) or not self.problem.initial_cost.is_zero()
+
+    @cached_property
     def terminal(self) -> ca.Function:
         """(x, p, s) -> (cost, violation) at the end of the horizon.
 
@@ -116,7 +188,7 @@ class Shooting:
 
     @cached_property
     def rollout(self) -> ca.Function:
-        """(controls, x0, parameters, signals) -> (cost, violation)."""
+        """(decisions, x0, parameters, signals) -> (cost, violation)."""
         arguments, (cost, violation) = _rolled(self)
         violation = unless_finite(cost, violation)
         return ca.Function(
@@ -129,12 +201,21 @@ class Shooting:
 
     @cached_property
     def trajectory(self) -> ca.Function:
-        """(controls, x0, parameters, signals) -> (states, outside).
+        """(decisions, x0, parameters, signals) -> (states, outside).
 
         States are at the nodes, shape (nx, nodes); outside is by how much the start
         breaks rows that no control enters, at the worst and in parts of their scales.
         """
         return _trajectory(self)
+
+    def cost_at_begin(self, x: ca.SX, u: ca.SX, p: ca.SX, s: ca.SX) -> ca.SX:
+        """Return the cost / unit that an interval has as it begins."""
+        problem, cost = self.problem, ca.SX(0)
+        if problem.quadrature == "left":
+            cost = problem.dt * self.stage_cost(x, u, p, s)
+        if not problem.step_cost.is_zero():
+            cost += self.step_cost(x, u, p, s)
+        return cost
 
     def check_step(
         self, x: ca.SX, u: ca.SX, p: ca.SX, ends: tuple[ca.SX, ca.SX]
@@ -148,36 +229,36 @@ class Shooting:
             ends: Signals at both of its ends.
         """
         problem, f = self.problem, self.dynamics
-        duration = problem.dt / problem.checks
-        if problem.quadrature != "integral":
-            held = integrate(
-                problem.integrator,
-                lambda _, y: f(y, u, p),
-                x,
-                start=0.0,
-                duration=duration,
-                steps=problem.substeps,
-            )
-            return held, ca.SX(0)
-        start, end = ends
+        duration, (start, end) = problem.dt / problem.checks, ends
+        ns = problem.model.ns
+        if problem.model.is_discrete and problem.quadrature != "integral":
+            return x, ca.SX(0)
+
+        def at(t: float) -> ca.SX:
+            return start + t / duration * (end - start)
 
         def rate(t: float, y: ca.SX) -> ca.SX:
-            s = start + t / duration * (end - start)
-            return ca.vertcat(f(y[:-1], u, p), self.stage_cost(y[:-1], u, p, s))
+            if problem.quadrature != "integral":
+                return f(y, u, p, at(t)[:ns] if ns else start[:0])
+            s = at(t)
+            return ca.vertcat(f(y[:-1], u, p, s[:ns]), self.stage_cost(y[:-1], u, p, s))
 
+        begun = x if problem.quadrature != "integral" else ca.vertcat(x, 0)
         both = integrate(
             problem.integrator,
             rate,
-            ca.vertcat(x, 0),
+            begun,
             start=0.0,
             duration=duration,
             steps=problem.substeps,
         )
+        if problem.quadrature != "integral":
+            return both, ca.SX(0)
         return both[:-1], both[-1]
 
 
 def shooting_of(problem: OptimalControlProblem | Shooting) -> Shooting:
-    """Return the functions of a problem, or those that are given."""
+    """Return the functions of a problem's core, or those that are given."""
     return problem if isinstance(problem, Shooting) else Shooting(problem)
 
 
@@ -190,39 +271,23 @@ def _stage(shooting: Shooting) -> ca.Function:
         ca.SX.sym("s", problem.ns, problem.checks + 1),
     )
     parameters, automatic = ca.vertsplit(p, [0, model.np, p.numel()])
-    unit, stage_cost = shooting.costs[0], shooting.stage_cost
-    watched = [
-        *zip(
-            problem.path_constraints,
-            shooting.path_values,
-            shooting.rows_with_controls,
-            row_weights(problem, automatic)[: len(problem.path_constraints)],
-            strict=True,
-        )
-    ]
-
-    cost = ca.SX(0)
-    if problem.quadrature == "left":
-        cost = problem.dt * stage_cost(x, u, parameters, signals[:, 0])
+    weights = row_weights(problem, automatic)
+    cost = shooting.cost_at_begin(x, u, parameters, signals[:, 0])
     violation, state, states = ca.SX(0), x, []
     for k in range(problem.checks):
-        s0, s1 = signals[:, k], signals[:, k + 1]
-        after, spent = shooting.check_step(state, u, parameters, (s0, s1))
-        for constraint, value, rows, weight in watched:
-            start, end = (
-                value(state, u, parameters, s0),
-                value(after, u, parameters, s1),
-            )
-            broken = path_violation(constraint, constraint.excess(start, end), weight)
-            if k == 0 and rows:  # Those that the controls enter.
-                at_start = constraint.excess(start, start)[rows]
-                broken += path_violation(constraint, at_start, weight[rows])
-            violation += broken
+        ends = signals[:, k], signals[:, k + 1]
+        reached, spent = shooting.check_step(state, u, parameters, ends)
+        after = reached
+        if model.jumps and k == problem.checks - 1:
+            after = shooting.jump(reached, u, parameters, ends[1][: model.ns])
+        violation += _check_violation(
+            shooting, (state, reached, after), (u, parameters, *ends), weights, k
+        )
         cost, state = cost + spent, after
         states.append(after)
     if problem.quadrature == "right":
-        cost = problem.dt * stage_cost(state, u, parameters, signals[:, -1])
-    cost = unit * cost
+        cost += problem.dt * shooting.stage_cost(state, u, parameters, signals[:, -1])
+    cost = shooting.costs[0] * cost
     return ca.Function(
         "stage",
         [x, u, p, signals],
@@ -230,6 +295,45 @@ def _stage(shooting: Shooting) -> ca.Function:
         ["x", "u", "p", "signals"],
         ["states", "cost", "violation"],
     )
+
+
+def _check_violation(
+    shooting: Shooting,
+    states: tuple[ca.SX, ca.SX, ca.SX],
+    known: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
+    weights: list[ca.SX],
+    k: int,
+) -> ca.SX:
+    """Return the violation of the path constraints over one check of an interval.
+
+    Args:
+        shooting: The problem's functions.
+        states: As it begins, as it ends, and as the interval's end leaves it.
+        known: Controls, parameters, signals at its begin and end.
+        weights: 1 / scale of each constraint's rows.
+        k: Its number in the interval.
+    """
+    problem, (before, reached, after), (u, p, s0, s1) = shooting.problem, states, known
+    violation = ca.SX(0)
+    last, discrete = k == problem.checks - 1, problem.model.is_discrete
+    for number, constraint in enumerate(problem.path_constraints):
+        value, weight = shooting.path_values[number], weights[number]
+        start = value(before, u, p, s0)
+        broken = ca.SX(0)
+        if not discrete:
+            excess = constraint.excess(start, value(reached, u, p, s1))
+            broken = path_violation(constraint, excess, weight)
+        rows = shooting.rows_with_controls[number] if k == 0 else []
+        if rows:
+            excess = constraint.excess(start, start)[rows]
+            broken += path_violation(constraint, excess, weight[rows])
+        rows = shooting.rows_that_jump[number] if last else []
+        if rows:
+            end = value(after, u, p, s1)
+            excess = constraint.excess(start if discrete else end, end)[rows]
+            broken += path_violation(constraint, excess, weight[rows])
+        violation += broken
+    return violation
 
 
 def row_weights(problem: OptimalControlProblem, automatic: ca.SX) -> list[ca.SX]:
@@ -280,6 +384,30 @@ def infinite_unless_finite(value: ca.SX) -> ca.SX:
     return ca.if_else(ca.fabs(value) < ca.inf, 0, ca.inf)
 
 
+def _begin(shooting: Shooting) -> ca.Function:
+    problem = shooting.problem
+    symbols, automatic = problem.symbols(), ca.SX.sym("w", problem.automatic)
+    violation = ca.SX(0)
+    for constraint, weight, rows in zip(
+        problem.path_constraints,
+        row_weights(problem, automatic)[: len(problem.path_constraints)],
+        shooting.rows_of_start,
+        strict=True,
+    ):
+        if rows:
+            excess = constraint.excess(constraint.expression, constraint.expression)
+            violation += path_violation(constraint, excess[rows], weight[rows])
+    return ca.Function(
+        "begin",
+        [
+            symbols["states"],
+            ca.vertcat(symbols["parameters"], automatic),
+            symbols["signals"],
+        ],
+        [problem.initial_cost, violation],
+    )
+
+
 def _terminal(problem: OptimalControlProblem) -> ca.Function:
     symbols, count = problem.symbols(), problem.automatic
     automatic = ca.SX.sym("w", count)
@@ -311,9 +439,10 @@ def _trajectory(shooting: Shooting) -> ca.Function:
         ca.MX.sym(name, rows)
         for name, rows in zip(ARGUMENTS, _sizes(problem), strict=True)
     ]
-    controls, x0, parameters, flat = arguments
+    decisions, given, parameters, flat = arguments
     signals = ca.reshape(flat, problem.ns, problem.nodes)
     columns = [k * checks + c for k in range(N) for c in range(checks + 1)]
+    controls, x0 = decisions[: model.nu * N], _started(shooting, given, decisions)
     _, states = step.mapaccum("steps", N)(
         x0,
         ca.reshape(controls, model.nu, N),
@@ -331,18 +460,39 @@ def _trajectory(shooting: Shooting) -> ca.Function:
     return whole.expand()  # Quicker to call, but it grows with N.
 
 
+def _started(shooting: Shooting, x0: Symbolic, decisions: Symbolic) -> Symbolic:
+    """Return the state at the start, with what is decided about it."""
+    problem = shooting.problem
+    if not problem.free_starts:
+        return x0
+    first = problem.model.nu * problem.intervals
+    decided = {
+        i: first + number
+        for number, one in enumerate(problem.free_starts)
+        for i in one.states
+    }
+    return ca.vertcat(*[
+        decisions[decided[i]] if i in decided else x0[i]
+        for i in range(problem.model.nx)
+    ])  # fmt: skip
+
+
 def _outside(shooting: Shooting) -> ca.Function:
-    """Return (x, p, s) -> the worst scaled excess of the rows without controls."""
+    """Return (x, p, s) -> the worst scaled excess of rows that nothing decides."""
     problem = shooting.problem
     symbols, automatic = problem.symbols(), ca.SX.sym("w", problem.automatic)
     worst = ca.SX(0)
     weights = row_weights(problem, automatic)
-    for constraint, weight, with_controls in zip(
-        problem.path_constraints, weights, shooting.rows_with_controls, strict=False
+    for constraint, weight, with_controls, decided in zip(
+        problem.path_constraints,
+        weights,
+        shooting.rows_with_controls,
+        shooting.rows_of_start,
+        strict=False,
     ):
         excess = row_excess(constraint.rows(constraint.expression))
         for row in range(excess.numel()):
-            if row not in with_controls:
+            if row not in with_controls and row not in decided:
                 worst = ca.fmax(worst, excess[row] * weight[row])
     return ca.Function(
         "outside",
@@ -359,7 +509,7 @@ def _sizes(problem: OptimalControlProblem) -> tuple[int, int, int, int]:
     """Return the number of entries of each of ARGUMENTS."""
     model = problem.model
     return (
-        model.nu * problem.intervals,
+        problem.decisions,
         model.nx,
         model.np + problem.automatic,
         problem.ns * problem.nodes,
@@ -374,11 +524,15 @@ def _rolled(shooting: Shooting) -> tuple[list[ca.SX], tuple[ca.SX, ca.SX]]:
         ca.SX.sym(name, rows)
         for name, rows in zip(ARGUMENTS, _sizes(problem), strict=True)
     ]
-    controls, x0, p, flat_signals = arguments
-    u = ca.reshape(controls, model.nu, problem.intervals)
+    decisions, x0, p, flat_signals = arguments
+    u = ca.reshape(
+        decisions[: model.nu * problem.intervals], model.nu, problem.intervals
+    )
     signals = ca.reshape(flat_signals, problem.ns, problem.nodes)
 
-    x, cost, violation = x0, ca.SX(0), ca.SX(0)
+    x, cost, violation = _started(shooting, x0, decisions), ca.SX(0), ca.SX(0)
+    if shooting.has_begin:
+        cost, violation = shooting.begin(x, p, signals[:, 0])
     for k in range(problem.intervals):
         known = signals[:, k * checks : (k + 1) * checks + 1]
         x, spent, broken = interval(x, u[:, k], p, known)

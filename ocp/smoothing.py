@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 
 from swarmstart.ocp.constraints import PathConstraint, TerminalConstraint
 from swarmstart.ocp.fitness import Known, at_nodes, shared_arguments
-from swarmstart.ocp.model import Model
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.shooting import Shooting, shooting_of
 
@@ -41,20 +40,16 @@ def smoothed(
         part: delta.
     """
     kinked = _Kinked(problem)
-    ode, stage, end, *rest = kinked.rewritten([part * size for size in sizes])
-    model, ends = problem.model, problem.terminal_constraints
+    found = kinked.rewritten([part * size for size in sizes])
+    ode, next_state, stage, step, begin, end, *rest = found
+    ends = problem.terminal_constraints
     by_old = dict(zip(map(id, (*kinked.path, *ends)), rest, strict=True))
     return replace(
         problem,
-        model=Model(
-            states=model.states,
-            controls=model.controls,
-            ode=ode,
-            parameters=model.parameters,
-            state_names=model.state_names,
-            control_names=model.control_names,
-        ),
+        model=replace(problem.model, ode=ode, next_state=next_state),
         stage_cost=stage,
+        step_cost=step,
+        initial_cost=begin,
         terminal_cost=end,
         constraints=[
             replace(c, expression=by_old[id(c)]) if isinstance(c, PathConstraint) else c
@@ -118,8 +113,13 @@ class _Kinked:
         self._symbols = [*problem.symbols().values()]
         self.path = [c for c in problem.stated if isinstance(c, PathConstraint)]
         self._expressions = [
-            problem.model.ode, problem.stage_cost, problem.terminal_cost
-        ]  # fmt: skip
+            problem.model.ode,
+            problem.model.next_state,
+            problem.stage_cost,
+            problem.step_cost,
+            problem.initial_cost,
+            problem.terminal_cost,
+        ]
         self._expressions += [c.expression for c in self.path]
         self._expressions += [c.expression for c in problem.terminal_constraints]
         self._sides: list[ca.SX] = []

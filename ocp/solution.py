@@ -15,7 +15,7 @@ solver ended at a stationary point, the second derivatives say that it is a mini
 the path touches no kink or jump of the problem's expressions.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.ocp.fitness import NOTHING, Known, at_nodes, shared_arguments
 from swarmstart.ocp.optimality import Curvature, curvature, is_stationary
 from swarmstart.ocp.path import Path, Tracer, first_not_finite
-from swarmstart.ocp.planner import Plan
+from swarmstart.ocp.planner import Plan, start_of
 from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.presentation import Presented
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -53,6 +53,8 @@ class Solution(Presented):
         times: At the nodes, shape (nodes,) [s].
         states: At the nodes, finely integrated, shape (nx, nodes).
         controls: Shape (nu, N).
+        decided: What is decided besides controls and start: parameters by their names,
+            a free end time as "end time" [s].
         cost: Cost on the problem's own grid.
         violation: Summed violation on the problem's own grid, in parts of the scales.
         verified_cost: Cost on the finer path.
@@ -71,6 +73,7 @@ class Solution(Presented):
     times: Array
     states: Array
     controls: Array
+    decided: Mapping[str, float]
     cost: float
     violation: float
     verified_cost: float
@@ -101,11 +104,14 @@ class Solution(Presented):
             f"(finer path: {self.verified_violation:.3g})",
             f"  source      {plan.source.value}; {plan.evaluations} evaluations"
             + (f"; polish {plan.polish_status.value}" if plan.polish_status else ""),
-            f"  horizon     {self.problem.horizon:g} s, {self.problem.intervals} "
-            f"intervals of {self.problem.dt:g} s",
+            f"  horizon     {self.times[-1]:g} s, {self.problem.intervals} "
+            f"intervals of {self.times[-1] / self.problem.intervals:g} s",
             f"  states      {_ranges(self.state_names, self.states)}",
             f"  controls    {_ranges(self.control_names, self.controls)}",
         ]
+        if self.decided:
+            values = [f"{name} {value:.9g}" for name, value in self.decided.items()]
+            lines.insert(-2, f"  decided     {', '.join(values)}")
         return "\n".join(lines)
 
 
@@ -146,7 +152,9 @@ def verified(
     """
     trace = problem if isinstance(problem, Tracer) else Tracer(problem)
     problem = trace.problem
-    state, parameters, flat = shared_arguments(problem, x0, known)
+    state, parameters, flat = shared_arguments(
+        problem, start_of(problem, plan, x0), known
+    )
     signals = at_nodes(problem, flat)
     sizes = trace.shooting.sizing(state, parameters, signals, plan.controls)
     path = trace(plan.controls, state, parameters, signals, sizes)
@@ -165,14 +173,16 @@ def verified(
     if not status.is_confirmed:
         stiff = stiffness(problem, path, parameters)
     every = (path.times.size - 1) // (problem.nodes - 1)
+    stated = trace.shooting.stated
     return Solution(
         status=status,
         reason=reason,
         advice=advice_for(problem, found, stiff),
-        problem=problem,
-        times=problem.times,
-        states=path.states[:, ::every],
+        problem=stated,
+        times=path.times[::every],
+        states=path.states[: stated.model.nx, ::every],
         controls=plan.controls,
+        decided=stated.lowered.decided(state),
         cost=plan.cost,
         violation=plan.violation,
         verified_cost=path.cost,

@@ -66,7 +66,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
 
     Args:
         problem: The problem.
-        x0: Initial state, shape (nx,).
+        x0: Initial state, shape (nx,); of what is decided about it the guess, or NaN.
         search: A population search, as everywhere: a name such as "lshade", an
             algorithm or its class, or `SearchSettings`, which have a budget and an
             order; "default" means what `heuristics.default_algorithm` takes for the
@@ -111,6 +111,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         raise InvalidProblemError("solve needs a search, a polish or both, got neither")
     with stopwatch() as watch:
         planner = Planner(problem, search=settings, polish=polishing, backend=backend)
+        start_at = None if guess is None else _start(guess)
+        x0, known, start_at = planner.posed(x0, known, start_at)
         outside = planner.outside(x0, known)
         if outside and start == "must hold":
             raise InvalidProblemError(
@@ -118,7 +120,6 @@ def solve(  # noqa: PLR0913 - the whole way in one call
                 f"constraints: {'; '.join(map(str, outside))} (start='may violate' "
                 "allows it)"
             )
-        start_at = None if guess is None else _start(guess)
         solution = _solved(
             planner,
             x0,

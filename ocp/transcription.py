@@ -1,9 +1,10 @@
 """Direct multiple shooting: an optimal-control problem as a sparse NLP, without units.
 
     minimise  f(w, q)   subject to  lbg <= g(w, q) <= ubg,  lbw <= w <= ubw
-    w = (u_0, x_1, u_1, x_2, ... u_N-1, x_N), each divided by its size
-    g = (defects and constraint rows of interval 0, of interval 1, ..., terminal rows)
-    q = (x0, shared, weights of an interval's and of the end's rows, ca.vec of signals)
+    w = (u_0, x_1, u_1, x_2, ... u_N-1, x_N, decided states of x_0), divided by sizes
+    g = (defects and rows of interval 0, of interval 1, ..., terminal rows, rows of x_0)
+    q = (x0, shared, weights of an interval's, the end's and the start's rows, ca.vec of
+    signals)
 
 The states after each interval are variables, tied by continuity (defects = 0). Path
 constraints hold, in smooth form, at every check; rows that a control enters hold as an
@@ -19,6 +20,7 @@ Source: Bock and Plitt (1984), A multiple shooting algorithm for direct solution
 optimal control problems.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -27,7 +29,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.constraints import Rows
-from swarmstart.ocp.nlp_assembly import LimitedRows, Mapped, Part, derivatives_of
+from swarmstart.ocp.nlp_assembly import (
+    LimitedRows,
+    Mapped,
+    Part,
+    Parts,
+    decided_states,
+    derivatives_of,
+)
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.shooting import Shooting, shooting_of
@@ -57,16 +66,14 @@ class NonlinearProgram:
         problem: The problem.
         nlp: The expressions "x", "p", "f", "g".
         derivatives: "grad_f", "jac_g" and "hess_lag", as nlpsol's IPOPT takes them.
-        interval: One interval.
-        end: The end of the horizon.
+        parts: One interval, the end and the start.
         unit: Of the cost, as `OptimalControlProblem.costs` gives it.
     """
 
     problem: OptimalControlProblem
     nlp: dict[str, Any]  # Of CasADi's MX or, written out, SX.
     derivatives: dict[str, ca.Function]
-    interval: Part
-    end: Part
+    parts: Parts
     unit: float
 
     def arguments(
@@ -82,44 +89,56 @@ class NonlinearProgram:
         """
         cost = [sizes.cost / self.unit]
         shared = [parameters, sizes.states, sizes.controls, cost]
-        weights = [_part_weights(part, sizes) for part in (self.interval, self.end)]
+        weights = [_part_weights(part, sizes) for part in self.parts.present]
         return np.concatenate([x0 / sizes.states, *shared, *weights, signals])
 
     def limits(self, sizes: Sizes) -> Limits:
         """Return the bounds of variables and constraints, divided by the sizes."""
         problem, N = self.problem, self.problem.intervals
-        inside, at_end = (
-            _part_weights(part, sizes) for part in (self.interval, self.end)
-        )
+        free = decided_states(problem)
+        starts = [one.value for one in problem.free_starts for _ in one.states]
+        decided = [
+            np.array([getattr(value, side) for value in starts]) / sizes.states[free]
+            for side in ("lower", "upper")
+        ]
         bounds = [
-            np.tile(np.concatenate([u / sizes.controls, x / sizes.states]), N)
-            for u, x in zip(problem.control_limits, problem.state_limits, strict=True)
-        ]
-        g = [
-            np.concatenate(
-                [
-                    np.tile(
-                        np.concatenate([np.zeros(problem.model.nx), stage * inside]), N
-                    ),
-                    end * at_end,
-                ]
+            np.append(
+                np.tile(np.concatenate([u / sizes.controls, x / sizes.states]), N),
+                start,
             )
-            for stage, end in zip(
-                self.interval.rows[1:3], self.end.rows[1:3], strict=True
+            for u, x, start in zip(
+                problem.control_limits, problem.state_limits, decided, strict=True
             )
         ]
+        g = []
+        for side in (1, 2):
+            inside, *ends = (
+                np.concatenate(
+                    [
+                        np.zeros(part.value.numel_out(0) - len(part.rows.places)),
+                        part.rows[side] * _part_weights(part, sizes),
+                    ]
+                )
+                for part in self.parts.present
+            )
+            g.append(np.concatenate([np.tile(inside, N), *ends]))
         return Limits(bounds[0], bounds[1], g[0], g[1])
 
     def variables(self, controls: Array, states: Array, sizes: Sizes) -> Array:
-        """Return w of controls (nu, N) and the states after each interval (nx, N)."""
-        scaled = [controls / sizes.controls[:, None], states / sizes.states[:, None]]
-        return np.vstack(scaled).ravel(order="F")
+        """Return w of controls (nu, N) and the states between intervals (nx, N + 1)."""
+        scaled = states / sizes.states[:, None]
+        inner = np.vstack([controls / sizes.controls[:, None], scaled[:, 1:]])
+        free = decided_states(self.problem)
+        return np.concatenate([inner.ravel(order="F"), scaled[free, 0]])
 
     def split(self, w: Array, sizes: Sizes) -> tuple[Array, Array]:
-        """Return controls (nu, N) and the states after each interval (nx, N) of w."""
-        nu, N = self.problem.model.nu, self.problem.intervals
-        both = w.reshape((-1, N), order="F")
-        return both[:nu] * sizes.controls[:, None], both[nu:] * sizes.states[:, None]
+        """Return controls (nu, N), and the decided states at the start, of w."""
+        problem = self.problem
+        nu, N, free = problem.model.nu, problem.intervals, decided_states(problem)
+        inner = w[: w.size - len(free)].reshape((-1, N), order="F")
+        return inner[:nu] * sizes.controls[:, None], w[w.size - len(free) :] * (
+            sizes.states[free]
+        )
 
 
 def _part_weights(part: Part, sizes: Sizes) -> Array:
@@ -135,22 +154,23 @@ def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearPro
         problem: The problem, or its functions.
     """
     shooting = shooting_of(problem)
-    problem, interval, end = (
-        shooting.problem,
+    problem = shooting.problem
+    parts = Parts(
         _interval_part(shooting),
         _end_part(shooting),
+        _begin_part(shooting) if problem.free_starts else None,
     )
-    mapped = Mapped(problem, interval, end)
-    cost, end_cost = mapped.applied(interval.cost, end.cost)
-    g, end_g = mapped.applied(interval.value, end.value)
+    mapped = Mapped(problem, parts)
+    (cost,), *ends = mapped.applied(lambda part: part.cost)
+    values = mapped.applied(lambda part: part.value)
     nlp: dict[str, Any] = {
         "x": mapped.w,
         "p": mapped.q,
-        "f": ca.sum2(cost) + end_cost,
-        "g": mapped.rows_of(g, end_g),
+        "f": sum((end for (end,) in ends), ca.sum2(cost)),
+        "g": mapped.rows_of([g for (g,) in values]),
     }
-    derivatives = derivatives_of(mapped, interval, end)
-    operations = sum(part.n_instructions() for part in interval[:5])
+    derivatives = derivatives_of(mapped)
+    operations = sum(part.n_instructions() for part in parts.interval[:5])
     if operations * problem.intervals <= _UNROLLED:
         nlp = _without_calls(nlp)
         derivatives = {name: f.expand() for name, f in derivatives.items()}
@@ -158,8 +178,7 @@ def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearPro
         problem=problem,
         nlp=nlp,
         derivatives=derivatives,
-        interval=interval,
-        end=end,
+        parts=parts,
         unit=shooting.costs[0],
     )
 
@@ -207,29 +226,49 @@ def _interval_part(shooting: Shooting) -> Part:
     x_, u_ = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     s = ca.SX.sym("s", problem.ns, problem.checks + 1)
     state, u, p = x_ * shared.states, u_ * shared.controls, shared.parameters
-    constraints = [
-        *enumerate(zip(problem.path_constraints, shooting.path_values, strict=True))
-    ]
-    on_states = len(problem.constraints)  # Bounds, the last one if there are any.
-    cost, parts = ca.SX(0), []
-    if problem.quadrature == "left":
-        cost = problem.dt * shooting.stage_cost(state, u, p, s[:, 0])
-    for number, (constraint, value) in constraints:
-        rows = constraint.smooth(value(state, u, p, s[:, 0]))
-        parts.append(_limited(rows, number, shooting.rows_with_controls[number]))
+    cost = shooting.cost_at_begin(state, u, p, s[:, 0])
+    parts = _rows_at(shooting, (state, u, p, s[:, 0]), shooting.rows_with_controls)
     for k in range(problem.checks):
         state, spent = shooting.check_step(state, u, p, (s[:, k], s[:, k + 1]))
         cost += spent
-        for number, (constraint, value) in constraints:
-            if number == on_states and k == problem.checks - 1:
-                continue  # The states after an interval are variables, with bounds.
-            rows = constraint.smooth(value(state, u, p, s[:, k + 1]))
-            parts.append(_limited(rows, number, None))
+        if not model.is_discrete:
+            # The states after an interval are variables, with bounds.
+            last = k == problem.checks - 1
+            at = (state, u, p, s[:, k + 1])
+            parts += _rows_at(shooting, at, without_bounds=last)
+    if model.jumps:
+        state = shooting.jump(state, u, p, s[: model.ns, -1])
+        at = (state, u, p, s[:, -1])
+        parts += _rows_at(shooting, at, shooting.rows_that_jump, without_bounds=True)
     if problem.quadrature == "right":
-        cost = problem.dt * shooting.stage_cost(state, u, p, s[:, -1])
+        cost += problem.dt * shooting.stage_cost(state, u, p, s[:, -1])
     limited = _joined(parts)
     g = ca.vertcat(state / shared.states, limited.values)
     return _part(ca.vertcat(x_, u_), shared, s, cost, g, limited)
+
+
+def _rows_at(
+    shooting: Shooting,
+    at: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
+    chosen: Sequence[list[int]] | None = None,
+    *,
+    without_bounds: bool = False,
+) -> list[LimitedRows]:
+    """Return the smooth rows of the path constraints at one point.
+
+    Args:
+        shooting: The problem's functions.
+        at: State, controls, parameters and signals.
+        chosen: The rows of each constraint; None: all.
+        without_bounds: Whether the bounds of the states are left out.
+    """
+    problem, found = shooting.problem, []
+    for number, constraint in enumerate(problem.path_constraints):
+        if without_bounds and number == len(problem.stated):
+            continue
+        rows = constraint.smooth(shooting.path_values[number](*at))
+        found.append(_limited(rows, number, chosen[number] if chosen else None))
+    return found
 
 
 def _end_part(shooting: Shooting) -> Part:
@@ -251,11 +290,39 @@ def _end_part(shooting: Shooting) -> Part:
     at_end = ca.Function(
         "end",
         [symbols["states"], symbols["parameters"], symbols["signals"]],
-        [shooting.costs[2], rows.values],
+        [shooting.costs[1].terminal, rows.values],
     )
     s = ca.SX.sym("s", problem.ns)
     cost, values = at_end(x_ * shared.states, shared.parameters, s)
     return _part(x_, shared, s, cost, values, rows)
+
+
+def _begin_part(shooting: Shooting) -> Part:
+    """Return the start of the horizon: z = x, g = ties and rows of a decided start.
+
+    Args:
+        shooting: The problem's functions.
+    """
+    problem = shooting.problem
+    symbols, shared = problem.symbols(), _shared_symbols(problem)
+    x_ = ca.SX.sym("x", problem.model.nx)
+    tied = [x_[i] - x_[one.states[0]]
+            for one in problem.free_starts for i in one.states[1:]]  # fmt: skip
+    rows = _joined(
+        [
+            _limited(c.smooth(c.expression), number, shooting.rows_of_start[number])
+            for number, c in enumerate(problem.path_constraints)
+            if number < len(problem.stated)  # The start has the bounds of its states.
+        ]
+    )
+    at_start = ca.Function(
+        "begin",
+        [symbols["states"], symbols["parameters"], symbols["signals"]],
+        [shooting.costs[1].initial, rows.values],
+    )
+    s = ca.SX.sym("s", problem.ns)
+    cost, values = at_start(x_ * shared.states, shared.parameters, s)
+    return _part(x_, shared, s, cost, ca.vertcat(*tied, values), rows)
 
 
 def _part(

@@ -137,7 +137,7 @@ def draw_solution(
     """
     problem, path = solution.problem, solution.path
     labels = labels_of(problem, units=units)
-    instants = np.linspace(0.0, problem.horizon, problem.intervals + 1)
+    instants = np.linspace(0.0, problem.length, problem.intervals + 1)
     on_states, on_controls = stacked_limits([problem])
     blocks = {
         "states": panels_of(labels.states, labels, path.times, path.states, on_states),

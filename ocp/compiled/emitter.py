@@ -32,12 +32,18 @@ class Roll:
         end: (x, p, s) -> (cost, violation), s at the last node.
         intervals: N.
         signals_per_interval: How far the signals of the next interval are, ns * checks.
+        decided: For each state the number of the row after the controls that it starts
+            at; None where the initial state says it.
+        begin: (x, p, s) -> (cost, violation) at the start, s at the first node; None:
+            nothing is added there.
     """
 
     stage: Tape
     end: Tape
     intervals: int
     signals_per_interval: int
+    decided: tuple[int | None, ...]
+    begin: Tape | None = None
 
 
 def emit_flat(tape: Tape, *, per_individual: tuple[bool, ...], target: Target) -> str:
@@ -67,12 +73,12 @@ def emit_flat(tape: Tape, *, per_individual: tuple[bool, ...], target: Target) -
 
 
 def emit_rollout(roll: Roll, *, target: Target) -> str:
-    """Return the IR module of (controls, x0, p, signals) -> (cost, violation).
+    """Return the IR module of (decisions, x0, p, signals) -> (cost, violation).
 
     The violation is infinity unless both sums are finite numbers.
 
     Args:
-        roll: The rollout; only the controls differ per individual.
+        roll: The rollout; only the decisions differ per individual.
         target: What code is emitted for.
 
     Raises:
@@ -83,15 +89,22 @@ def emit_rollout(roll: Roll, *, target: Target) -> str:
 
 def _emit_roll(frame: Frame, roll: Roll) -> None:
     """Emit the loop over the intervals, then the end."""
-    ir, nx, stage = frame.ir, roll.stage.inputs[0], roll.stage
-    state = [frame.load_shared(1, str(i)) for i in range(nx)]
+    ir, nx, stage = frame.ir, len(roll.decided), roll.stage
+    first = roll.intervals * stage.inputs[1]
+    state = [
+        frame.load_shared(1, str(i)) if row is None
+        else frame.load_row(0, str(first + row))
+        for i, row in enumerate(roll.decided)
+    ]  # fmt: skip
     repeated = repeated_functions(stage)
     known = [
         emit_operation(ir, stage.nodes[now].operation, [state[i]])
         for i, now, _ in repeated
     ]
-    zero = ir.constant(0.0)
-    loop = _Loop(ir, [*state, zero, zero, ir.unserved, *known], roll.intervals)
+    sums = [ir.constant(0.0)] * 2
+    if roll.begin is not None:
+        sums = _sums(frame, roll.begin, state, 0)
+    loop = _Loop(ir, [*state, *sums, ir.unserved, *known], roll.intervals)
     *state, cost, violation, ir.unserved = loop.carried[: nx + 3]
     known = loop.carried[nx + 3 :]
     given = {now: value for (_, now, _), value in zip(repeated, known, strict=True)}
@@ -103,19 +116,24 @@ def _emit_roll(frame: Frame, roll: Roll) -> None:
     loop.close([*after, cost, violation, ir.unserved, *following])
 
     last = roll.intervals * roll.signals_per_interval
-
-    def read_end(argument: int, entry: int) -> str:
-        if argument == 0:
-            return after[entry]
-        if argument == 1:
-            return frame.load_shared(2, str(entry))
-        return frame.load_shared(3, str(last + entry))
-
-    values = emit_tape(ir, roll.end, read_end)
-    (end_cost,), (end_violation,) = ([values[n] for n in o] for o in roll.end.outputs)
+    end_cost, end_violation = _sums(frame, roll.end, after, last)
     cost, violation = ir.add(cost, end_cost), ir.add(violation, end_violation)
     frame.store_row(0, 0, cost)
     frame.store_row(1, 0, _unless_finite(ir, cost, violation))
+
+
+def _sums(frame: Frame, tape: Tape, state: list[str], first: int) -> list[str]:
+    """Emit (x, p, s) -> (cost, violation), s the signals from a number on."""
+
+    def read(argument: int, entry: int) -> str:
+        if argument == 0:
+            return state[entry]
+        if argument == 1:
+            return frame.load_shared(2, str(entry))
+        return frame.load_shared(3, str(first + entry))
+
+    values = emit_tape(frame.ir, tape, read)
+    return [values[number] for (number,) in tape.outputs]
 
 
 def _unless_finite(ir: VectorIR, cost: str, violation: str) -> str:

@@ -324,27 +324,37 @@ def compile_flat(
     return SimdBatch(_cached(key, emit), shape)
 
 
-def compile_rollout(
+def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     stage: ca.Function,
     end: ca.Function,
     *,
     intervals: int,
     signals_per_interval: int,
+    decided: Sequence[int | None] = (),
+    begin: ca.Function | None = None,
     precision: Precision = "double",
 ) -> SimdBatch:
-    """Return an evaluator of (controls, x0, p, signals) -> (cost, violation).
+    """Return an evaluator of (decisions, x0, p, signals) -> (cost, violation).
+
+    The decisions are the controls, interval after interval, and what is decided about
+    the start.
 
     Args:
         stage: (x, u, p, s) -> (x after, cost, violation) over one interval.
         end: (x, p, s) -> (cost, violation) at the end.
         intervals: Number of intervals.
         signals_per_interval: ns * checks.
+        decided: For each state the number of the decision after the controls that it
+            starts at; None where x0 says it; empty: x0 says all.
+        begin: (x, p, s) -> (cost, violation) at the start; None: nothing is added.
         precision: Of the arithmetic; arguments and outputs are doubles.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.
         NoCompilerError: If machine code cannot be made here.
     """
+    nx, nu, np_ = (stage.numel_in(i) for i in range(3))
+    places = tuple(decided) or (None,) * nx
 
     def emit() -> str:
         roll = Roll(
@@ -352,6 +362,8 @@ def compile_rollout(
             end=simplified(read_tape(end)),
             intervals=intervals,
             signals_per_interval=signals_per_interval,
+            decided=places,
+            begin=None if begin is None else simplified(read_tape(begin)),
         )
         return emit_rollout(roll, target=target_of([roll.stage], precision))
 
@@ -361,10 +373,13 @@ def compile_rollout(
             f"expected at most {MOST_INSTRUCTIONS} instructions in an interval, found "
             f"{instructions}"
         )
-    nx, nu, np_ = (stage.numel_in(i) for i in range(3))
     nodes = intervals * signals_per_interval + end.numel_in(2)
-    shape = Shape((True, False, False, False), (nu * intervals, nx, np_, nodes), (1, 1))
-    key = _key([stage, end], (intervals, signals_per_interval, precision))
+    free = 1 + max((row for row in places if row is not None), default=-1)
+    rows = (nu * intervals + free, nx, np_, nodes)
+    shape = Shape((True, False, False, False), rows, (1, 1))
+    functions = [stage, end] if begin is None else [stage, end, begin]
+    settings = (intervals, signals_per_interval, precision, places)
+    key = _key(functions, settings)
     return SimdBatch(_cached(key, emit), shape)
 
 

@@ -210,13 +210,13 @@ def test_end_is_judged_by_the_terminal_rows() -> None:
     )
     sizes = sizes_of(problem, np.array([4.0, 0]))
     checker = Checker(problem)
-    found = checker.at_end(np.array([-3.0, 2.0]), NONE, NONE, sizes)
+    found = checker.at_end(np.array([-3.0, 2.0]), NONE, NONE, sizes, 2.0)
     assert {(e.name, e.amount, e.above) for e in found} == {
         ("'goal' (x_0)", 3, False),
         ("'goal' (x_1)", 1, True),
     }
     assert all((e.constraint, e.time) == (1, 2.0) for e in found)
-    assert checker.at_end(np.array([0.0, -1.0]), NONE, NONE, sizes) == []
+    assert checker.at_end(np.array([0.0, -1.0]), NONE, NONE, sizes, 2.0) == []
 
 
 def test_slack_is_how_far_inside_each_row_is_at_least() -> None:

@@ -75,7 +75,9 @@ class Recorded(Planner):
         progress: ProgressCallback = tell_nothing,
     ) -> Plan:
         del near, progress
-        start, parameters, rows = (np.asarray(part).tolist() for part in (x0, *known))
+        start, parameters, rows = (
+            np.asarray(part).tolist() for part in (x0, *known[:2])
+        )
         self.told.append(Told(start, parameters, rows, candidates))
         controls = guess if isinstance(guess, np.ndarray) else np.zeros((1, 2))
         return self.evaluated(

@@ -45,7 +45,7 @@ def point_at(
     fitness, program = Fitness(problem, backend="casadi"), multiple_shooting(problem)
     states = fitness.states(controls, x0, known)
     sizes = fitness.arguments.sizes_along(controls, states, x0, known)
-    w = program.variables(controls, states[:, problem.checks :: problem.checks], sizes)
+    w = program.variables(controls, states[:, :: problem.checks], sizes)
     limits = program.limits(sizes)
     return NlpPoint(
         program=program,

@@ -208,7 +208,7 @@ def test_arguments_are_column_after_column(crossing: Posed) -> None:
     assert states.shape == (4, problem.nodes)
     np.testing.assert_allclose(states[0, 2::2], 10 + np.cumsum(controls[0]), rtol=1e-13)
     assert Shooting(problem).rollout.name_in() == [
-        "controls",
+        "decisions",
         "x0",
         "parameters",
         "signals",

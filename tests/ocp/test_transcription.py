@@ -39,7 +39,7 @@ def at_rollout(
     states = fitness.states(controls, x0, known)
     sizes = fitness.arguments.sizes_along(controls, states, x0, known)
     checks = problem.checks
-    w = program.variables(controls, states[:, checks::checks], sizes)
+    w = program.variables(controls, states[:, ::checks], sizes)
     q = program.arguments(*shared_arguments(problem, x0, known), sizes)
     return w, q, states, sizes
 

@@ -91,6 +91,6 @@ def test_costs_of_any_size_stay_what_they_are(stage: float, end: float) -> None:
         stage_cost=stage * ca.cos(u),
         terminal_cost=end * ca.cos(x),
     )
-    unit, stage_cost, end_cost = problem.costs()
-    both = ca.Function("both", [x, u], [stage_cost, end_cost])(0, 0)
+    unit, costs = problem.costs()
+    both = ca.Function("both", [x, u], [costs.stage, costs.terminal])(0, 0)
     assert [unit * float(v) for v in both] == [stage, end]

@@ -48,7 +48,7 @@ def flat_paths(
     """
     uavs = len(goals)
     c, x0 = ca.SX.sym("c", COEFFICIENTS * uavs), ca.SX.sym("x0", NX * uavs)
-    path = flat_path(problem.horizon, turn=turn, lateral=lateral, along=along)
+    path = flat_path(problem.length, turn=turn, lateral=lateral, along=along)
     states, controls = [], []
     for time in problem.times:
         parts = [

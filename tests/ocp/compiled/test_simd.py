@@ -497,6 +497,7 @@ def test_stage_of_a_turning_unicycle_computes_one_angle_less(
         end=read_tape(Shooting(turning).terminal),
         intervals=turning.intervals,
         signals_per_interval=0,
+        decided=(None,) * turning.model.nx,
     )
     _, loop = emit_rollout(roll, target=Target(lanes=8)).rsplit(" = phi ", 1)
     assert loop.count("call fastcc <8 x double> @careful_sin(") == 2

@@ -1,0 +1,91 @@
+"""Constraints in the forms that users write: relations, expressions, pairs.
+
+x[0] <= 1        a relation
+x[0] - 1         a bare expression, which means that it is zero
+(x[0], 1)        at the end: an expression and its value
+"""
+
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.constraints import (
+    Constraint,
+    PathConstraint,
+    TerminalConstraint,
+    limited,
+)
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.model import shortened
+from swarmstart.ocp.separation import Connection, Separation
+
+Array = NDArray[np.float64]
+
+
+def known_scales(constraint: Constraint) -> Array:
+    """Return the scale of each row, as given or the width of a range; else NaN."""
+    if constraint.scale is not None:
+        return np.asarray(constraint.scale, dtype=np.float64)
+    rows = constraint.rows(constraint.expression)
+    with np.errstate(invalid="ignore"):
+        width = rows.upper - rows.lower
+    return np.where(np.isfinite(width) & (width > 0), width, np.nan)
+
+
+def label(constraint: Constraint) -> str:
+    """Return the name of a constraint, or its expression in short."""
+    return constraint.name or shortened(constraint.expression)
+
+
+def as_path(constraint: object) -> Constraint:
+    """Return a path constraint; a relation or a bare expression becomes one.
+
+    Raises:
+        InvalidProblemError: If it is none of these.
+    """
+    if isinstance(constraint, TerminalConstraint):
+        raise InvalidProblemError(
+            "constraints must hold path constraints; a TerminalConstraint belongs into "
+            "the list `terminal`"
+        )
+    stated = limited("a path constraint", constraint)
+    if stated is not None:
+        expression, lower, upper = stated
+        name = shortened(constraint)
+        return PathConstraint(
+            expression=expression, lower=lower, upper=upper, name=name
+        )
+    if not all(hasattr(constraint, n) for n in ("expression", "excess", "smooth")):
+        raise InvalidProblemError(
+            "constraints must hold PathConstraint, Separation, Connection, relations "
+            f"such as x[0] <= 1 or expressions, got {shortened(constraint)}"
+        )
+    return cast(Constraint, constraint)
+
+
+def as_terminal(constraint: object) -> TerminalConstraint:
+    """Return a terminal constraint; relations, expressions and pairs become one.
+
+    Raises:
+        InvalidProblemError: If it is none of these.
+    """
+    if isinstance(constraint, TerminalConstraint):
+        return constraint
+    if isinstance(constraint, PathConstraint | Separation | Connection):
+        raise InvalidProblemError(
+            "terminal must hold terminal constraints, got a "
+            f"{type(constraint).__name__}: use TerminalConstraint(expression=..., "
+            "lower=..., upper=...)"
+        )
+    stated = limited("a terminal constraint", constraint)
+    if stated is not None:
+        expression, lower, upper = stated
+        return TerminalConstraint(expression=expression, lower=lower, upper=upper)
+    if isinstance(constraint, tuple) and len(constraint) == 2:  # noqa: PLR2004
+        expression, value = constraint
+        return TerminalConstraint(expression=expression, lower=value, upper=value)
+    raise InvalidProblemError(
+        "terminal must hold TerminalConstraint, relations, expressions or pairs "
+        f"(expression, value), got {shortened(constraint)}"
+    )

@@ -1,0 +1,124 @@
+"""Numbers that are decided besides the controls: an end time, parameters, a start.
+
+Each is a `Free` with bounds. All of them are decisions about the state at the start
+once a problem is brought to its core (lowering.py): a parameter is a state that stays
+as it began.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.limits import require_number
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Free:
+    """A number that is decided, within bounds.
+
+    Attributes:
+        lower: Lower bound; -inf where there is none. A population search needs both.
+        upper: Upper bound.
+        guess: Where a polish without a search starts; None: the middle of the bounds,
+            or the nearest to zero of what is allowed.
+
+    Raises:
+        InvalidProblemError: If the bounds cross, or the guess is not within them.
+    """
+
+    lower: float = -np.inf
+    upper: float = np.inf
+    guess: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for role in ("lower", "upper"):
+            value = require_number(f"{role} of a Free", getattr(self, role))
+            object.__setattr__(self, role, value)
+        if not (self.lower <= self.upper and self.lower < np.inf > -self.upper):
+            raise InvalidProblemError(
+                f"a Free must have lower <= upper, got {self.lower} and {self.upper}"
+            )
+        if self.guess is not None:
+            guess = require_number("guess of a Free", self.guess)
+            if not self.lower <= guess <= self.upper:
+                raise InvalidProblemError(
+                    f"guess of a Free must be within [{self.lower:g}, {self.upper:g}], "
+                    f"got {guess:g}"
+                )
+            object.__setattr__(self, "guess", guess)
+
+    @property
+    def first(self) -> float:
+        """The guess, or what stands for it."""
+        if self.guess is not None:
+            return self.guess
+        if np.isfinite(self.upper - self.lower):
+            return self.lower + (self.upper - self.lower) / 2
+        return float(np.clip(0.0, self.lower, self.upper))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FreeStart:
+    """One decision about the state at the start.
+
+    Attributes:
+        states: Numbers of the states that start at it, at least one.
+        value: Its bounds, those of the states included, and its guess.
+    """
+
+    states: tuple[int, ...]
+    value: Free
+
+
+def free_starts(
+    start: Mapping[str | tuple[str, ...], Free],
+    names: Sequence[str],
+    limits: tuple[Array, Array],
+) -> tuple[FreeStart, ...]:
+    """Return the decisions about the start, within the bounds of their states.
+
+    Args:
+        start: Names of states, or of several that start at one value, with bounds.
+        names: Of all states.
+        limits: Lower and upper bounds of the states, each (nx,).
+
+    Raises:
+        InvalidProblemError: If a name is unknown or comes twice, or nothing is left
+            between the bounds.
+    """
+    found: list[FreeStart] = []
+    for key, value in start.items():
+        together = (key,) if isinstance(key, str) else tuple(key)
+        unknown = [name for name in together if name not in names]
+        if unknown or not together:
+            raise InvalidProblemError(
+                f"start must name states, one of {', '.join(names)}, got {key!r}"
+            )
+        if not isinstance(value, Free):
+            raise InvalidProblemError(
+                f"start of {key!r} must be a swarmstart.Free, got {value!r}"
+            )
+        states = tuple(names.index(name) for name in together)
+        lower = max(value.lower, *(float(limits[0][i]) for i in states))
+        upper = min(value.upper, *(float(limits[1][i]) for i in states))
+        if not lower <= upper:
+            raise InvalidProblemError(
+                f"start of {key!r} must leave room between its bounds and those of the "
+                f"state, got [{lower:g}, {upper:g}]"
+            )
+        guess = value.guess
+        if guess is not None:
+            guess = float(np.clip(guess, lower, upper))
+        found.append(FreeStart(states=states, value=Free(lower, upper, guess)))
+    every = [i for one in found for i in one.states]
+    if len(every) != len(set(every)):
+        raise InvalidProblemError(
+            f"start must name a state once, got {', '.join(map(str, start))}"
+        )
+    return tuple(found)

@@ -1,0 +1,328 @@
+"""A problem brought to its core: what is decided or remembered becomes a state.
+
+    end time T       a state that stays as it began; rates and stage cost times T, and
+                     the horizon is 1
+    parameter        a state that stays as it began
+    periodic state   a copy of its start, which stays; at the end both are equal
+    previous control a state that the end of an interval sets to the control
+    time             t0 + T tau, with the parameter t0 and the signal tau in [0, 1]
+
+What is decided is then a free start of one of these states, which the search, the NLP
+and the verification know. The states of the stated problem come first, and keep their
+names, bounds and units.
+
+    stated: x, u, p, s   ->   core: (x, T, decided p, copies, previous u), u,
+                                    (known p, t0), (the model's s, tau, other s)
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.constraints import Bounds, TerminalConstraint
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.free import Free
+from swarmstart.ocp.model import Model, symbol_names
+
+if TYPE_CHECKING:
+    from swarmstart.ocp.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+END_TIME = "end time"
+"""Name of the state that a free end time is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lowered:
+    """A stated problem with its core.
+
+    Attributes:
+        stated: The problem as the user states it.
+        core: The same without free end time, decided parameters, periodic states,
+            previous controls and time.
+    """
+
+    stated: "OptimalControlProblem"
+    core: "OptimalControlProblem"
+
+    @property
+    def known_parameters(self) -> list[int]:
+        """Numbers of the model's parameters that are not decided."""
+        names = symbol_names(self.stated.model.parameters)
+        return [i for i, name in enumerate(names) if name not in self.stated.decided]
+
+    @cached_property
+    def places(self) -> dict[str, list[int]]:
+        """Numbers of the core's states, by what they are."""
+        sizes = {
+            "states": self.stated.model.nx,
+            END_TIME: int(isinstance(self.stated.horizon, Free)),
+            "decided": len(self.stated.decided),
+            "copies": len(self.stated.periodic),
+            "previous": int(self.stated.previous.numel()),
+        }
+        ends = np.cumsum([0, *sizes.values()]).tolist()
+        return {
+            role: list(range(first, last))
+            for role, first, last in zip(sizes, ends, ends[1:], strict=False)
+        }
+
+    def end_time(self, x0: Array) -> float:
+        """Return the length of the horizon [s] of an answer.
+
+        Args:
+            x0: The core's state at its start.
+        """
+        place = self.places[END_TIME]
+        return float(x0[place[0]]) if place else self.stated.length
+
+    def decided(self, x0: Array) -> dict[str, float]:
+        """Return what an answer decides about parameters and end time, by name."""
+        names = [*([END_TIME] if self.places[END_TIME] else []), *self.stated.decided]
+        places = [*self.places[END_TIME], *self.places["decided"]]
+        return {name: float(x0[i]) for name, i in zip(names, places, strict=True)}
+
+    def start(self, x0: ArrayLike, previous: ArrayLike | None = None) -> Array:
+        """Return the core's initial state, with the guesses of what is decided.
+
+        Args:
+            x0: Initial state, shape (nx,); NaN where it is decided and no guess known.
+                That of the core is returned as it is.
+            previous: Control of the interval before, shape (nu,); None: the nearest to
+                zero that is allowed.
+        """
+        given = _numbers("x0", x0)
+        if self.core is not self.stated and given.size == self.core.model.nx:
+            return given
+        if given.size != self.stated.model.nx:
+            raise InvalidProblemError(
+                f"x0 must have shape ({self.stated.model.nx},), got {np.shape(x0)}"
+            )
+        place = self.places
+        state = np.full(self.core.model.nx, np.nan)
+        state[place["states"]] = given
+        if place["previous"]:
+            lower, upper = self.stated.control_limits
+            nearest = np.clip(np.zeros(lower.size), lower, upper)
+            state[place["previous"]] = nearest if previous is None else previous
+        for one in self.core.free_starts:
+            guess = state[one.states[0]]
+            value = one.value.first if np.isnan(guess) else guess
+            state[list(one.states)] = np.clip(value, one.value.lower, one.value.upper)
+        return state
+
+    def states(self, states: Array, x0: Array) -> Array:
+        """Return the core's states at the nodes.
+
+        Args:
+            states: Of the stated problem, shape (nx, nodes); those of the core are
+                returned as they are.
+            x0: The core's initial state.
+        """
+        rows = np.asarray(states, dtype=np.float64)
+        if rows.shape[0] == self.core.model.nx:
+            return rows
+        more = np.repeat(x0[rows.shape[0] :, None], rows.shape[1], axis=1)
+        return np.vstack([rows, more])
+
+    def parameters(self, values: ArrayLike, time: float) -> Array:
+        """Return the core's parameters.
+
+        Args:
+            values: Of the parameters that are not decided, in the model's order.
+            time: At the start of the horizon [s].
+        """
+        given = np.asarray(values)
+        if self.stated.model.time.numel() and given.size == len(self.known_parameters):
+            return np.append(given, time)
+        return given
+
+    def signals(self, values: ArrayLike) -> Array:
+        """Return the core's signals at the nodes, of those of the stated problem."""
+        given = np.asarray(values)
+        nodes = self.core.nodes
+        if not self.stated.model.time.numel() or given.size == self.core.ns * nodes:
+            return given
+        tau, own = np.linspace(0.0, 1.0, nodes)[None, :], self.stated.model.ns
+        rows = given.reshape(-1, nodes) if given.size else np.empty((0, nodes))
+        return np.vstack([rows[:own], tau, rows[own:]])
+
+
+def lowered(stated: "OptimalControlProblem") -> Lowered:
+    """Return a problem with its core, which is the same where nothing is lowered.
+
+    Raises:
+        InvalidProblemError: If a discrete-time model has a free end time.
+    """
+    free_end = isinstance(stated.horizon, Free)
+    remembers = bool(stated.previous.numel())
+    if not (
+        free_end
+        or stated.decided
+        or stated.periodic
+        or remembers
+        or stated.model.time.numel()
+    ):
+        return Lowered(stated, stated)
+    if free_end and stated.model.is_discrete:
+        raise InvalidProblemError(
+            "a discrete-time model has no end time to decide: its horizon must be a "
+            "number"
+        )
+    return Lowered(stated, _core(stated))
+
+
+def _core(stated: "OptimalControlProblem") -> "OptimalControlProblem":
+    model = stated.model
+    free_end = isinstance(stated.horizon, Free)
+    T = ca.SX.sym(END_TIME, int(free_end))
+    names = symbol_names(model.parameters)
+    decided = ca.vertcat(
+        ca.SX(0, 1), *[model.parameters[names.index(name)] for name in stated.decided]
+    )
+    copied = [model.state_names.index(name) for name in stated.periodic]
+    copies = ca.vertcat(
+        ca.SX(0, 1), *[ca.SX.sym(f"{name} at the start") for name in stated.periodic]
+    )
+    states = ca.vertcat(model.states, T, decided, copies, stated.previous)
+    constant = ca.vertcat(T, decided, copies)
+    length = T if free_end else ca.SX(stated.length)
+    clock = _clock(model, length)
+    scale = T if free_end else ca.SX(1)
+
+    def timed(expression: ca.SX) -> ca.SX:
+        if not model.time.numel():
+            return expression
+        return ca.substitute(expression, model.time, clock.time)
+
+    jumps = model.jumps or bool(stated.previous.numel())
+    after = timed(model.next_state) if model.jumps else model.states
+    core_model = Model(
+        states=states,
+        controls=model.controls,
+        ode=ca.vertcat(
+            scale * timed(model.ode) if free_end else timed(model.ode),
+            ca.SX.zeros(states.numel() - model.nx),
+        ),
+        next_state=(
+            ca.vertcat(after, constant, model.controls[: stated.previous.numel()])
+            if jumps
+            else ca.SX(0, 1)
+        ),
+        parameters=ca.vertcat(
+            *[ca.SX(0, 1), *[model.parameters[i] for i, name in enumerate(names)
+                             if name not in stated.decided]],
+            clock.begin,
+        ),
+        signals=ca.vertcat(model.signals, clock.tau),
+        state_names=(
+            *model.state_names,
+            *([END_TIME] if free_end else []),
+            *stated.decided,
+            *symbol_names(copies),
+            *[f"previous {n}" for n in model.control_names[: stated.previous.numel()]],
+        ),
+        control_names=model.control_names,
+    )  # fmt: skip
+    own = stated.signals[model.ns :]
+    stage = timed(stated.stage_cost)
+    return replace(
+        stated,
+        model=core_model,
+        horizon=1.0 if free_end else stated.length,
+        stage_cost=scale * stage if free_end else stage,
+        step_cost=timed(stated.step_cost),
+        initial_cost=timed(stated.initial_cost),
+        terminal_cost=timed(stated.terminal_cost),
+        constraints=[
+            replace(c, expression=timed(c.expression)) if model.time.numel() else c  # type: ignore[type-var]
+            for c in stated.stated
+        ],
+        terminal=[
+            *[_timed_end(c, timed(c.expression)) for c in stated.terminal_constraints],
+            *[
+                TerminalConstraint(
+                    expression=model.states[i] - copies[k],
+                    name=f"{model.state_names[i]} as at the start",
+                )
+                for k, i in enumerate(copied)
+            ],
+        ],
+        start=dict(_starts(stated)),
+        periodic=(),
+        decided={},
+        previous=ca.SX(0, 1),
+        signals=ca.vertcat(core_model.signals, own),
+        bounds=_bounds(stated, states.numel()),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Clock:
+    """The time as the core has it."""
+
+    time: ca.SX
+    begin: ca.SX
+    tau: ca.SX
+
+
+def _clock(model: Model, length: ca.SX) -> _Clock:
+    count = int(model.time.numel())
+    begin, tau = ca.SX.sym("t0", count), ca.SX.sym("tau", count)
+    return _Clock(begin + length * tau if count else ca.SX(0, 1), begin, tau)
+
+
+def _timed_end(constraint: TerminalConstraint, expression: ca.SX) -> TerminalConstraint:
+    return TerminalConstraint(
+        expression=expression,
+        lower=constraint.lower,
+        upper=constraint.upper,
+        scale=constraint.scale,
+        name=constraint.name,
+    )
+
+
+def _starts(
+    stated: "OptimalControlProblem",
+) -> Iterator[tuple[str | tuple[str, ...], Free]]:
+    """Yield the free starts of the core: (names of states, bounds)."""
+    copies = {name: f"{name} at the start" for name in stated.periodic}
+    given: set[str] = set()
+    for key, value in stated.start.items():
+        names = (key,) if isinstance(key, str) else tuple(key)
+        given.update(names)
+        together = (*names, *[copies[name] for name in names if name in copies])
+        yield (together[0] if len(together) == 1 else together), value
+    for name, copy in copies.items():
+        if name not in given:
+            yield (name, copy), Free()
+    if isinstance(stated.horizon, Free):
+        yield END_TIME, stated.horizon
+    yield from stated.decided.items()
+
+
+def _bounds(stated: "OptimalControlProblem", states: int) -> Bounds:
+    """Return the bounds of the core, whose other states have none along the way."""
+    more = states - stated.model.nx
+    lower, upper = stated.state_limits
+    scale = stated.bounds.state_scale
+    return replace(
+        stated.bounds,
+        states=(
+            np.append(lower, np.full(more, -np.inf)),
+            np.append(upper, np.full(more, np.inf)),
+        ),
+        state_scale=None if scale is None else np.append(scale, np.ones(more)),
+    )
+
+
+def _numbers(role: str, values: ArrayLike) -> Array:
+    try:
+        return np.array(values, dtype=np.float64).ravel()
+    except (TypeError, ValueError) as error:
+        raise InvalidProblemError(f"{role} must be numbers, got {values!r}") from error
