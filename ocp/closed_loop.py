@@ -33,6 +33,7 @@ class Step:
         decision: What the controller decided there.
         dense_states: After each of the plant's steps within it, shape (nx, m).
         seconds: Wall time of the decision [s].
+        dt: Its length [s], where it is not that of the plant; else None.
     """
 
     number: int
@@ -40,6 +41,7 @@ class Step:
     decision: Decision
     dense_states: Array
     seconds: float
+    dt: float | None = None
 
     def __repr__(self) -> str:
         """Return number, mode and time of the step in one line."""
@@ -111,7 +113,7 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         plant: A `Plant`, or any object with `step(x, u, dt)`.
         controller: The controller.
         x0: State at the first interval flown here, shape (nx,).
-        steps: Number of the interval to stop before.
+        steps: Number of the interval to stop before, if no decision ends the flight.
         rng: Source of all randomness.
         done: Number of the first interval; above 0 where a flight goes on.
         previous: The decision of the interval before it; None at the start.
@@ -120,6 +122,42 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         InvalidProblemError: If x0 does not fit the plant, or intervals differ.
         DivergedError: If the plant leaves the finite numbers.
     """
+    plant, state = _checked(plant, controller, x0)
+    before = previous.dt if previous else None
+    for number in range(done, steps):
+        time = number * (before or plant.dt)
+        with stopwatch() as watch:
+            decision = controller.decide(time, state, previous, rng=rng)
+            seconds = watch.seconds
+        if number == 0 and decision.start is not None:
+            state = decision.start
+        if decision.dt is not None and decision.dt != plant.dt:
+            plant = plant.with_interval(decision.dt)
+        before = decision.dt
+        dense = plant(state, _held(decision, plant), time)
+        if not np.isfinite(dense).all():
+            raise DivergedError(
+                f"the plant left the finite numbers in step {number}, at "
+                f"{time:g} s: its step of {plant.dt / plant.substeps:g} s "
+                "may be too long for the model"
+            )
+        yield Step(
+            number=number,
+            state=state,
+            decision=decision,
+            dense_states=dense,
+            seconds=seconds,
+            dt=decision.dt,
+        )
+        if decision.is_last:
+            return
+        state, previous = dense[:, -1], decision
+
+
+def _checked(
+    plant: AnyPlant, controller: Controller, x0: ArrayLike
+) -> tuple[Plant | SteppedPlant, Array]:
+    """Return a plant and the state it starts at, which fit each other."""
     if not (hasattr(controller, "decide") and hasattr(controller, "dt")):
         raise InvalidProblemError(
             "controller must have decide() and dt, such as RecedingHorizon, "
@@ -137,25 +175,15 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
             f"plant and controller must share one interval, got {plant.dt} s "
             f"and {controller.dt} s"
         )
-    for number in range(done, steps):
-        with stopwatch() as watch:
-            decision = controller.decide(number * plant.dt, state, previous, rng=rng)
-            seconds = watch.seconds
-        dense = plant(state, decision.control, number * plant.dt)
-        if not np.isfinite(dense).all():
-            raise DivergedError(
-                f"the plant left the finite numbers in step {number}, at "
-                f"{number * plant.dt:g} s: its step of {plant.dt / plant.substeps:g} s "
-                "may be too long for the model"
-            )
-        yield Step(
-            number=number,
-            state=state,
-            decision=decision,
-            dense_states=dense,
-            seconds=seconds,
-        )
-        state, previous = dense[:, -1], decision
+    return plant, state
+
+
+def _held(decision: Decision, plant: Plant | SteppedPlant) -> Array:
+    """Return what a plant holds: one control, or several one after another."""
+    if decision.profile is None:
+        return decision.control
+    several = decision.profile.sampled(0.0, plant.dt, plant.substeps)
+    return several if isinstance(plant, Plant) else several.mean(axis=1)
 
 
 def simulate(  # noqa: PLR0913 - a closed loop in one call
@@ -205,15 +233,28 @@ def collected(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> Trajectory:
             f"steps must be numbered from 0 on without a gap, got {numbers}"
         )
     dense = np.hstack([steps[0].state[:, None], *[s.dense_states for s in steps]])
-    count = len(steps)
+    times, dense_times = _times(plant, steps)
     return Trajectory(
-        times=np.linspace(0.0, count * plant.dt, count + 1),
+        times=times,
         states=dense[:, :: plant.substeps],
         controls=np.stack([s.decision.control for s in steps], axis=1),
-        dense_times=np.linspace(0.0, count * plant.dt, count * plant.substeps + 1),
+        dense_times=dense_times,
         dense_states=dense,
         decisions=tuple(s.decision for s in steps),
         step_seconds=np.array([s.seconds for s in steps]),
         state_names=plant.state_names,
         control_names=plant.control_names,
     )
+
+
+def _times(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> tuple[Array, Array]:
+    """Return the control instants and the times of the plant's steps [s]."""
+    count, m = len(steps), plant.substeps
+    if all(step.dt is None for step in steps):
+        end = count * plant.dt
+        return np.linspace(0.0, end, count + 1), np.linspace(0.0, end, count * m + 1)
+    lengths = np.array([step.dt or plant.dt for step in steps])
+    times = np.concatenate([[0.0], np.cumsum(lengths)])
+    parts = np.arange(1, m + 1) / m
+    dense = (times[:-1, None] + lengths[:, None] * parts).ravel()
+    return times, np.concatenate([[0.0], dense])

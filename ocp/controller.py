@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
+from swarmstart.ocp.free import Free
 from swarmstart.ocp.guess import Appended, shifted_controls
 from swarmstart.ocp.improving import improved
+from swarmstart.ocp.lowering import END_TIME
 from swarmstart.ocp.planner import Plan, Planner, Source
 from swarmstart.ocp.polish import is_better
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -34,6 +36,8 @@ ReferenceSignals = Callable[[Array], Array]
 """Absolute times (n,) [s] -> known signals (nr, n)."""
 
 
+_ROUNDING = 1e-9
+"""Of a period: an end time that is longer by this part is not longer."""
 _SHOWN = 6
 """Controls that a summary shows."""
 
@@ -46,6 +50,31 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Profile:
+    """Controls held one after another, each for the same time.
+
+    Attributes:
+        controls: Shape (nu, m).
+        piece: How long each is held [s].
+    """
+
+    controls: Array
+    piece: float
+
+    def sampled(self, begin: float, dt: float, steps: int) -> Array:
+        """Return the controls in the middle of equal steps, shape (nu, steps).
+
+        Args:
+            begin: Time of the first step's beginning [s].
+            dt: Length of all steps together [s].
+            steps: Number of steps.
+        """
+        times = begin + (np.arange(steps) + 0.5) * dt / steps
+        last = self.controls.shape[1] - 1
+        return self.controls[:, np.clip((times / self.piece).astype(int), 0, last)]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Decision:
     """What a controller does at one control instant; also its memory.
 
@@ -53,11 +82,22 @@ class Decision:
         control: Control to hold over the coming interval, shape (nu,).
         plans: The plan of each agent, in the order of the agents.
         mode: Which law made it.
+        start: State at which the flight begins, shape (nx,), where the first plan
+            decides it; None: where it is.
+        dt: Length of the coming interval [s], where the plan decides it; None: the
+            controller's.
+        is_last: Whether the flight ends with the coming interval.
+        profile: Controls held one after another over the interval, where the plan's
+            intervals are other ones; None: the control is held.
     """
 
     control: Array
     plans: tuple[Plan, ...]
     mode: Mode = Mode.PLANNED
+    start: Array | None = None
+    dt: float | None = None
+    is_last: bool = False
+    profile: Profile | None = None
 
     def __repr__(self) -> str:
         """Return mode, control and number of plans in one line."""
@@ -101,12 +141,13 @@ def known_at(
     parameters: Callable[[float], Array] | None,
     seen: tuple[Array, ...] = (),
 ) -> Known:
-    """Return parameters and signals of a plan made at a time; see RecedingHorizon."""
-    times = time + problem.times
+    """Return what is known of a plan made at a time; see RecedingHorizon."""
+    times = time + problem.expected_times
     rows = () if reference is None else (reference(times),)
     return Known(
         parameters=() if parameters is None else parameters(time),
-        signals=np.vstack([np.empty((0, problem.nodes)), *rows, *seen]),
+        signals=np.vstack([np.empty((0, times.size)), *rows, *seen]),
+        time=time,
     )
 
 
@@ -125,6 +166,13 @@ class RecedingHorizon:
             the last plan as it is, one interval late.
         first: Controls (nu, N), or a Start with states, that the first plan begins
             from; None: none are known. Without search and polish they are that plan.
+        period: Time from one plan to the next [s], of a problem whose end time is free:
+            the horizon shrinks, with the same number of intervals, and the flight ends
+            when it is at most one period. None: one control interval.
+
+    Raises:
+        InvalidProblemError: If the end time is free and there is no period, or it may
+            not become as short as that.
     """
 
     planner: Planner
@@ -134,11 +182,35 @@ class RecedingHorizon:
     append: Appended = "zero"
     shift: bool = True
     first: Array | Start | None = None
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check that a free end time can be followed to its end."""
+        horizon = self.planner.stated.horizon
+        if not isinstance(horizon, Free):
+            if self.period is not None:
+                raise InvalidProblemError(
+                    "a period is for a problem whose end time is free: here plans are "
+                    f"one control interval of {self.dt:g} s apart"
+                )
+        elif self.period is not None and not horizon.lower <= self.period:
+            raise InvalidProblemError(
+                "a free end time must be allowed to shrink to one period of "
+                f"{self.period:g} s, got the lower bound {horizon.lower:g} s"
+            )
 
     @property
     def dt(self) -> float:
-        """Length of a control interval [s]."""
-        return self.planner.problem.dt
+        """Time from one plan to the next [s].
+
+        Raises:
+            InvalidProblemError: If the end time is free and no period was given.
+        """
+        if isinstance(self.planner.stated.horizon, Free) and self.period is None:
+            raise InvalidProblemError(
+                "a flight whose end time is free needs a period: how often to plan [s]"
+            )
+        return self.period or self.planner.problem.dt
 
     def decide(
         self,
@@ -148,10 +220,35 @@ class RecedingHorizon:
         *,
         rng: np.random.Generator,
     ) -> Decision:
-        """Return the first control of a new plan; see Controller."""
+        """Return the first control of a new plan; see Controller.
+
+        Raises:
+            InvalidProblemError: If the problem decides where it starts, which is
+                measured here.
+        """
+        if self.planner.stated.start:
+            raise InvalidProblemError(
+                "a receding horizon starts where the state is measured: take "
+                "dataclasses.replace(problem, start={})"
+            )
         last = previous.plans[0] if previous else None
         plan = self.plan(time, state, last, rng=rng)
-        return Decision(control=plan.controls[:, 0], plans=(plan,))
+        first = plan.controls[:, 0]
+        if self.period is None:
+            return Decision(control=first, plans=(plan,))
+        length = self._length(plan)
+        ends = length <= self.period * (1 + _ROUNDING)
+        return Decision(
+            control=first,
+            plans=(plan,),
+            dt=length if ends else None,
+            is_last=ends,
+            profile=_profile(plan, length),
+        )
+
+    def _length(self, plan: Plan) -> float:
+        """Return the length of a plan's horizon [s]."""
+        return self.planner.stated.lowered.end_time(plan.x0)
 
     def known(self, time: float, seen: tuple[Array, ...] = ()) -> Known:
         """Return parameters and signals of a plan made at a time.
@@ -160,8 +257,8 @@ class RecedingHorizon:
             time: Time since the start [s].
             seen: Rows that follow the reference's, each (k, nodes): plans of others.
         """
-        problem = self.planner.problem
-        return known_at(problem, time, self.reference, self.parameters, seen)
+        stated = self.planner.stated
+        return known_at(stated, time, self.reference, self.parameters, seen)
 
     def plan(
         self,
@@ -181,11 +278,16 @@ class RecedingHorizon:
             seen: As in `known`.
             rng: Source of all randomness.
         """
-        known = self.known(time, seen)
-        problem = self.planner.problem
-        guess = self.first if last is None else last.controls
-        shifted: Array | None = None
+        problem, known = self.planner.problem, self.known(time, seen)
         if last is not None:
+            known = known._replace(previous=last.controls[:, 0])
+        start, known, first = self.planner.posed(state, known, self.first)
+        state = np.asarray(start, dtype=np.float64)
+        guess = first if last is None else last.controls
+        shifted: Array | None = None
+        if last is not None and self.period is not None:
+            state, shifted = self._shrunk(state, last, self.period)
+        elif last is not None:
             shifted = shifted_controls(problem, last.controls, self.append)
         plan = self.planner.plan(
             state,
@@ -198,6 +300,21 @@ class RecedingHorizon:
         if plan.feasible or shifted is None:
             return plan
         return self._fallback(plan, shifted, state, known)
+
+    def _shrunk(self, state: Array, last: Plan, period: float) -> tuple[Array, Array]:
+        """Return where the next plan starts and the controls that are left of the last.
+
+        The guess of the end time is what is left of it.
+        """
+        lowered, before = self.planner.stated.lowered, self._length(last)
+        (one,) = lowered.places[END_TIME]
+        start = state.copy()
+        horizon = self.planner.stated.horizon
+        least = horizon.lower if isinstance(horizon, Free) else 0.0
+        start[one] = max(before - period, least)
+        left = _profile(last, before)
+        N = last.controls.shape[1]
+        return start, left.sampled(period, float(start[one]), N)
 
     def _fallback(self, plan: Plan, again: Array, state: Array, known: Known) -> Plan:
         """Return the shifted last plan in place of an infeasible one, unless worse.
@@ -223,6 +340,11 @@ class RecedingHorizon:
         return shifted
 
 
+def _profile(plan: Plan, length: float) -> Profile:
+    """Return the controls of a plan over its horizon of a length [s]."""
+    return Profile(controls=plan.controls, piece=length / plan.controls.shape[1])
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OpenLoop:
     """A controller that plans once, as `solve` does, and then flies what it planned.
@@ -238,8 +360,9 @@ class OpenLoop:
 
     @property
     def dt(self) -> float:
-        """Length of a control interval [s]."""
-        return self.loop.dt
+        """Length of a control interval [s]; of a free end time, as far as guessed."""
+        stated = self.loop.planner.stated
+        return float(stated.expected_times[-1]) / stated.intervals
 
     def decide(
         self,
@@ -255,18 +378,28 @@ class OpenLoop:
             InvalidProblemError: If the time is after the plan's last interval.
         """
         plans = previous.plans if previous else (self._planned(state, rng),)
-        intervals = self.loop.planner.problem.intervals
-        number = round(time / self.dt)
+        planner = self.loop.planner
+        intervals, lowered = planner.problem.intervals, planner.stated.lowered
+        length = lowered.end_time(plans[0].x0) / intervals
+        number = round(time / length)
         if number >= intervals:
             raise InvalidProblemError(
                 f"an open loop must end with its plan of {intervals} intervals, "
                 f"got interval {number}"
             )
-        return Decision(control=plans[0].controls[:, number], plans=plans)
+        decided = isinstance(planner.stated.horizon, Free)
+        return Decision(
+            control=plans[0].controls[:, number],
+            plans=plans,
+            start=plans[0].x0[: state.size] if planner.stated.start else None,
+            dt=length if decided else None,
+            is_last=decided and number == intervals - 1,
+        )
 
     def _planned(self, state: Array, rng: np.random.Generator) -> Plan:
         """Return the plan from the first state."""
-        planner, known = self.loop.planner, self.loop.known(0.0)
+        planner = self.loop.planner
+        x0, known, _ = planner.posed(state, self.loop.known(0.0))
         plan = self.loop.plan(0.0, state, None, rng=rng)
-        *_, best = improved(planner, plan, state, known, repair=self.repair, rng=rng)
+        *_, best = improved(planner, plan, x0, known, repair=self.repair, rng=rng)
         return best.plan

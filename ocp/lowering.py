@@ -3,7 +3,7 @@
     end time T       a state that stays as it began; rates and stage cost times T, and
                      the horizon is 1
     parameter        a state that stays as it began
-    periodic state   a copy of its start, which stays; at the end both are equal
+    periodic state   and a copy of its start, which stays; at the end both are equal
     previous control a state that the end of an interval sets to the control
     time             t0 + T tau, with the parameter t0 and the signal tau in [0, 1]
 
@@ -110,6 +110,8 @@ class Lowered:
             lower, upper = self.stated.control_limits
             nearest = np.clip(np.zeros(lower.size), lower, upper)
             state[place["previous"]] = nearest if previous is None else previous
+        for copy, name in zip(place["copies"], self.stated.periodic, strict=True):
+            state[copy] = given[self.stated.model.state_names.index(name)]
         for one in self.core.free_starts:
             guess = state[one.states[0]]
             value = one.value.first if np.isnan(guess) else guess
@@ -187,7 +189,7 @@ def _core(stated: "OptimalControlProblem") -> "OptimalControlProblem":
     )
     copied = [model.state_names.index(name) for name in stated.periodic]
     copies = ca.vertcat(
-        ca.SX(0, 1), *[ca.SX.sym(f"{name} at the start") for name in stated.periodic]
+        ca.SX(0, 1), *[ca.SX.sym(_copy_of(name)) for name in stated.periodic]
     )
     states = ca.vertcat(model.states, T, decided, copies, stated.previous)
     constant = ca.vertcat(T, decided, copies)
@@ -291,19 +293,18 @@ def _starts(
     stated: "OptimalControlProblem",
 ) -> Iterator[tuple[str | tuple[str, ...], Free]]:
     """Yield the free starts of the core: (names of states, bounds)."""
-    copies = {name: f"{name} at the start" for name in stated.periodic}
-    given: set[str] = set()
     for key, value in stated.start.items():
         names = (key,) if isinstance(key, str) else tuple(key)
-        given.update(names)
-        together = (*names, *[copies[name] for name in names if name in copies])
+        copies = [_copy_of(name) for name in names if name in stated.periodic]
+        together = (*names, *copies)
         yield (together[0] if len(together) == 1 else together), value
-    for name, copy in copies.items():
-        if name not in given:
-            yield (name, copy), Free()
     if isinstance(stated.horizon, Free):
         yield END_TIME, stated.horizon
     yield from stated.decided.items()
+
+
+def _copy_of(name: str) -> str:
+    return f"{name} at the start"
 
 
 def _bounds(stated: "OptimalControlProblem", states: int) -> Bounds:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import numbers_of
 from swarmstart.ocp.integrators import held_step, require_count
-from swarmstart.ocp.model import Model, shortened
+from swarmstart.ocp.model import Model, jump_of, shortened
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,7 @@ class Plant:
         dt: float,
         substeps: int,
         parameters: Callable[[Array], Array] | None = None,
+        signals: Callable[[Array], Array] | None = None,
     ) -> None:
         """Compile the plant.
 
@@ -44,11 +45,18 @@ class Plant:
             substeps: Steps of the integrator in it, at least 1.
             parameters: Times (n,) [s] -> the model's parameters (np, n), each held over
                 one step of the integrator; None where the model has none.
+            signals: Times (n,) [s] -> the model's signals (ns, n), linear over one step
+                of the integrator; None where the model has none.
 
         Raises:
-            InvalidProblemError: If the model has parameters that are not given, or a
-                number is out of range.
+            InvalidProblemError: If the model has parameters or signals that are not
+                given, or a number is out of range.
         """
+        if model.ns and signals is None:
+            raise InvalidProblemError(
+                f"the model of a plant has {model.ns} signals: expected a function of "
+                "time for them, got none"
+            )
         if model.np and parameters is None:
             raise InvalidProblemError(
                 f"the model of a plant has {model.np} parameters: expected a function "
@@ -58,20 +66,59 @@ class Plant:
         if not dt > 0:
             raise InvalidProblemError(f"dt must be positive, got {dt}")
         self.model, self.dt, self.substeps = model, dt, substeps
-        self._parameters = parameters
+        self._parameters, self._signals = parameters, signals
         self._interval = held_step(model, dt / substeps).mapaccum("plant", substeps)
+        self._jump = jump_of(model)
 
     def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
         """Return the states after each step of the interval, shape (nx, substeps).
 
         Args:
             state: At its beginning, shape (nx,).
-            control: Held over it, shape (nu,).
+            control: Held over it, shape (nu,); or several, held one after another over
+                equal parts of it, shape (nu, m), m a divisor of the steps.
             time: Of its beginning [s].
         """
-        held = np.repeat(control[:, None], self.substeps, axis=1)
+        held = control[:, None] if control.ndim == 1 else control
+        held = np.repeat(held, self.substeps // held.shape[1], axis=1)
         begins = time + self.dt * (np.arange(self.substeps) / self.substeps)
-        return np.array(self._interval(state, held, self.parameters(begins)))
+        arguments = [state, held, self.parameters(begins)]
+        if not (self.model.jumps or self.model.varying.numel()):
+            return np.array(self._interval(*arguments))
+        known = self.varying(np.append(begins, time + self.dt))
+        if known.size:
+            # Both ends of each step, side by side.
+            arguments.append(np.repeat(known, 2, axis=1)[:, 1:-1])
+        states = np.array(self._interval(*arguments))
+        p = arguments[2][:, -1]
+        states[:, -1] = np.array(
+            self._jump(states[:, -1], held[:, -1], p, known[:, -1])
+        ).ravel()
+        return states
+
+    def with_interval(self, dt: float) -> "Plant":
+        """Return the same plant with control intervals of another length.
+
+        Args:
+            dt: Length of a control interval [s].
+        """
+        return Plant(
+            self.model,
+            dt=dt,
+            substeps=self.substeps,
+            parameters=self._parameters,
+            signals=self._signals,
+        )
+
+    def varying(self, times: Array) -> Array:
+        """Return the model's signals and time at some times, shape (ns, n).
+
+        Args:
+            times: Shape (n,) [s].
+        """
+        rows = [] if self._signals is None else [self._signals(times)]
+        rows += [times[None, :]] if self.model.time.numel() else []
+        return np.vstack([np.empty((0, times.size)), *rows])
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -128,6 +175,10 @@ class SteppedPlant:
         self.dt, self._steps = dt, steps
         self.state_names: tuple[str, ...] = tuple(getattr(steps, "state_names", ()))
         self.control_names: tuple[str, ...] = tuple(getattr(steps, "control_names", ()))
+
+    def with_interval(self, dt: float) -> "SteppedPlant":
+        """Return the same plant with control intervals of another length [s]."""
+        return SteppedPlant(self._steps, dt=dt)
 
     def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
         """Return the state after the interval, shape (nx, 1); see Plant."""

@@ -104,7 +104,7 @@ class OptimalControlProblem:
         start: Names of the states whose value at the start is decided, each with its
             bounds; several names in a tuple start at one value. What an initial state
             says of them is the guess.
-        periodic: Names of states that end where they start, which is decided.
+        periodic: Names of states that end where they start.
         decided: Names of the model's parameters that are decided, with their bounds.
         previous: Symbols of the controls of the interval before, shape (nu, 1), which
             the step cost and the path constraints may depend on.
@@ -337,6 +337,13 @@ class OptimalControlProblem:
     def times(self) -> Array:
         """Times of the nodes after the start of the horizon, shape (nodes,) [s]."""
         return np.linspace(0.0, self.length, self.nodes)
+
+    @property
+    def expected_times(self) -> Array:
+        """The same, of a free horizon as far as it is guessed."""
+        if isinstance(self.horizon, Free):
+            return np.linspace(0.0, self.horizon.first, self.nodes)
+        return self.times
 
     @property
     def control_limits(self) -> tuple[Array, Array]:

@@ -1,0 +1,153 @@
+"""Flights whose end time, start or parameters are decided, and plants that jump."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from swarmstart.ocp import (
+    Bounds,
+    Free,
+    InvalidProblemError,
+    IpoptOptions,
+    Model,
+    OpenLoop,
+    OptimalControlProblem,
+    Planner,
+    Plant,
+    RecedingHorizon,
+    simulate,
+    solve,
+)
+
+
+def double_integrator() -> Model:
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    return Model(states=x, controls=u, ode=ca.vertcat(x[1], u))
+
+
+def fastest(lower: float = 0.05) -> OptimalControlProblem:
+    """From 1 to rest at 0 in the shortest time, |u| <= 1: 2 s."""
+    model = double_integrator()
+    return OptimalControlProblem(
+        model,
+        horizon=Free(lower, 5.0, guess=3.0),
+        intervals=20,
+        stage_cost=ca.SX(1),
+        bounds=Bounds(controls=(-1, 1)),
+        terminal=[model.states],
+    )
+
+
+def test_flight_with_a_free_end_time_ends_at_its_target_in_the_shortest_time() -> None:
+    problem = fastest()
+    planner = Planner(problem, search=None, polish=IpoptOptions())
+    plant = Plant(problem.model, dt=0.3, substeps=30)
+    loop = RecedingHorizon(planner=planner, period=0.3)
+    flight = simulate(plant, loop, [1.0, 0.0], steps=50, seed=0)
+    assert flight.times[-1] == pytest.approx(2.0, abs=2e-2)
+    assert len(flight.decisions) == 7
+    assert flight.decisions[-1].is_last
+    np.testing.assert_allclose(flight.states[:, -1], 0.0, atol=2e-2)
+    np.testing.assert_allclose(np.diff(flight.times)[:-1], 0.3)
+    assert flight.dense_times[-1] == flight.times[-1]
+    assert flight.dense_times.size == flight.dense_states.shape[1]
+
+
+def test_open_loop_flies_the_decided_time_exactly() -> None:
+    problem = fastest()
+    planner = Planner(problem, search=None, polish=IpoptOptions())
+    flight = simulate(
+        Plant(problem.model, dt=0.15, substeps=4),
+        OpenLoop(loop=RecedingHorizon(planner=planner)),
+        [1.0, 0.0],
+        steps=99,
+        seed=0,
+    )
+    answer = solve(problem, [1.0, 0.0], search=None, seed=0)
+    assert flight.times[-1] == pytest.approx(answer.decided["end time"], rel=1e-6)
+    assert flight.controls.shape == (1, 20)
+    np.testing.assert_allclose(flight.states[:, -1], 0.0, atol=1e-8)
+
+
+def test_open_loop_starts_where_its_plan_decides() -> None:
+    model = double_integrator()
+    problem = OptimalControlProblem(
+        model,
+        horizon=1.0,
+        intervals=5,
+        stage_cost=model.controls**2,
+        terminal=[model.states],
+        start={"x_0": Free(0.5, 2.0)},
+        bounds=Bounds(controls=(-9, 9)),
+    )
+    planner = Planner(problem, search=None, polish=IpoptOptions())
+    loop = RecedingHorizon(planner=planner)
+    plant = Plant(model, dt=0.2, substeps=4)
+    flight = simulate(plant, OpenLoop(loop=loop), [1.7, 0.0], steps=5, seed=0)
+    assert flight.states[0, 0] == pytest.approx(0.5, abs=1e-6)
+    np.testing.assert_allclose(flight.states[:, -1], 0.0, atol=1e-8)
+    with pytest.raises(InvalidProblemError, match="starts where the state is measured"):
+        simulate(plant, loop, [1.7, 0.0], steps=1, seed=0)
+
+
+def test_end_time_must_be_able_to_shrink_to_the_period() -> None:
+    planner = Planner(fastest(lower=0.5), search=None, polish=IpoptOptions())
+    with pytest.raises(InvalidProblemError, match=r"shrink to one period of 0\.3 s"):
+        RecedingHorizon(planner=planner, period=0.3)
+    fixed = replace(fastest(), horizon=1.0)
+    with pytest.raises(InvalidProblemError, match="whose end time is free"):
+        RecedingHorizon(planner=Planner(fixed, search=None), period=0.3)
+    loop = RecedingHorizon(planner=planner)
+    with pytest.raises(InvalidProblemError, match="needs a period"):
+        simulate(Plant(double_integrator(), dt=1.0, substeps=1), loop, [1, 0],
+                 steps=1, seed=0)  # fmt: skip
+
+
+def test_plant_of_a_discrete_time_model_steps_once_an_interval() -> None:
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    model = Model(states=x, controls=u, next_state=x / 2 + u)
+    problem = OptimalControlProblem(
+        model, horizon=3, intervals=3, step_cost=u**2, terminal=[x],
+        bounds=Bounds(controls=(-5, 5)),
+    )  # fmt: skip
+    loop = RecedingHorizon(planner=Planner(problem, search=None, polish=IpoptOptions()))
+    flight = simulate(Plant(model, dt=1.0, substeps=3), loop, [4.0], steps=2, seed=0)
+    expected = [4.0]
+    for control in flight.controls[0]:
+        expected.append(expected[-1] / 2 + control)
+    np.testing.assert_allclose(flight.states[0], expected)
+
+
+def test_plant_follows_signals_and_time() -> None:
+    x, wind, t = (ca.SX.sym(n) for n in ("x", "wind", "t"))
+    model = Model(
+        states=x, controls=ca.SX(0, 1), ode=wind + t, signals=wind, time=t
+    )  # fmt: skip
+    plant = Plant(
+        model, dt=0.5, substeps=5, signals=lambda times: 2 * times[None, :]
+    )  # fmt: skip
+    after = plant(np.array([0.0]), np.empty(0), time=1.0)
+    # The integral of 3 t from 1 to 1.5.
+    assert after[0, -1] == pytest.approx(1.5 * (1.5**2 - 1))
+    with pytest.raises(InvalidProblemError, match="1 signals: expected a function"):
+        Plant(model, dt=0.5, substeps=5)
+
+
+def test_last_flown_control_is_the_previous_one_of_the_next_plan() -> None:
+    x, u, before = (ca.SX.sym(n) for n in ("x", "u", "before"))
+    model = Model(states=x, controls=u, ode=u)
+    problem = OptimalControlProblem(
+        model,
+        horizon=1.0,
+        intervals=5,
+        stage_cost=(x - 3) ** 2,
+        constraints=[u - before <= 0.25],
+        previous=before,
+        bounds=Bounds(controls=(-2, 2)),
+    )
+    loop = RecedingHorizon(planner=Planner(problem, search=None, polish=IpoptOptions()))
+    flight = simulate(Plant(model, dt=0.2, substeps=2), loop, [0.0], steps=6, seed=0)
+    moves = np.diff(flight.controls[0], prepend=0.0)
+    np.testing.assert_allclose(moves, 0.25, atol=1e-4)
