@@ -248,7 +248,7 @@ class RecedingHorizon:
 
     def _length(self, plan: Plan) -> float:
         """Return the length of a plan's horizon [s]."""
-        return self.planner.stated.lowered.end_time(plan.x0)
+        return self.planner.lowered.end_time(plan.x0)
 
     def known(self, time: float, seen: tuple[Array, ...] = ()) -> Known:
         """Return parameters and signals of a plan made at a time.
@@ -306,7 +306,7 @@ class RecedingHorizon:
 
         The guess of the end time is what is left of it.
         """
-        lowered, before = self.planner.stated.lowered, self._length(last)
+        lowered, before = self.planner.lowered, self._length(last)
         (one,) = lowered.places[END_TIME]
         start = state.copy()
         horizon = self.planner.stated.horizon
@@ -379,7 +379,7 @@ class OpenLoop:
         """
         plans = previous.plans if previous else (self._planned(state, rng),)
         planner = self.loop.planner
-        intervals, lowered = planner.problem.intervals, planner.stated.lowered
+        intervals, lowered = planner.problem.intervals, planner.lowered
         length = lowered.end_time(plans[0].x0) / intervals
         number = round(time / length)
         if number >= intervals:

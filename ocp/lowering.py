@@ -18,7 +18,6 @@ names, bounds and units.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -28,9 +27,7 @@ from swarmstart.ocp.constraints import Bounds, TerminalConstraint
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.free import Free
 from swarmstart.ocp.model import Model, symbol_names
-
-if TYPE_CHECKING:
-    from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
 END_TIME = "end time"
@@ -47,8 +44,8 @@ class Lowered:
             previous controls and time.
     """
 
-    stated: "OptimalControlProblem"
-    core: "OptimalControlProblem"
+    stated: OptimalControlProblem
+    core: OptimalControlProblem
 
     @property
     def known_parameters(self) -> list[int]:
@@ -155,7 +152,7 @@ class Lowered:
         return np.vstack([rows[:own], tau, rows[own:]])
 
 
-def lowered(stated: "OptimalControlProblem") -> Lowered:
+def lowered(stated: OptimalControlProblem) -> Lowered:
     """Return a problem with its core, which is the same where nothing is lowered.
 
     Raises:
@@ -179,7 +176,7 @@ def lowered(stated: "OptimalControlProblem") -> Lowered:
     return Lowered(stated, _core(stated))
 
 
-def _core(stated: "OptimalControlProblem") -> "OptimalControlProblem":
+def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
     model = stated.model
     free_end = isinstance(stated.horizon, Free)
     T = ca.SX.sym(END_TIME, int(free_end))
@@ -290,7 +287,7 @@ def _timed_end(constraint: TerminalConstraint, expression: ca.SX) -> TerminalCon
 
 
 def _starts(
-    stated: "OptimalControlProblem",
+    stated: OptimalControlProblem,
 ) -> Iterator[tuple[str | tuple[str, ...], Free]]:
     """Yield the free starts of the core: (names of states, bounds)."""
     for key, value in stated.start.items():
@@ -307,7 +304,7 @@ def _copy_of(name: str) -> str:
     return f"{name} at the start"
 
 
-def _bounds(stated: "OptimalControlProblem", states: int) -> Bounds:
+def _bounds(stated: OptimalControlProblem, states: int) -> Bounds:
     """Return the bounds of the core, whose other states have none along the way."""
     more = states - stated.model.nx
     lower, upper = stated.state_limits

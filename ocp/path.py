@@ -112,7 +112,7 @@ class Tracer:
         u = np.repeat(controls, m, axis=1)
         times = np.linspace(0.0, problem.length, u.shape[1] + 1)
         s = signals_between(problem, signals, times)
-        times = times * (self.shooting.stated.lowered.end_time(x0) / problem.length)
+        times = times * (self.shooting.lowered.end_time(x0) / problem.length)
         states, before, sums = self._followed(x0, u, p, s)
         at = [states[:, ::m], s[:, ::m]]
         if problem.quadrature != "integral":

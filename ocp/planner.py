@@ -166,6 +166,7 @@ class Planner:
     Attributes:
         stated: The problem as it is stated.
         problem: Its core.
+        lowered: Both, and what is which.
         fitness: Its evaluator.
         search: The population search; None: none.
         polish: Options of the polish; None: none.
@@ -198,9 +199,9 @@ class Planner:
                 the family does not fit the problem.
             InvalidSettingsError: If the search's population does not fit into memory.
         """
-        self.stated = problem
         self.fitness = Fitness(Shooting(problem), backend=backend)
-        self.problem = self.fitness.problem
+        self.lowered = self.fitness.shooting.lowered
+        self.stated, self.problem = problem, self.lowered.core
         self._checker = Checker(self.fitness.shooting)
         search = search_settings(search)
         self.search, self.polish = search, polish
@@ -229,7 +230,7 @@ class Planner:
         Raises:
             InvalidProblemError: If a shape is not the problem's.
         """
-        lowered = self.stated.lowered
+        lowered = self.lowered
         if lowered.core is self.stated and not self.problem.free_starts:
             return x0, known, guess
         start = lowered.start(x0, known.previous)

@@ -55,7 +55,6 @@ from swarmstart.ocp.limits import (
     require_number,
     scales_given,
 )
-from swarmstart.ocp.lowering import Lowered, lowered
 from swarmstart.ocp.model import (
     Model,
     as_column,
@@ -406,11 +405,6 @@ class OptimalControlProblem:
     def free_starts(self) -> tuple[FreeStart, ...]:
         """The decisions about the state at the start."""
         return free_starts(self.start, self.model.state_names, self.state_limits)
-
-    @cached_property
-    def lowered(self) -> Lowered:
-        """The problem with its core; see lowering.py."""
-        return lowered(self)
 
     @property
     def decisions(self) -> int:

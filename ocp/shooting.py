@@ -25,6 +25,7 @@ import numpy as np
 
 from swarmstart.ocp.constraints import Constraint, row_excess
 from swarmstart.ocp.integrators import integrate
+from swarmstart.ocp.lowering import Lowered, lowered
 from swarmstart.ocp.model import jump_of, rate_of
 from swarmstart.ocp.problem import Costs, OptimalControlProblem
 from swarmstart.ocp.scaling import Sizing
@@ -47,10 +48,15 @@ class Shooting:
 
     stated: OptimalControlProblem
 
+    @cached_property
+    def lowered(self) -> Lowered:
+        """The problem with its core; see lowering.py."""
+        return lowered(self.stated)
+
     @property
     def problem(self) -> OptimalControlProblem:
-        """The core of the problem; see lowering.py."""
-        return self.stated.lowered.core
+        """The core of the problem."""
+        return self.lowered.core
 
     @cached_property
     def sizing(self) -> Sizing:

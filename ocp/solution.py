@@ -182,7 +182,7 @@ def verified(
         times=path.times[::every],
         states=path.states[: stated.model.nx, ::every],
         controls=plan.controls,
-        decided=stated.lowered.decided(state),
+        decided=trace.shooting.lowered.decided(state),
         cost=plan.cost,
         violation=plan.violation,
         verified_cost=path.cost,

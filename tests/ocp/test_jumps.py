@@ -16,6 +16,7 @@ from swarmstart.ocp import (
     verified,
 )
 from swarmstart.ocp.fitness import Fitness, replay
+from swarmstart.ocp.lowering import lowered
 from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.shooting import Shooting
 
@@ -200,7 +201,7 @@ def test_rate_limits_hold_from_the_first_control_on() -> None:
     assert moves[0] == pytest.approx(0.3, abs=1e-5)
     assert answer.status.is_confirmed
     late = Fitness(problem)
-    start = problem.lowered.start([0.0], [-0.2])
+    start = lowered(problem).start([0.0], [-0.2])
     jumping = np.zeros((1, N))
     jumping[0, 3:] = 0.5
     assert late.value(jumping, start)[1] > 0
@@ -275,6 +276,6 @@ def test_no_jump_leaves_a_stage_as_it_is() -> None:
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     plain = Model(states=x, controls=u, ode=u - x)
     problem = OptimalControlProblem(plain, horizon=1.0, intervals=2, stage_cost=u**2)
-    assert problem.lowered.core is problem
+    assert lowered(problem).core is problem
     assert not Shooting(problem).has_begin
     assert not plain.jumps
