@@ -91,6 +91,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
     )
     from swarmstart.ocp import (
         Agent as Agent,
+        AlgebraicEquations as AlgebraicEquations,
         BackendWarning as BackendWarning,
         Bounds as Bounds,
         Connection as Connection,
@@ -202,7 +203,8 @@ _NAMES = {
         static_penalty
     """,
     "swarmstart.ocp": """
-        Agent BackendWarning Bounds Connection Decision DivergedError DualMode Fitness
+        Agent AlgebraicEquations BackendWarning Bounds Connection Decision DivergedError
+        DualMode Fitness
         Free InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Mode Model
         NlpOptions OpenLoop OptimalControlProblem PathConstraint Plan Planner
         PlanningInterrupted Plant PolishStatus RecedingHorizon SearchReport

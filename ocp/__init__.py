@@ -1,5 +1,6 @@
 """The optimal-control problem and everything done to one."""
 
+from swarmstart.ocp.algebraic import AlgebraicEquations
 from swarmstart.ocp.closed_loop import Step, Trajectory, collected, fly, simulate
 from swarmstart.ocp.compiled.backend import Backend, BackendWarning, chosen_backend
 from swarmstart.ocp.compiled.batch import BatchFunction, compile_batch
@@ -52,6 +53,7 @@ from swarmstart.ocp.terminal import terminal_set_of
 __all__ = [
     "INTEGRATORS",
     "Agent",
+    "AlgebraicEquations",
     "Backend",
     "BackendWarning",
     "BatchFunction",

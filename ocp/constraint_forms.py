@@ -17,7 +17,7 @@ from swarmstart.ocp.constraints import (
     limited,
 )
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.model import shortened
+from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.separation import Connection, Separation
 
 Array = NDArray[np.float64]

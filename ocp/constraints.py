@@ -28,8 +28,8 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import as_column, as_symbolic_column
 from swarmstart.ocp.limits import Array, Limit, limits_of, require_choice, scales_given
-from swarmstart.ocp.model import as_column
 
 Measure = Literal["excess", "indicator"]
 
@@ -241,7 +241,7 @@ def _sides(relation: ca.SX) -> tuple[ca.SX, float, float]:
 
 def _set_limits(constraint: PathConstraint | TerminalConstraint, role: str) -> None:
     """Bring expression, limits and scale of a constraint into one shape."""
-    expression = as_column("expression", constraint.expression)
+    expression = as_symbolic_column("expression", constraint.expression)
     size = expression.numel()
     lower, upper = limits_of(role, (constraint.lower, constraint.upper), size)
     object.__setattr__(constraint, "expression", expression)

@@ -22,7 +22,7 @@ from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.simd import compile_rollout
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.model import shortened
+from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.shooting import Shooting, shooting_of

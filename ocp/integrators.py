@@ -12,9 +12,9 @@ from collections.abc import Callable
 from typing import Literal
 
 import casadi as ca
-import numpy as np
 
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.limits import require_count
 from swarmstart.ocp.model import Model, rate_of
 
 Rate = Callable[[float, ca.SX], ca.SX]
@@ -98,15 +98,3 @@ def require_integrator(method: str, substeps: int) -> None:
             f"integrator must be one of {', '.join(INTEGRATORS)}, got {method!r}"
         )
     require_count("substeps", substeps)
-
-
-def require_count(role: str, count: int) -> None:
-    """Refuse what is no integer of at least one.
-
-    Raises:
-        InvalidProblemError: With the value given.
-    """
-    if not isinstance(count, int | np.integer) or count < 1:
-        raise InvalidProblemError(
-            f"{role} must be an integer of at least 1, got {count}"
-        )

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.model import shortened
+from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]

@@ -95,6 +95,18 @@ def require_number(role: str, number: object) -> float:
     return float(number)
 
 
+def require_count(role: str, count: int) -> None:
+    """Refuse what is no integer of at least one.
+
+    Raises:
+        InvalidProblemError: With the value given.
+    """
+    if not isinstance(count, int | np.integer) or count < 1:
+        raise InvalidProblemError(
+            f"{role} must be an integer of at least 1, got {count}"
+        )
+
+
 def require_distance(role: str, distance: float, *margins: float) -> None:
     """Raise unless a distance is positive, and each margin at least zero, and finite.
 

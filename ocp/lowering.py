@@ -25,8 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.constraints import Bounds, TerminalConstraint
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import symbol_names
 from swarmstart.ocp.free import Free
-from swarmstart.ocp.model import Model, symbol_names
+from swarmstart.ocp.model import Model
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]

@@ -14,9 +14,24 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
+from swarmstart.ocp.algebraic import (
+    AlgebraicEquations,
+    Elimination,
+    eliminate,
+    in_model,
+    require_algebraic,
+)
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import (
+    require_known,
+    require_symbols,
+    symbol_names,
+)
+from swarmstart.ocp.model_forms import symbolic_rows
+from swarmstart.ocp.symbol_map import SymbolMap
 
 _ROLES = ("states", "controls", "parameters", "signals")
+_COLUMNS = (*_ROLES, "time")
 CHANGES = ("ode", "next_state")
 """What may say how the states change."""
 
@@ -25,19 +40,31 @@ CHANGES = ("ode", "next_state")
 class Model:
     """A differential or difference equation with inputs, as CasADi SX symbols.
 
+    Symbols and expressions may be given as CasADi MX: the model has SX symbols of the
+    same names, and brings expressions in the MX symbols to these.
+
     Attributes:
         states: Symbols of the states, shape (nx, 1).
         controls: Symbols of the controls, shape (nu, 1).
-        ode: Right-hand side, shape (nx, 1), SI units per second; a list of its rows is
-            taken, too. Left out, it is zero: then there must be a next state.
+        ode: Right-hand side, shape (nx, 1), SI units per second: an expression, a list
+            of its rows, or a casadi.Function or Python function of (x, u), (x, u, p)
+            or (t, x, u, p), see model_forms.py. Left out, it is zero: then there must
+            be a next state.
         next_state: State after a control interval, shape (nx, 1), of a discrete-time
-            model; with an `ode` as well, the state that an interval's end makes of the
-            one that the `ode` leads to. Left out, there is no such jump.
+            model, in the same forms; with an `ode` as well, the state that an
+            interval's end makes of the one that the `ode` leads to. Left out, there is
+            no such jump.
         parameters: Symbols of what is constant over a horizon, shape (np, 1).
         signals: Symbols of what is known over time and enters the model, shape (ns, 1).
         time: Symbol of the time [s], shape (1, 1); left out, nothing depends on it.
         state_names: A name for each state; taken from the symbols where empty.
         control_names: A name for each control; taken from the symbols where empty.
+        algebraic: Equations that determine further variables of the ode, see
+            algebraic.py; None: an ode without such.
+        signature: A letter for each argument of a function given as ode, such as
+            "txup"; empty: told by the arguments' names, else by their number.
+        symbol_map: The MX symbols and their SX symbols; added to by the model.
+        elimination: The algebraic variables as expressions; made by the model.
 
     Raises:
         InvalidProblemError: Where shapes do not match, something that ought to be a
@@ -53,10 +80,15 @@ class Model:
     time: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     state_names: tuple[str, ...] = ()
     control_names: tuple[str, ...] = ()
+    algebraic: AlgebraicEquations | None = None
+    signature: str = ""
+    symbol_map: SymbolMap = field(default_factory=SymbolMap)
+    elimination: Elimination = field(init=False)
 
     def __post_init__(self) -> None:
         """Check the symbols against each other and fill in the names."""
-        for role in ("states", "controls", "parameters", "signals", "time"):
+        self._bring_symbols_to_sx()
+        for role in _COLUMNS:
             require_symbols(role, getattr(self, role))
         if not self.nx:
             raise InvalidProblemError("states must hold at least one symbol, got none")
@@ -64,13 +96,21 @@ class Model:
             raise InvalidProblemError(
                 f"time must be one symbol, got {self.time.numel()}"
             )
-        given = {role: as_column(role, getattr(self, role)) for role in CHANGES}
+        elimination = Elimination()
+        if self.algebraic is not None:
+            elimination = eliminate(self.algebraic, self.symbols())
+        object.__setattr__(self, "elimination", elimination)
+        given = {role: self._rows(role) for role in CHANGES}
         if not any(rows.numel() for rows in given.values()):
             raise InvalidProblemError(
                 "a model must have an ode or a next_state, got neither"
             )
         for role, rows in given.items():
             object.__setattr__(self, role, self._checked(role, rows))
+        self._fill_names()
+
+    def _fill_names(self) -> None:
+        """Take names from the symbols where none are given."""
         for role, symbols in (("state", self.states), ("control", self.controls)):
             names = tuple(getattr(self, f"{role}_names")) or symbol_names(symbols)
             if len(names) != symbols.numel():
@@ -78,6 +118,32 @@ class Model:
                     f"{role}_names must name {symbols.numel()} {role}s, got {names}"
                 )
             object.__setattr__(self, f"{role}_names", names)
+
+    def _bring_symbols_to_sx(self) -> None:
+        """Replace MX symbols, and the algebraic equations in them, by SX."""
+        columns = {role: getattr(self, role) for role in _COLUMNS}
+        if self.algebraic is not None:
+            require_algebraic(self.algebraic)
+            columns["algebraic symbols"] = self.algebraic.symbols
+        symbol_map, columns = self.symbol_map.extended(columns)
+        columns.pop("algebraic symbols", None)
+        for name, value in {**columns, "symbol_map": symbol_map}.items():
+            object.__setattr__(self, name, value)
+        if self.algebraic is not None:
+            in_sx = in_model(self.algebraic, symbol_map)
+            object.__setattr__(self, "algebraic", in_sx)
+
+    def _rows(self, role: str) -> ca.SX:
+        """Return an equation, in any form, as a column without algebraic variables."""
+        symbols = {**self.symbols(), "algebraic": self.elimination.symbols}
+        rows = symbolic_rows(
+            role,
+            getattr(self, role),
+            symbols,
+            signature=self.signature,
+            symbol_map=self.symbol_map,
+        )
+        return self.elimination.applied(rows)
 
     def _checked(self, role: str, rows: ca.SX) -> ca.SX:
         """Return the rows of an equation; an ode that is left out is zero."""
@@ -103,6 +169,19 @@ class Model:
         }
         more = {"signals": self.signals, "time": self.time}
         return found | {role: s for role, s in more.items() if s.numel()}
+
+    def sx(self, role: str, expression: ca.SX | ca.MX) -> ca.SX:
+        """Return an expression in the model's SX symbols, without algebraic variables.
+
+        Args:
+            role: What the expression is, for a message.
+            expression: SX in the model's SX symbols, or MX in its MX symbols.
+
+        Raises:
+            InvalidProblemError: If it has MX symbols of no model, or calls a function
+                that has no scalar operations.
+        """
+        return self.elimination.applied(self.symbol_map.sx(role, expression))
 
     @property
     def nx(self) -> int:
@@ -186,12 +265,24 @@ def stack_models(models: Sequence[Model]) -> Model:
         models: At least one model; none is changed, one may occur several times.
 
     Raises:
-        InvalidProblemError: Without any model.
+        InvalidProblemError: Without any model, or if one has algebraic equations that
+            are not linear.
     """
     if not models:
         raise InvalidProblemError("stack_models needs at least one model, got none")
+    if any(model.elimination.unsolved.numel() for model in models):
+        raise InvalidProblemError(
+            "stack_models needs models without nonlinear algebraic equations: the path "
+            "constraint that these are solved would be lost"
+        )
+    columns = {role: ca.vertcat(*c) for role, c in _side_by_side(models).items()}
     return Model(
-        **{role: ca.vertcat(*rows) for role, rows in _side_by_side(models).items()},
+        states=columns["states"],
+        controls=columns["controls"],
+        ode=columns["ode"],
+        next_state=columns.get("next_state", ca.SX(0, 1)),
+        parameters=columns["parameters"],
+        signals=columns["signals"],
         time=_one_time(models),
         state_names=tuple(
             f"{name}_{i}" for i, m in enumerate(models) for name in m.state_names
@@ -226,86 +317,3 @@ def _one_time(models: Sequence[Model]) -> ca.SX:
     """Return one symbol of the time for all models; none where they have none."""
     times = [model.time for model in models if model.time.numel()]
     return times[0] if times else ca.SX(0, 1)
-
-
-LONGEST_SHOWN = 60
-"""Characters of a value that a message shows."""
-
-
-def shortened(value: object) -> str:
-    """Return a value as a message shows it: its text in short, with its type."""
-    text = " ".join(str(value).split())
-    if len(text) > LONGEST_SHOWN:
-        text = f"{text[: LONGEST_SHOWN - 3]}..."
-    return text if isinstance(value, ca.SX) else f"{text} ({type(value).__name__})"
-
-
-def as_column(role: str, expression: ca.SX) -> ca.SX:
-    """Return an expression, or what SX can be made from, as one column.
-
-    Raises:
-        InvalidProblemError: If it is no vector and no number.
-    """
-    try:
-        if isinstance(expression, list | tuple):
-            expression = ca.vertcat(ca.SX(0, 1), *expression)
-        column = ca.SX(expression)
-    except (NotImplementedError, TypeError) as error:
-        raise InvalidProblemError(
-            f"{role} must be a CasADi SX expression, got {shortened(expression)}"
-        ) from error
-    if min(column.shape) > 1:
-        raise InvalidProblemError(f"{role} must be a vector, got shape {column.shape}")
-    return ca.densify(ca.reshape(column, -1, 1))
-
-
-def require_symbols(role: str, symbols: ca.SX) -> None:
-    """Refuse anything but a column of SX symbols.
-
-    Raises:
-        InvalidProblemError: If it is none.
-    """
-    if not isinstance(symbols, ca.SX) or (
-        symbols.numel() and not symbols.is_valid_input()
-    ):
-        raise InvalidProblemError(
-            f"{role} must be CasADi SX symbols, got {shortened(symbols)}"
-        )
-    if symbols.shape[1] != 1:
-        raise InvalidProblemError(f"{role} must be a column, got shape {symbols.shape}")
-
-
-def require_known(role: str, expression: ca.SX, known: dict[str, ca.SX]) -> None:
-    """Refuse an expression with symbols that are none of the known ones.
-
-    Args:
-        role: What the expression is, for the message.
-        expression: The expression.
-        known: Columns of symbols by what they are called in the message.
-
-    Raises:
-        InvalidProblemError: Naming the foreign symbols, or where two of the known
-            symbols are the same.
-    """
-    try:
-        ca.Function("known", list(known.values()), [expression])
-    except RuntimeError as error:
-        columns = list(known.values())
-        foreign = [
-            str(symbol)
-            for symbol in ca.symvar(expression)
-            if not any(ca.depends_on(column, symbol) for column in columns)
-        ]
-        allowed = ", ".join(known)
-        if not foreign:
-            raise InvalidProblemError(
-                f"{allowed} must be different symbols, found one twice"
-            ) from error
-        raise InvalidProblemError(
-            f"{role} may depend on {allowed} only, found {', '.join(foreign)}"
-        ) from error
-
-
-def symbol_names(symbols: ca.SX) -> tuple[str, ...]:
-    """Return the names of a column of symbols."""
-    return tuple(str(symbols[i]) for i in range(symbols.numel()))

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.fitness import numbers_of
-from swarmstart.ocp.integrators import held_step, require_count
-from swarmstart.ocp.model import Model, jump_of, shortened
+from swarmstart.ocp.integrators import held_step
+from swarmstart.ocp.limits import require_count
+from swarmstart.ocp.model import Model, jump_of
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.integrators import require_count
+from swarmstart.ocp.limits import require_count
 
 _NEAR: Mapping[str, Any] = MappingProxyType(
     {"mu_init": 1e-5, "bound_push": 1e-6, "bound_frac": 1e-6, "slack_bound_push": 1e-6,

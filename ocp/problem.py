@@ -25,7 +25,7 @@ for an initial state from the problem's own numbers (scaling.py).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from typing import Literal, NamedTuple, get_args
 
@@ -46,23 +46,25 @@ from swarmstart.ocp.constraints import (
     TerminalConstraint,
 )
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.free import Free, FreeStart, free_starts
-from swarmstart.ocp.integrators import require_count, require_integrator
-from swarmstart.ocp.limits import (
-    Limit,
-    limits_of,
-    require_choice,
-    require_number,
-    scales_given,
-)
-from swarmstart.ocp.model import (
-    Model,
+from swarmstart.ocp.expressions import (
     as_column,
     require_known,
     require_symbols,
     shortened,
     symbol_names,
 )
+from swarmstart.ocp.free import Free, FreeStart, free_starts
+from swarmstart.ocp.integrators import require_integrator
+from swarmstart.ocp.limits import (
+    Limit,
+    limits_of,
+    require_choice,
+    require_count,
+    require_number,
+    scales_given,
+)
+from swarmstart.ocp.model import Model
+from swarmstart.ocp.symbol_map import in_sx
 from swarmstart.ocp.units import without_power_of_two
 
 Array = NDArray[np.float64]
@@ -152,6 +154,7 @@ class OptimalControlProblem:
                 f"model must be a swarmstart.Model, got {shortened(self.model)}"
             )
         self._check_grid()
+        self._bring_symbols_to_sx()
         require_symbols("signals", self.signals)
         require_symbols("previous", self.previous)
         if self.previous.numel() not in (0, self.model.nu):
@@ -162,8 +165,10 @@ class OptimalControlProblem:
         self._set("signals", _with_those_of(self.model, self.signals))
         for role in ("stage_cost", "step_cost", "initial_cost", "terminal_cost"):
             self._set(role, self._scalar(role))
-        self._set("constraints", tuple(map(as_path, self._listed("constraints"))))
-        self._set("terminal", tuple(map(as_terminal, self._listed("terminal"))))
+        for role, stated in (("constraints", as_path), ("terminal", as_terminal)):
+            listed = tuple(map(stated, self._listed(role)))
+            self._set(role, in_sx(role, listed, self.model.sx))
+        self._set("constraints", self._with_solved())
         self._set("bounds", self._array_bounds())
         self._set("start", dict(self.start))
         for constraint in self.stated:
@@ -175,9 +180,25 @@ class OptimalControlProblem:
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
 
+    def _bring_symbols_to_sx(self) -> None:
+        """Replace MX symbols of the problem; its model knows them then."""
+        columns = {role: getattr(self, role) for role in ("signals", "previous")}
+        if any(isinstance(column, ca.MX) for column in columns.values()):
+            symbol_map, columns = self.model.symbol_map.extended(columns)
+            self._set("model", replace(self.model, symbol_map=symbol_map))
+            for role, column in columns.items():
+                self._set(role, column)
+
+    def _with_solved(self) -> tuple[Constraint, ...]:
+        """Return the constraints, with that the model's algebraic equations hold."""
+        stated = tuple(as_path(c) for c in self.constraints)
+        names = {constraint.name for constraint in stated}
+        solved = self.model.elimination.constraints()
+        return (*stated, *[c for c in solved if c.name not in names])
+
     def _listed(self, role: str) -> list[object]:
         """Return the entries of a list; a bare expression or relation is one."""
-        given = getattr(self, role)
+        given = in_sx(role, getattr(self, role), self.model.symbol_map.sx)
         if isinstance(given, ca.SX):
             return [given]
         if isinstance(given, str | bytes) or not isinstance(given, Sequence):
@@ -228,7 +249,8 @@ class OptimalControlProblem:
                 )
 
     def _scalar(self, role: str) -> ca.SX:
-        expression = as_column(role, getattr(self, role))
+        given = in_sx(role, getattr(self, role), self.model.sx)
+        expression = as_column(role, given)
         if expression.numel() != 1:
             raise InvalidProblemError(
                 f"{role} must be a scalar, got shape {expression.shape}"

@@ -7,7 +7,7 @@ import numpy as np
 
 from swarmstart.heuristics import Algorithm, Budget, Order, Sampling, algorithm_of
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.model import shortened
+from swarmstart.ocp.expressions import shortened
 
 WarmStart = Literal["all", "half", "one", "none"]
 EVALUATIONS = 20_000

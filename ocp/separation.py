@@ -21,6 +21,7 @@ import numpy as np
 
 from swarmstart.ocp.constraints import Measure, Rows
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import as_symbolic_column, shortened
 from swarmstart.ocp.limits import (
     Limit,
     require_choice,
@@ -28,7 +29,6 @@ from swarmstart.ocp.limits import (
     scales_given,
     vector_of,
 )
-from swarmstart.ocp.model import as_column, shortened
 
 Along = Literal["points", "segments"]
 
@@ -178,7 +178,7 @@ def disc(  # noqa: PLR0913 - the options of Separation
         name: See Separation.
     """
     require_distance("radius", radius, margin, smooth_margin)
-    position = as_column("position", position)
+    position = as_symbolic_column("position", position)
     try:
         fixed = vector_of(centre)
     except (TypeError, ValueError) as error:
@@ -192,7 +192,7 @@ def disc(  # noqa: PLR0913 - the options of Separation
             f"centre must have shape ({position.numel()},), got {fixed.shape}"
         )
     return Separation(
-        relative=position - ca.SX(fixed),
+        relative=position - ca.DM(fixed),
         distance=radius,
         margin=margin,
         smooth_margin=smooth_margin,
@@ -209,7 +209,7 @@ def _position(relative: ca.SX) -> ca.SX:
     Raises:
         InvalidProblemError: If it is none, or empty.
     """
-    column = as_column("relative", relative)
+    column = as_symbolic_column("relative", relative)
     if not column.numel():
         raise InvalidProblemError("relative must have at least one row, got none")
     return column

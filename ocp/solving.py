@@ -11,10 +11,10 @@ from swarmstart.compile_time import stopwatch
 from swarmstart.heuristics import Budget, Order, generator_of
 from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.fitness import NOTHING, Known
 from swarmstart.ocp.improving import improved
 from swarmstart.ocp.limits import require_choice
-from swarmstart.ocp.model import shortened
 from swarmstart.ocp.planner import Planner, PlanningInterrupted
 from swarmstart.ocp.polish_options import (
     IpoptOptions,

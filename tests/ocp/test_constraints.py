@@ -127,7 +127,7 @@ def test_limits_are_copied_and_read_only() -> None:
             "scale .* must be positive",
         ),
         (
-            lambda: TerminalConstraint(expression=ca.MX.sym("m")),  # type: ignore[arg-type]
+            lambda: TerminalConstraint(expression="m"),  # type: ignore[arg-type]
             "expression must be a CasADi SX expression",
         ),
     ],

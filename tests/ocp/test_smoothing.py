@@ -19,6 +19,7 @@ from swarmstart.ocp import (
     verified,
 )
 from swarmstart.ocp.fitness import NOTHING
+from swarmstart.ocp.kinks import kinks_of
 from swarmstart.ocp.smoothing import kink_sizes, smoothed
 
 Array = NDArray[np.float64]
@@ -45,6 +46,13 @@ def test_kinks_have_the_sizes_of_what_they_compare() -> None:
     assert sorted(sizes)[1:] == pytest.approx([3.0, 3.4], abs=0.5)
     scaled = kink_sizes(kinked(2.0**9), [2.0**9, 0.0], NOTHING)
     np.testing.assert_array_equal(np.array(scaled), 2.0**9 * np.array(sizes))
+
+
+def test_no_kink_is_left_in_the_model_the_costs_or_the_constraints() -> None:
+    problem = kinked()
+    assert len(kinks_of(problem).names) == 3
+    sizes = kink_sizes(problem, [1.0, 0.0], NOTHING)
+    assert not kinks_of(smoothed(problem, sizes, 1e-3)).names
 
 
 @given(

@@ -19,7 +19,7 @@ def test_the_code_of_the_library_page_runs(
     for block in blocks:
         exec(compile(block, str(PAGE), "exec"), names)
     said = capsys.readouterr().out.splitlines()
-    assert len(blocks) == 6
+    assert len(blocks) == 8
     assert float(said[0]) == pytest.approx(36.713, abs=1e-3)
     assert said[1].startswith("('angle', 'speed')")
     assert said[-3].startswith("problem 1, ipopt: 1 of 1 feasible")

@@ -1,0 +1,286 @@
+"""Algebraic equations beside a right-hand side, solved for their variables.
+
+    x' = f(x, z, u, p),   0 = g(x, z, u, p),   dg/dz regular (index 1)
+
+Equations that are linear in z are solved in symbols,
+
+    z = -(dg/dz)^-1 g(x, 0, u, p),
+
+others by Newton's method from a start value, a fixed number of times,
+
+    z_k+1 = z_k - (dg/dz)^-1 g at z_k,
+
+written out in the expression for z: it can be differentiated and compiled as any other.
+In both cases z becomes an expression in x, u, p, and the ode, costs and constraints
+are written without z. What stands at the end of the horizon, where no control is, may
+have z only if z does not depend on the controls. z is no unknown of the NLP: at each
+evaluation of the right-hand side, inside the integrator's steps, too, the equations are
+solved anew.
+
+Newton's method may fail. What is left of the equations after the last iteration,
+
+    r_i = g_i / sqrt(sum_j (dg_i/dz_j)^2 (z_j^2 + scale_j^2)),
+
+a number without unit and without a kink, is a path constraint |r_i| <= 1e-9 of every
+problem with the model, so that an answer whose equations are not solved is not
+confirmed. A matrix that is singular at one point gives NaN there, which is an infinite
+violation.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import cast
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.constraints import PathConstraint
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import (
+    as_column,
+    require_known,
+    require_symbols,
+    shortened,
+    symbol_names,
+)
+from swarmstart.ocp.limits import Limit, require_count, vector_of
+from swarmstart.ocp.symbol_map import SymbolMap, in_sx
+from swarmstart.ocp.symbolic_solve import solve_in_symbols
+
+UNSOLVED = "algebraic equations"
+"""Name of the path constraint that the algebraic equations are."""
+_LARGEST_RESIDUAL = 1e-9
+_RESIDUAL_SCALE = 1e-4  # a path tolerance of 1e-4 of it allows another 1e-8
+_ROOTS = (2.0, 3.0)  # sqrt of 2 + k and of 3 + k: points at which dg/dz is looked at
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class AlgebraicEquations:
+    """Equations 0 = g(x, z, u, p) that determine the algebraic variables z.
+
+    Attributes:
+        symbols: Symbols of the algebraic variables z, shape (nz, 1).
+        residual: g, which is 0, shape (nz, 1) or a list of its rows.
+        start: Where Newton's method starts, a number, shape (nz,), or an expression in
+            states, controls and parameters; equations linear in z need none.
+        scale: Size of each z, a number or shape (nz,), > 0: an error of z counts in
+            parts of the larger of |z| and it, about.
+        iterations: Newton iterations, each time from the start.
+
+    Raises:
+        InvalidProblemError: If shapes do not match or a number is not positive.
+
+    Example:
+        >>> import casadi as ca
+        >>> x, z, u = ca.SX.sym("x"), ca.SX.sym("z"), ca.SX.sym("u")
+        >>> equations = AlgebraicEquations(symbols=z, residual=z + ca.exp(z) - x)
+    """
+
+    symbols: ca.SX
+    residual: ca.SX
+    start: ca.SX | Limit = 0.0
+    scale: Limit = 1.0
+    iterations: int = 10
+
+    def __post_init__(self) -> None:
+        """Check what does not need the model."""
+        require_count("iterations", self.iterations)
+        scale = _numbers("scale", self.scale)
+        if not (scale > 0).all():
+            raise InvalidProblemError(
+                f"scale of algebraic variables must be positive, got {scale}"
+            )
+        object.__setattr__(self, "scale", scale)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Elimination:
+    """Algebraic variables, and the expressions that stand for them.
+
+    Attributes:
+        symbols: z, shape (nz, 1).
+        solution: z in states, controls and parameters, shape (nz, 1).
+        unsolved: r in states, controls and parameters, shape (nz, 1); empty for
+            equations that are linear in z.
+    """
+
+    symbols: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    solution: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    unsolved: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+
+    def applied(self, expression: ca.SX) -> ca.SX:
+        """Return an expression with the solution in place of z."""
+        if not (self.symbols.numel() and ca.depends_on(expression, self.symbols)):
+            return expression
+        return ca.substitute(expression, self.symbols, self.solution)
+
+    def constraints(self) -> tuple[PathConstraint, ...]:
+        """Return the path constraint that the equations are solved, if it is needed."""
+        if not self.unsolved.numel():
+            return ()
+        return (
+            PathConstraint(
+                expression=self.unsolved,
+                lower=-_LARGEST_RESIDUAL,
+                upper=_LARGEST_RESIDUAL,
+                scale=_RESIDUAL_SCALE,
+                name=UNSOLVED,
+            ),
+        )
+
+
+def require_algebraic(equations: object) -> None:
+    """Refuse what are no algebraic equations.
+
+    Raises:
+        InvalidProblemError: With the value given.
+    """
+    if not isinstance(equations, AlgebraicEquations):
+        raise InvalidProblemError(
+            "algebraic must be swarmstart.AlgebraicEquations(symbols=..., "
+            f"residual=...), got {shortened(equations)}"
+        )
+
+
+def in_model(
+    equations: AlgebraicEquations, symbol_map: SymbolMap
+) -> AlgebraicEquations:
+    """Return the equations in the SX symbols of a model.
+
+    Raises:
+        InvalidProblemError: If an expression has MX symbols of no model.
+    """
+    return replace(
+        equations,
+        symbols=symbol_map.sx("algebraic symbols", equations.symbols),
+        residual=in_sx("the algebraic equations", equations.residual, symbol_map.sx),
+        start=in_sx("start", equations.start, symbol_map.sx),
+    )
+
+
+def eliminate(equations: AlgebraicEquations, known: dict[str, ca.SX]) -> Elimination:
+    """Return the algebraic variables as expressions in the model's other symbols.
+
+    Args:
+        equations: The equations, in SX symbols.
+        known: Columns of the model's other symbols by what a message calls them.
+
+    Raises:
+        InvalidProblemError: If the equations have foreign symbols, are not as many as
+            the variables, or cannot be solved for them.
+    """
+    z = equations.symbols
+    require_symbols("algebraic symbols", z)
+    g = as_column("the algebraic equations", equations.residual)
+    if not z.numel() or g.numel() != z.numel():
+        raise InvalidProblemError(
+            "there must be an equation for each algebraic variable "
+            f"({', '.join(symbol_names(z)) or 'none'}), got {g.numel()}"
+        )
+    every = {**known, "algebraic variables": z}
+    require_known("the algebraic equations", g, every)
+    jacobian = ca.jacobian(g, z)
+    _require_regular(jacobian, z, ca.vertcat(*every.values()))
+    start = _start(equations, z.numel())
+    require_known("start of the algebraic variables", start, known)
+    if not ca.depends_on(jacobian, z):
+        offset = ca.substitute(g, z, ca.SX.zeros(z.numel()))
+        return Elimination(z, ca.cse(-solve_in_symbols(jacobian, offset)))
+    scale = ca.SX(_filled("scale", equations.scale, z.numel()))
+    newton = ca.Function(
+        "newton",
+        [*every.values()],
+        [
+            z - solve_in_symbols(jacobian, g),
+            g / ca.sqrt(ca.mtimes(jacobian**2, z**2 + scale**2)),
+        ],
+    )
+    others = list(known.values())
+    found = start
+    for _ in range(equations.iterations):
+        found = newton.call([*others, found])[0]
+    return Elimination(z, found, newton.call([*others, found])[1])
+
+
+def _start(equations: AlgebraicEquations, size: int) -> ca.SX:
+    """Return the start values as a column."""
+    start = equations.start
+    if not isinstance(start, ca.SX | list | tuple):
+        start = ca.SX(_filled("start", start, size))
+    column = as_column("start of the algebraic variables", cast(ca.SX, start))
+    if column.numel() == 1:
+        column = ca.repmat(column, size, 1)
+    if column.numel() != size:
+        raise InvalidProblemError(
+            f"start must be a number or {size} of them, got {column.numel()}"
+        )
+    return column
+
+
+def _filled(role: str, given: Limit, size: int) -> NDArray[np.float64]:
+    """Return a number for each algebraic variable."""
+    numbers = _numbers(role, given)
+    if numbers.shape not in ((), (1,), (size,)):
+        raise InvalidProblemError(
+            f"{role} of algebraic variables must be a number or {size} of them, "
+            f"got {shortened(given)}"
+        )
+    return np.broadcast_to(numbers, (size,))
+
+
+def _numbers(role: str, given: Limit) -> NDArray[np.float64]:
+    """Return one or several finite numbers as an array."""
+    try:
+        numbers = vector_of(given)
+    except (TypeError, ValueError) as error:
+        raise InvalidProblemError(
+            f"{role} of algebraic variables must be numbers, got {shortened(given)}"
+        ) from error
+    if not np.isfinite(numbers).all():
+        raise InvalidProblemError(
+            f"{role} of algebraic variables must be finite, got {numbers}"
+        )
+    return numbers
+
+
+def _require_regular(jacobian: ca.SX, z: ca.SX, symbols: ca.SX) -> None:
+    """Refuse equations that do not determine the algebraic variables.
+
+    Raises:
+        InvalidProblemError: If dg/dz is singular by its structure, or at each point
+            that is looked at.
+    """
+    pattern = np.asarray(ca.DM(jacobian.sparsity(), 1).full()) != 0
+    names = symbol_names(z)
+    absent = [name for name, used in zip(names, pattern.sum(axis=0), strict=True)
+              if not used]  # fmt: skip
+    rows = [str(i) for i, used in enumerate(pattern.sum(axis=1)) if not used]
+    why = ""
+    if absent:
+        why = f"no equation has {', '.join(absent)}"
+    elif rows:
+        why = f"equation {', '.join(rows)} has none of them"
+    elif ca.sprank(jacobian) < z.numel():
+        why = "some of the equations share too few of them"
+    elif _singular_everywhere(jacobian, symbols):
+        why = "the equations depend on each other"
+    if why:
+        raise InvalidProblemError(
+            "the algebraic equations must determine the algebraic variables "
+            f"{', '.join(names)} (dg/dz regular, index 1): {why}; an equation without "
+            "them can be differentiated with respect to time, by hand"
+        )
+
+
+def _singular_everywhere(jacobian: ca.SX, symbols: ca.SX) -> bool:
+    """Return whether the matrix is singular at the points at which it is finite."""
+    function = ca.Function("jacobian", [symbols], [jacobian])
+    places: Sequence[NDArray[np.float64]] = [
+        np.sqrt(root + np.arange(symbols.numel())) for root in _ROOTS
+    ]
+    values = [np.array(function(place)) for place in places]
+    finite = [value for value in values if np.isfinite(value).all()]
+    return bool(finite) and all(
+        np.linalg.matrix_rank(value) < len(value) for value in finite
+    )
