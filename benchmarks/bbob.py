@@ -56,7 +56,7 @@ class Bbob(NamedTuple):
 
 GBEST = ParticleSwarm(size=40, inertia=0.7298, cognitive=1.496, social=1.496)
 
-PYGMO_GBEST = replace(GBEST, velocity_max=0.5, bounds="absorb")
+PYGMO_GBEST = replace(GBEST, velocity_max=0.5, bound_handling="absorb")
 """As in pygmo a particle stops at a bound, and flies at most half the box."""
 
 RING = replace(GBEST, neighbours=4)
@@ -181,8 +181,12 @@ def peers(*, short: bool) -> Iterator[Row]:
         return pygmo.sade(variant=7, variant_adptv=1, memory=True, seed=seed, **none)
 
     rows: tuple[tuple[str, Algorithm, Callable[[int], Any]], ...] = (
-        ("de", DifferentialEvolution(size=50, bounds="redraw"), de),
-        ("sade (jDE, rand/1/bin)", SelfAdaptiveDE(size=50, bounds="redraw"), sade),
+        ("de", DifferentialEvolution(size=50, bound_handling="redraw"), de),
+        (
+            "sade (jDE, rand/1/bin)",
+            SelfAdaptiveDE(size=50, bound_handling="redraw"),
+            sade,
+        ),
     )
     for name, algorithm, theirs in rows:
         row = Bbob(name, algorithm, 1, 1e-8, np.nan, np.nan)

@@ -108,7 +108,7 @@ def first_hit(row: StornPrice, seed: int, **settings: Any) -> int | None:
         row.objective,
         row.box,
         algorithm=DifferentialEvolution(
-            size=size, F=F, CR=CR, bounds="none", **settings
+            size=size, F=F, CR=CR, bound_handling="none", **settings
         ),
         budget=Budget(evaluations=100_000 if size > 10 else 10_000),
         rng=np.random.default_rng(seed),

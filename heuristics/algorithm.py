@@ -15,12 +15,12 @@ continues bit for bit.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.bounds import NAMES
+from swarmstart.heuristics.bound_handling import NAMES
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.copying import take_column
 from swarmstart.heuristics.order import (
@@ -69,8 +69,8 @@ class Settings(Protocol):
         """The order of individuals."""
 
     @property
-    def bounds(self) -> int:
-        """The rule at the bounds, a code of `bounds`."""
+    def bound_handling(self) -> int:
+        """The rule at the bounds, a code of `bound_handling`."""
 
 
 class State(Protocol):
@@ -246,13 +246,31 @@ def require(name: str, value: object, *, ok: bool, allowed: str) -> None:
         raise InvalidSettingsError(name, value, allowed)
 
 
-def require_bounds(name: str) -> None:
-    """Refuse what is no rule of `bounds`.
+class BoundHandled:
+    """Base of the settings with a `bound_handling`; refuses the keyword it had before.
+
+    Raises:
+        InvalidSettingsError: If `bounds` is given, which is a box's word only.
+    """
+
+    __slots__ = ()
+
+    def __new__(cls, *args: object, **settings: object) -> Self:
+        """Return the object that the dataclass fills; it has the same arguments."""
+        del args
+        if "bounds" in settings:
+            allowed = "given as bound_handling, its new name"
+            raise InvalidSettingsError("bounds", settings["bounds"], allowed)
+        return super().__new__(cls)
+
+
+def require_bound_handling(name: str) -> None:
+    """Refuse a name that is no rule of `bound_handling`.
 
     Raises:
         InvalidSettingsError: If so.
     """
-    require_name("bounds", name, NAMES)
+    require_name("bound_handling", name, NAMES)
 
 
 def require_name(name: str, value: str, names: tuple[str, ...]) -> None:

@@ -22,14 +22,15 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from swarmstart.heuristics.algorithm import (
+    BoundHandled,
     InvalidSettingsError,
     Kernels,
     common_fields,
     require,
-    require_bounds,
+    require_bound_handling,
     require_size,
 )
-from swarmstart.heuristics.bounds import CODES, Bounds
+from swarmstart.heuristics.bound_handling import CODES, BoundHandling
 from swarmstart.heuristics.box import Box, between
 from swarmstart.heuristics.chaos import draw_seeds, leave_traps, logistic
 from swarmstart.heuristics.copying import copy_points
@@ -64,7 +65,7 @@ class ChaoticPSOSettings(NamedTuple):
     cognitive: float
     social: float
     velocity_max: Array
-    bounds: int
+    bound_handling: int
     reseed: int
     diversity_threshold: float
     search_length: float
@@ -195,10 +196,11 @@ def number_ahead(order: RunningOrder, state: ChaoticPSOState, i: int) -> int:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ChaoticPSO:
+class ChaoticPSO(BoundHandled):
     """Settings of the chaotic particle swarm; the defaults are those of the text.
 
-    But for `bounds`, where the text has clip; c1 = c2 = 1.496 is recommended besides.
+    But for `bound_handling`, where the text has clip; c1 = c2 = 1.496 is recommended
+    besides.
 
     Two of them are in the units of the variables, as in the text: velocity_max and
     search_length. With both None nothing depends on those units.
@@ -235,7 +237,8 @@ class ChaoticPSO:
         diversity_threshold: eps, at least 0; the swarm reseeds when D < eps.
         search_length: L of (5.18), above 0, in the units of the variables; None means
             that each variable is measured in widths of the box, and L = 1.
-        bounds: What happens to a particle that would leave the box; see `bounds`.
+        bound_handling: What happens to a particle that would leave the box; see
+            `bound_handling`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -253,7 +256,7 @@ class ChaoticPSO:
     reseed: Reseed = "logistic"
     diversity_threshold: float = 0.01
     search_length: float | None = 10.0
-    bounds: Bounds = "reflect"
+    bound_handling: BoundHandling = "reflect"
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -274,7 +277,7 @@ class ChaoticPSO:
         ok = self.search_length is None or 0.0 < self.search_length < np.inf
         allowed = "None or finite and above 0"
         require("search_length", self.search_length, ok=ok, allowed=allowed)
-        require_bounds(self.bounds)
+        require_bound_handling(self.bound_handling)
 
     def _keep_velocity_max(self) -> None:
         """Check the largest speed; keep a vector as a tuple."""
@@ -314,7 +317,7 @@ class ChaoticPSO:
             cognitive=float(self.cognitive),
             social=float(self.social),
             velocity_max=self._velocity_max(box),
-            bounds=CODES[self.bounds],
+            bound_handling=CODES[self.bound_handling],
             reseed=RESEED_CODES[self.reseed],
             diversity_threshold=float(self.diversity_threshold),
             search_length=float(self.search_length or 1.0),

@@ -18,9 +18,10 @@ The constants are those of `cma_constants`. It begins with the initial populatio
 best individual is the first mean; after a restart (`cma_restarts`) with a mean that is
 uniform in the box. The best point seen is kept through all restarts.
 
-An individual that leaves the box is evaluated where `bounds` brings it back, and enters
-the update as it was sampled. So it is CMA-ES without bounds on f(repair(x)), which for
-`reflect` is f continued beyond the box by its mirror images; m may lie in one of them.
+An individual that leaves the box is evaluated where `bound_handling` brings it back,
+and enters the update as it was sampled. So it is CMA-ES without bounds on f(repair(x)),
+which for `reflect` is f continued beyond the box by its mirror images; m may lie in one
+of them.
 The other way, an update with the repaired points, ends far from an optimum on a bound:
 steps near the bound look shorter than they were, and sigma falls too soon.
 
@@ -36,14 +37,15 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.heuristics.algorithm import (
+    BoundHandled,
     Kernels,
     common_fields,
     require,
-    require_bounds,
+    require_bound_handling,
     require_size,
     take_generation,
 )
-from swarmstart.heuristics.bounds import CODES, REDRAW, Bounds, repair
+from swarmstart.heuristics.bound_handling import CODES, REDRAW, BoundHandling, repair
 from swarmstart.heuristics.box import Box, clip
 from swarmstart.heuristics.cma_constants import (
     Constants,
@@ -71,7 +73,7 @@ class CMAESSettings(NamedTuple):
     sigma: float
     restarts: bool
     increase: int
-    bounds: int
+    bound_handling: int
     free: Count
 
 
@@ -136,8 +138,8 @@ def propose(
             x = low + (high - low) * state.sampled[k, i]
             origin = clip(low + (high - low) * state.mean[k], low, high)
             if not low <= x <= high:
-                fraction = rng.random() if settings.bounds == REDRAW else 0.0
-                x = repair(settings.bounds, x, origin, low, high, fraction)
+                fraction = rng.random() if settings.bound_handling == REDRAW else 0.0
+                x = repair(settings.bound_handling, x, origin, low, high, fraction)
             asked[d, i] = x
 
 
@@ -317,7 +319,7 @@ def decompose(state: CMAESState) -> None:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class CMAES:
+class CMAES(BoundHandled):
     """Settings of CMA-ES with restarts.
 
     Attributes:
@@ -328,7 +330,8 @@ class CMAES:
         restarts: Whether it begins anew when it has come to an end (`cma_restarts`);
             if not, its distribution then stays as it is.
         increase: What the population is multiplied by at each restart, at least 1.
-        bounds: What happens to a coordinate that leaves the box; see `bounds`.
+        bound_handling: What happens to a coordinate that leaves the box; see
+            `bound_handling`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -338,7 +341,7 @@ class CMAES:
     sigma: float = 0.3
     restarts: bool = True
     increase: int = 2
-    bounds: Bounds = "reflect"
+    bound_handling: BoundHandling = "reflect"
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -351,7 +354,7 @@ class CMAES:
         ok = isinstance(self.increase, int) and self.increase >= 1
         allowed = "an integer of at least 1"
         require("increase", self.increase, ok=ok, allowed=allowed)
-        require_bounds(self.bounds)
+        require_bound_handling(self.bound_handling)
 
     @property
     def kernels(self) -> Kernels:
@@ -372,7 +375,7 @@ class CMAES:
             sigma=float(self.sigma),
             restarts=self.restarts,
             increase=self.increase,
-            bounds=CODES[self.bounds],
+            bound_handling=CODES[self.bound_handling],
             free=box.free,
         )
 

@@ -29,15 +29,16 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from swarmstart.heuristics.algorithm import (
+    BoundHandled,
     Kernels,
     common_fields,
     require,
-    require_bounds,
+    require_bound_handling,
     require_name,
     require_size,
     take_generation,
 )
-from swarmstart.heuristics.bounds import CODES, Bounds
+from swarmstart.heuristics.bound_handling import CODES, BoundHandling
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.copying import copy_points
 from swarmstart.heuristics.order import RunningOrder, best_index
@@ -73,7 +74,7 @@ class DifferentialEvolutionSettings(NamedTuple):
     CR: float
     strategy: int
     crossover: int
-    bounds: int
+    bound_handling: int
     free: Count
 
 
@@ -147,7 +148,7 @@ def accept(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class DifferentialEvolution:
+class DifferentialEvolution(BoundHandled):
     """Settings of differential evolution.
 
     Attributes:
@@ -157,7 +158,8 @@ class DifferentialEvolution:
             goes on (exp), in [0, 1].
         strategy: What the mutant is made of.
         crossover: What the trial takes of the mutant.
-        bounds: What happens to a coordinate that leaves the box; see `bounds`.
+        bound_handling: What happens to a coordinate that leaves the box; see
+            `bound_handling`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -168,7 +170,7 @@ class DifferentialEvolution:
     CR: float = 0.9
     strategy: Strategy = "rand/1"
     crossover: Crossover = "bin"
-    bounds: Bounds = "midpoint"
+    bound_handling: BoundHandling = "midpoint"
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -177,7 +179,7 @@ class DifferentialEvolution:
         require("CR", self.CR, ok=0.0 <= self.CR <= 1.0, allowed="in [0, 1]")
         require_name("strategy", self.strategy, STRATEGIES)
         require_name("crossover", self.crossover, CROSSOVERS)
-        require_bounds(self.bounds)
+        require_bound_handling(self.bound_handling)
 
     @property
     def kernels(self) -> Kernels:
@@ -201,7 +203,7 @@ class DifferentialEvolution:
             CR=float(self.CR),
             strategy=STRATEGIES.index(self.strategy),
             crossover=CROSSOVERS.index(self.crossover),
-            bounds=CODES[self.bounds],
+            bound_handling=CODES[self.bound_handling],
             free=box.free,
         )
 

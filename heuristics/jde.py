@@ -20,13 +20,14 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.heuristics.algorithm import (
+    BoundHandled,
     Kernels,
     common_fields,
-    require_bounds,
+    require_bound_handling,
     require_size,
     take_generation,
 )
-from swarmstart.heuristics.bounds import CODES, Bounds
+from swarmstart.heuristics.bound_handling import CODES, BoundHandling
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.copying import copy_points
 from swarmstart.heuristics.order import RunningOrder
@@ -54,7 +55,7 @@ class SelfAdaptiveDESettings(NamedTuple):
     lower: Array
     upper: Array
     order: RunningOrder
-    bounds: int
+    bound_handling: int
     free: Count
 
 
@@ -133,24 +134,25 @@ def accept(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SelfAdaptiveDE:
+class SelfAdaptiveDE(BoundHandled):
     """Settings of jDE.
 
     Attributes:
         size: Number of individuals NP, at least 4.
-        bounds: What happens to a coordinate that leaves the box; see `bounds`.
+        bound_handling: What happens to a coordinate that leaves the box; see
+            `bound_handling`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
     """
 
     size: int = 50
-    bounds: Bounds = "midpoint"
+    bound_handling: BoundHandling = "midpoint"
 
     def __post_init__(self) -> None:
         """Check the values."""
         require_size(self.size, at_least=4)
-        require_bounds(self.bounds)
+        require_bound_handling(self.bound_handling)
 
     @property
     def kernels(self) -> Kernels:
@@ -168,7 +170,7 @@ class SelfAdaptiveDE:
             lower=box.lower,
             upper=box.upper,
             order=order,
-            bounds=CODES[self.bounds],
+            bound_handling=CODES[self.bound_handling],
             free=box.free,
         )
 

@@ -48,14 +48,15 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.heuristics.algorithm import (
+    BoundHandled,
     Kernels,
     common_fields,
     require,
-    require_bounds,
+    require_bound_handling,
     require_size,
     take_generation,
 )
-from swarmstart.heuristics.bounds import CODES, Bounds
+from swarmstart.heuristics.bound_handling import CODES, BoundHandling
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.copying import copy_column, copy_points
 from swarmstart.heuristics.order import RunningOrder, better, worst_index
@@ -95,7 +96,7 @@ class LSHADESettings(NamedTuple):
     smallest: int
     archive: float
     greediness: float
-    bounds: int
+    bound_handling: int
     free: Count
 
 
@@ -264,7 +265,7 @@ def rounded(value: float) -> int:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LSHADE:
+class LSHADE(BoundHandled):
     """Settings of L-SHADE.
 
     Attributes:
@@ -275,7 +276,8 @@ class LSHADE:
         memory: Number of slots H of the memory, at least 1.
         archive: Size r_arc of the archive, in populations, at least 0.
         greediness: Part p of the population that leads, in (0, 1].
-        bounds: What happens to a coordinate that leaves the box; see `bounds`.
+        bound_handling: What happens to a coordinate that leaves the box; see
+            `bound_handling`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -286,7 +288,7 @@ class LSHADE:
     memory: int = 6
     archive: float = 2.6
     greediness: float = 0.11
-    bounds: Bounds = "midpoint"
+    bound_handling: BoundHandling = "midpoint"
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -301,7 +303,7 @@ class LSHADE:
         require("archive", self.archive, ok=ok, allowed="finite and at least 0")
         ok = 0.0 < self.greediness <= 1.0
         require("greediness", self.greediness, ok=ok, allowed="in (0, 1]")
-        require_bounds(self.bounds)
+        require_bound_handling(self.bound_handling)
 
     @classmethod
     def as_published(cls, dim: int) -> "LSHADE":
@@ -332,7 +334,7 @@ class LSHADE:
             smallest=self.smallest,
             archive=float(self.archive),
             greediness=float(self.greediness),
-            bounds=CODES[self.bounds],
+            bound_handling=CODES[self.bound_handling],
             free=box.free,
         )
 

@@ -27,13 +27,14 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.heuristics.algorithm import (
+    BoundHandled,
     Kernels,
     common_fields,
     require,
-    require_bounds,
+    require_bound_handling,
     require_size,
 )
-from swarmstart.heuristics.bounds import CODES, Bounds
+from swarmstart.heuristics.bound_handling import CODES, BoundHandling
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.copying import copy_points
 from swarmstart.heuristics.order import RunningOrder
@@ -61,7 +62,7 @@ class ParticleSwarmSettings(NamedTuple):
     cognitive: float
     social: float
     velocity_max: Array
-    bounds: int
+    bound_handling: int
     neighbours: int
 
 
@@ -102,7 +103,7 @@ def propose(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ParticleSwarm:
+class ParticleSwarm(BoundHandled):
     """Settings of a particle swarm.
 
     Attributes:
@@ -115,7 +116,8 @@ class ParticleSwarm:
         velocity_max: Largest speed in each coordinate, as a fraction of the width of
             the box (that of `ChaoticPSO` is in the units of the variables); None means
             no limit.
-        bounds: What happens to a particle that would leave the box; see `bounds`.
+        bound_handling: What happens to a particle that would leave the box; see
+            `bound_handling`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -127,7 +129,7 @@ class ParticleSwarm:
     social: float = 1.496
     neighbours: int | None = None
     velocity_max: float | None = None
-    bounds: Bounds = "reflect"
+    bound_handling: BoundHandling = "reflect"
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -142,7 +144,7 @@ class ParticleSwarm:
         ok = self.velocity_max is None or 0.0 < self.velocity_max < np.inf
         allowed = "None or finite and above 0"
         require("velocity_max", self.velocity_max, ok=ok, allowed=allowed)
-        require_bounds(self.bounds)
+        require_bound_handling(self.bound_handling)
 
     @classmethod
     def constricted(cls, phi: float = 4.1) -> "ParticleSwarm":
@@ -189,7 +191,7 @@ class ParticleSwarm:
             cognitive=float(self.cognitive),
             social=float(self.social),
             velocity_max=velocity_max,
-            bounds=CODES[self.bounds],
+            bound_handling=CODES[self.bound_handling],
             neighbours=self.neighbours or 0,
         )
 

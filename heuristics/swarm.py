@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from swarmstart.heuristics.algorithm import Settings, State, require, take_generation
-from swarmstart.heuristics.bounds import REDRAW, repair, turned
+from swarmstart.heuristics.bound_handling import REDRAW, repair, turned
 from swarmstart.heuristics.box import clip
 from swarmstart.heuristics.copying import copy_column
 from swarmstart.heuristics.order import RunningOrder, better, precedes
@@ -110,7 +110,7 @@ def fly(
     settings: SwarmSettings,
     state: SwarmState,
 ) -> None:
-    """Move every particle by (2.11), and back into the box by `settings.bounds`.
+    """Move every particle by (2.11); `settings.bound_handling` keeps it in the box.
 
     Args:
         rng: Source of r1 and r2.
@@ -133,7 +133,7 @@ def fly(
             v = clip(v, -settings.velocity_max[d], settings.velocity_max[d])
             low, high, moved = settings.lower[d], settings.upper[d], x + v
             if not low <= moved <= high:  # Asked here: a call costs ten times as much.
-                rule = settings.bounds
+                rule = settings.bound_handling
                 fraction = rng.random() if rule == REDRAW else 0.0
                 moved = repair(rule, x + v, x, low, high, fraction)
                 v = turned(rule, v, x + v, low, high)

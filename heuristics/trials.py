@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.heuristics.algorithm import Settings
-from swarmstart.heuristics.bounds import REDRAW, repair
+from swarmstart.heuristics.bound_handling import REDRAW, repair
 from swarmstart.heuristics.order import RunningOrder, precedes
 from swarmstart.kernel import Array, Count, kernel
 
@@ -162,7 +162,7 @@ def fill_trials(
     """
     dim, size = asked.shape
     base, lead, plus, minus = plan.base, plan.lead, plan.plus, plan.minus
-    F, rule = plan.F, settings.bounds
+    F, rule = plan.F, settings.bound_handling
     for d in range(dim):
         row, out, mutated = x[d], asked[d], plan.mutated[d]
         low, high = settings.lower[d], settings.upper[d]

@@ -45,8 +45,8 @@ from swarmstart.heuristics.de import F_MAX
 from swarmstart.kernel import Array, Count
 
 Mask = NDArray[np.bool_]
-GridBounds = Literal["clip", "reject"]
-GRID_BOUNDS: tuple[str, ...] = get_args(GridBounds)
+GridBoundHandling = Literal["clip", "reject"]
+GRID_BOUND_HANDLING: tuple[str, ...] = get_args(GridBoundHandling)
 
 MAX_STATES = 10_000
 """Largest number of populations; their transition matrix has 800 MB."""
@@ -61,8 +61,8 @@ class GridDE:
             equal; copied and read-only. The least are the optima.
         size: Number of individuals NP, at least 4; m^NP at most MAX_STATES.
         F: Weight of the difference, in (0, 2].
-        bounds: What happens to a mutant outside the grid: "clip" moves it to the
-            nearest grid point, "reject" leaves its parent.
+        bound_handling: What happens to a mutant outside the grid: "clip" moves it to
+            the nearest grid point, "reject" leaves its parent.
         immigrant: Probability eps that a trial is replaced by a uniform grid point, in
             [0, 1].
 
@@ -73,7 +73,7 @@ class GridDE:
     costs: Array
     size: int = 4
     F: float = 0.5
-    bounds: GridBounds = "clip"
+    bound_handling: GridBoundHandling = "clip"
     immigrant: float = 0.0
 
     def __post_init__(self) -> None:
@@ -90,7 +90,7 @@ class GridDE:
         ok = self.size < MAX_STATES.bit_length() and self.states <= MAX_STATES
         require("populations", states, ok=ok, allowed=f"at most {MAX_STATES}")
         require("F", self.F, ok=0.0 < self.F <= F_MAX, allowed=f"in (0, {F_MAX}]")
-        require_name("bounds", self.bounds, GRID_BOUNDS)
+        require_name("bound_handling", self.bound_handling, GRID_BOUND_HANDLING)
         ok = 0.0 <= self.immigrant <= 1.0
         require("immigrant", self.immigrant, ok=ok, allowed="in [0, 1]")
 
@@ -261,7 +261,7 @@ def _moves(grid: GridDE, populations: Count) -> Array:
         x, x1, x2, x3 = populations[:, [i, r1, r2, r3]].T
         mutant = np.floor(x1 + grid.F * (x2 - x3) + 0.5).astype(np.int64)
         trial = np.clip(mutant, 0, m - 1)
-        if grid.bounds == "reject":
+        if grid.bound_handling == "reject":
             trial = np.where(trial == mutant, mutant, x)
         accepted = grid.costs[trial] <= grid.costs[x]
         counts[states, i, np.where(accepted, trial, x)] += 1.0

@@ -43,6 +43,7 @@ _SHOWN = 40  # characters of a value in a message
 RENAMED = {
     "prediction.dt_s": "prediction.horizon_s (dt_s times intervals)",
     "integrator": "prediction.integrator",
+    "search.bounds": "search.bound_handling",
 }
 """Keys that scenarios had before -> what is written in their place."""
 
@@ -354,7 +355,7 @@ def _claim_flaws(
             hint = meant(claim.measure, known, otherwise="see swarmstart list")
             yield ("claims", number, "measure"), f"{what}; {hint}"
         for key in claim.when:
-            if _is_missing(scenario, key):
+            if key in RENAMED or _is_missing(scenario, key):
                 path = ("claims", number, "when", key)
                 new = RENAMED.get(key, "a key of the scenario")
                 yield path, f"expected {new}, found {_shown(key)}"

@@ -12,7 +12,7 @@ from swarmstart.heuristics import (
 )
 from swarmstart.heuristics.algorithm import (
     common_fields,
-    require_bounds,
+    require_bound_handling,
     require_size,
     take_generation,
 )
@@ -74,5 +74,7 @@ def test_a_size_is_an_integer_that_is_large_enough(size: int) -> None:
 
 
 def test_refuses_an_unknown_rule_for_the_bounds() -> None:
-    with pytest.raises(InvalidSettingsError, match="bounds must be one of clip, abs"):
-        require_bounds("bounce")
+    with pytest.raises(
+        InvalidSettingsError, match="bound_handling must be one of clip"
+    ):
+        require_bound_handling("bounce")

@@ -130,7 +130,10 @@ def test_velocity_max_must_fit_the_box() -> None:
         ({"reseed": "tent"}, "reseed must be one of .*logistic.*, got 'tent'"),
         ({"diversity_threshold": -1.0}, "diversity_threshold must be at least 0"),
         ({"search_length": 0.0}, "search_length must be None or finite and above 0"),
-        ({"bounds": "stick"}, "bounds must be one of clip, .*none, got 'stick'"),
+        (
+            {"bound_handling": "stick"},
+            "bound_handling must be one of clip, .*none, got 'stick'",
+        ),
         (
             {"initial_velocity": "zero"},
             "initial_velocity must be independent or smooth",

@@ -359,7 +359,7 @@ def test_nothing_finite_is_no_failure() -> None:
         ({"sigma": 0.0}, r"sigma must be in \(0, 1\], got 0.0"),
         ({"restarts": 1}, "restarts must be True or False, got 1"),
         ({"increase": 0}, "increase must be an integer of at least 1, got 0"),
-        ({"bounds": "bounce"}, "bounds must be one of"),
+        ({"bound_handling": "bounce"}, "bound_handling must be one of"),
     ],
 )
 def test_refuses_settings_out_of_range(setting: dict[str, float], message: str) -> None:

@@ -121,7 +121,7 @@ def test_strategies_that_follow_the_best(strategy: Strategy) -> None:
     dim, size, F = 4, 6, 0.3
     box = Box(lower=np.full(dim, -1.0), upper=np.full(dim, 1.0))
     algorithm = DifferentialEvolution(
-        size=size, F=F, CR=1.0, strategy=strategy, bounds="none"
+        size=size, F=F, CR=1.0, strategy=strategy, bound_handling="none"
     )
     search = Search(algorithm, box, rng=np.random.default_rng(4))
     x = search.ask()
@@ -152,7 +152,7 @@ def test_child_replaces_a_parent_of_equal_cost_but_no_better_one() -> None:
 
 def test_clip_puts_coordinates_onto_the_bound() -> None:
     box = Box(lower=np.zeros(3), upper=np.ones(3))
-    algorithm = DifferentialEvolution(size=8, F=2.0, CR=1.0, bounds="clip")
+    algorithm = DifferentialEvolution(size=8, F=2.0, CR=1.0, bound_handling="clip")
     search = Search(algorithm, box, rng=np.random.default_rng(3))
     search.tell(search.ask().sum(axis=0), np.zeros(8))
     asked = search.ask()
@@ -172,7 +172,7 @@ def mean_evaluations(
         result = minimize(
             function,
             box,
-            algorithm=DifferentialEvolution(bounds="none", **settings),
+            algorithm=DifferentialEvolution(bound_handling="none", **settings),
             budget=Budget(evaluations=60_000, target=1e-6),
             rng=np.random.default_rng(seed),
             on_generation=events.append,
@@ -267,7 +267,10 @@ def test_needs_as_many_evaluations_as_its_peers_for_the_sphere() -> None:
         ({"size": 3}, "size must be an integer of at least 4, got 3"),
         ({"F": 0.0}, r"F must be in \(0, 2.0\], got 0.0"),
         ({"CR": 1.5}, r"CR must be in \[0, 1\], got 1.5"),
-        ({"bounds": "stick"}, "bounds must be one of clip, .*none, got 'stick'"),
+        (
+            {"bound_handling": "stick"},
+            "bound_handling must be one of clip, .*none, got 'stick'",
+        ),
         ({"strategy": "rand/2"}, "strategy must be one of rand/1, .*, got 'rand/2'"),
         ({"crossover": "uniform"}, "crossover must be one of bin, exp, got 'uniform'"),
     ],

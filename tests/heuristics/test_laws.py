@@ -19,6 +19,7 @@ from swarmstart.heuristics import (
     Box,
     Budget,
     GenerationEvent,
+    InvalidSettingsError,
     Order,
     Search,
     SearchResult,
@@ -26,7 +27,7 @@ from swarmstart.heuristics import (
     minimize,
     run,
 )
-from swarmstart.heuristics.bounds import NAMES
+from swarmstart.heuristics.bound_handling import NAMES
 
 Array = NDArray[np.float64]
 Objective = Callable[[Array], tuple[Array, Array]]
@@ -70,12 +71,23 @@ def assert_same(one: Mapping[str, object], other: Mapping[str, object]) -> None:
         np.testing.assert_array_equal(one[name], other[name], err_msg=name)
 
 
-def with_bounds(algorithm: Algorithm, bounds: str) -> Algorithm | None:
+def with_rule(algorithm: Algorithm, rule: str) -> Algorithm | None:
     """The algorithm with another rule; None where it has none."""
-    if not hasattr(algorithm, "bounds"):
+    if not hasattr(algorithm, "bound_handling"):
         return None
-    changed: Algorithm = dataclasses.replace(algorithm, bounds=bounds)  # type: ignore[type-var]
+    changed: Algorithm = dataclasses.replace(  # type: ignore[type-var]
+        algorithm, bound_handling=rule
+    )
     return changed
+
+
+def test_the_old_name_of_the_rule_at_the_bounds_is_refused_with_the_new(
+    algorithm: Algorithm,
+) -> None:
+    if with_rule(algorithm, "clip") is not None:
+        said = "bounds must be given as bound_handling, its new name, got 'clip'"
+        with pytest.raises(InvalidSettingsError, match=said):
+            type(algorithm)(bounds="clip")  # type: ignore[call-arg]
 
 
 def test_every_algorithm_of_the_library_is_tested_here(
@@ -102,7 +114,7 @@ def test_every_point_lies_in_the_box_and_the_best_is_the_best_of_all(
     rng = np.random.default_rng(seed)
     lower = rng.normal(size=dim) * scale
     box = Box(lower=lower, upper=lower + rng.uniform(0.1, 4.0, dim) * scale)
-    chosen = with_bounds(algorithm, rule) or algorithm
+    chosen = with_rule(algorithm, rule) or algorithm
     search = Search(chosen, box, order=order, rng=rng)
 
     def merit(cost: float, violation: float) -> tuple[float, float]:
@@ -141,7 +153,7 @@ def test_a_variable_with_equal_bounds_is_fixed(
     lower = rng.normal(size=len(fixed))
     width = np.where(fixed, 0.0, rng.uniform(0.1, 4.0, len(fixed)))
     box = Box(lower=lower, upper=lower + width)
-    chosen = with_bounds(algorithm, rule) or algorithm
+    chosen = with_rule(algorithm, rule) or algorithm
     search = Search(chosen, box, order=order, rng=rng, basins=3)
     asked = generations(search, 12, rippled)
     for points in asked:
@@ -181,7 +193,7 @@ def test_fixed_variables_do_not_slow_a_search(algorithm: Algorithm) -> None:
 def test_points_may_leave_the_box_where_nothing_holds_them(
     algorithm: Algorithm,
 ) -> None:
-    free = with_bounds(algorithm, "none")
+    free = with_rule(algorithm, "none")
     if free is None:
         return
     search = Search(free, BOX, rng=np.random.default_rng(0))
@@ -473,7 +485,7 @@ def test_plain_python_gives_the_same_bits_as_compiled_code(
         repr(changed)
         for a in algorithms
         for rule in NAMES
-        if (changed := with_bounds(a, rule)) is not None
+        if (changed := with_rule(a, rule)) is not None
     ]
     outputs = [
         subprocess.run(

@@ -332,7 +332,7 @@ def test_resumes_bit_for_bit(tmp_path: Path) -> None:
         ({"memory": 0}, "memory must be an integer of at least 1, got 0"),
         ({"archive": -1.0}, "archive must be finite and at least 0, got -1.0"),
         ({"greediness": 0.0}, r"greediness must be in \(0, 1\], got 0.0"),
-        ({"bounds": "fold"}, "bounds must be one of clip"),
+        ({"bound_handling": "fold"}, "bound_handling must be one of clip"),
     ],
 )
 def test_refuses_settings_out_of_range(setting: dict[str, int], message: str) -> None:

@@ -106,7 +106,10 @@ def test_solves_the_sphere(seed: int) -> None:
         ({"inertia": 1.1}, r"inertia must be in \[0, 1\], got 1.1"),
         ({"cognitive": np.inf}, "cognitive must be finite"),
         ({"velocity_max": 0.0}, "velocity_max must be None or finite and above 0"),
-        ({"bounds": "stick"}, "bounds must be one of clip, .*none, got 'stick'"),
+        (
+            {"bound_handling": "stick"},
+            "bound_handling must be one of clip, .*none, got 'stick'",
+        ),
         ({"neighbours": 3}, "neighbours must be None or even"),
         ({"neighbours": 20}, "at least 2 and below size = 20, got 20"),
     ],

@@ -44,7 +44,7 @@ def test_chaotic_swarm_flies_by_2_11_with_the_inertia_of_5_19() -> None:
         social=1.5,
         velocity_max=0.8,
         reseed="none",
-        bounds="clip",
+        bound_handling="clip",
     )
     search = Search(algorithm, box, rng=np.random.default_rng(5))
     advance(search, 3)
@@ -57,15 +57,15 @@ def test_chaotic_swarm_flies_by_2_11_with_the_inertia_of_5_19() -> None:
     assert (position != asked).any()  # the bounds were met
 
 
-@pytest.mark.parametrize("bounds", ["absorb", "clip"])
-def test_swarm_stops_at_the_bounds(bounds: str) -> None:
+@pytest.mark.parametrize("rule", ["absorb", "clip"])
+def test_swarm_stops_at_the_bounds(rule: str) -> None:
     box = Box(lower=np.full(DIM, -0.75), upper=np.full(DIM, 0.25))  # optimum outside
     algorithm = ParticleSwarm(
         size=SIZE,
         cognitive=0.5,
         social=1.5,
         velocity_max=0.25,
-        bounds="absorb" if bounds == "absorb" else "clip",
+        bound_handling="absorb" if rule == "absorb" else "clip",
     )
     search = Search(algorithm, box, rng=np.random.default_rng(6))
     advance(search, 2)
@@ -76,7 +76,7 @@ def test_swarm_stops_at_the_bounds(bounds: str) -> None:
     np.testing.assert_array_equal(asked, np.clip(position, -0.75, 0.25))
     state = search.state
     assert isinstance(state, ParticleSwarmState)
-    kept = velocity if bounds == "clip" else np.where(outside, 0.0, velocity)
+    kept = velocity if rule == "clip" else np.where(outside, 0.0, velocity)
     np.testing.assert_array_equal(state.velocity, kept)
 
 
@@ -90,7 +90,7 @@ def test_swarm_is_reflected_at_the_bounds_by_default() -> None:
     )
     furthest = 0.0
     for algorithm, inertia in zip(algorithms, (0.7298, 1.2), strict=True):
-        assert algorithm.bounds == "reflect"
+        assert algorithm.bound_handling == "reflect"
         search = Search(algorithm, box, rng=np.random.default_rng(6))
         advance(search, 2)
         position, velocity = flown(search, inertia, velocity_max=3.0)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swarmstart.cases.chapter.markov_chain import (
-    GridBounds,
+    GridBoundHandling,
     GridDE,
     MarkovChain,
     absorption,
@@ -35,7 +35,7 @@ from swarmstart.heuristics.de import (
 from swarmstart.heuristics.order import feasibility_first
 
 Array = NDArray[np.float64]
-Row = tuple[list[int], float, GridBounds, int, int, float, float]
+Row = tuple[list[int], float, GridBoundHandling, int, int, float, float]
 
 TRAP = [1, 2, 3, 4, 5, 0]
 TWO_WAYS = [1, 3, 4, 3, 2, 0]
@@ -64,10 +64,12 @@ PAGE = Path(__file__).parents[3] / "docs" / "markov_chain.md"
 def chain_of(
     costs: list[int],
     F: float = 0.5,
-    bounds: GridBounds = "clip",
+    bound_handling: GridBoundHandling = "clip",
     immigrant: float = 0.0,
 ) -> MarkovChain:
-    grid = GridDE(costs=np.array(costs), F=F, bounds=bounds, immigrant=immigrant)
+    grid = GridDE(
+        costs=np.array(costs), F=F, bound_handling=bound_handling, immigrant=immigrant
+    )
     return build_chain(grid)
 
 
@@ -78,8 +80,8 @@ def index_of(chain: MarkovChain, population: list[int]) -> int:
 
 @pytest.mark.parametrize("row", ROWS, ids=str)
 def test_plain_chain_has_the_enumerated_numbers(row: Row) -> None:
-    costs, F, bounds, dead, fixed, uniform, without_optimum = row
-    chain = chain_of(costs, F, bounds)
+    costs, F, rule, dead, fixed, uniform, without_optimum = row
+    chain = chain_of(costs, F, rule)
     assert chain.populations.shape == (1296, 4)
     assert np.count_nonzero(~chain.optimal) == 625
     assert np.count_nonzero(dead_states(chain)) == dead
@@ -155,14 +157,22 @@ def test_equal_individuals_stay_forever(costs: list[int]) -> None:
     ),
     size=st.integers(4, 5),
     F=st.sampled_from([0.25, 0.5, 0.8, 1.0, 2.0]),
-    bounds=st.sampled_from(["clip", "reject"]),
+    bound_handling=st.sampled_from(["clip", "reject"]),
     immigrant=st.sampled_from([0.0, 0.05, 1.0]),
 )
 def test_laws_of_the_chain(
-    costs: list[int], size: int, F: float, bounds: GridBounds, immigrant: float
+    costs: list[int],
+    size: int,
+    F: float,
+    bound_handling: GridBoundHandling,
+    immigrant: float,
 ) -> None:
     grid = GridDE(
-        costs=np.array(costs), size=size, F=F, bounds=bounds, immigrant=immigrant
+        costs=np.array(costs),
+        size=size,
+        F=F,
+        bound_handling=bound_handling,
+        immigrant=immigrant,
     )
     chain = build_chain(grid)
     P, optimal = chain.transition, chain.optimal
@@ -189,7 +199,11 @@ def test_laws_of_the_chain(
     assert (missed <= miss_bounds(grid, 30) * (1.0 + 1e-12)).all()
     # Only comparisons of costs matter.
     curved = GridDE(
-        costs=np.exp(grid.costs), size=size, F=F, bounds=bounds, immigrant=immigrant
+        costs=np.exp(grid.costs),
+        size=size,
+        F=F,
+        bound_handling=bound_handling,
+        immigrant=immigrant,
     )
     np.testing.assert_array_equal(build_chain(curved).transition, P)
 
@@ -206,7 +220,7 @@ class OwnDE:
             size=grid.size,
             F=grid.F,
             CR=1.0,
-            bounds="clip" if grid.bounds == "clip" else "none",
+            bound_handling="clip" if grid.bound_handling == "clip" else "none",
         )
         order = feasibility_first().running()
         self.settings: DifferentialEvolutionSettings = self.algorithm.kernel_settings(
@@ -230,7 +244,7 @@ class OwnDE:
 
 
 @pytest.mark.parametrize(
-    ("costs", "F", "bounds", "population"),
+    ("costs", "F", "rule", "population"),
     [
         (TRAP, 0.5, "clip", [0, 2, 3, 4]),
         (TRAP, 1.0, "reject", [3, 4, 2, 0]),
@@ -238,10 +252,10 @@ class OwnDE:
     ],
 )
 def test_generation_of_the_searches_de_is_distributed_as_the_row(
-    costs: list[int], F: float, bounds: GridBounds, population: list[int]
+    costs: list[int], F: float, rule: GridBoundHandling, population: list[int]
 ) -> None:
     """The last has two points of equal cost, which a trial may exchange."""
-    chain, draws = chain_of(costs, F, bounds), 6_000
+    chain, draws = chain_of(costs, F, rule), 6_000
     search = OwnDE(chain.grid, seed=1)
     counts = np.zeros(chain.grid.states)
     for _ in range(draws):
@@ -260,13 +274,13 @@ def test_generation_of_the_searches_de_is_distributed_as_the_row(
 
 
 @pytest.mark.parametrize(
-    ("F", "bounds", "runs"), [(0.5, "clip", 10_000), (1.0, "reject", 3_000)]
+    ("F", "rule", "runs"), [(0.5, "clip", 10_000), (1.0, "reject", 3_000)]
 )
 def test_searches_de_reaches_the_optimum_as_often_as_computed(
-    F: float, bounds: GridBounds, runs: int
+    F: float, rule: GridBoundHandling, runs: int
 ) -> None:
     """After 20 generations all but 1e-7 of the runs are decided."""
-    chain = chain_of(TRAP, F, bounds)
+    chain = chain_of(TRAP, F, rule)
     search = OwnDE(chain.grid, seed=0)
     reached = 0
     for _ in range(runs):
@@ -292,13 +306,13 @@ def test_page_has_the_numbers_of_the_chain() -> None:
     page = PAGE.read_text(encoding="utf-8")
     rows = table_of(page, "| costs | F |")
     assert len(rows) == len(ROWS)
-    for (costs, F, bounds, *_), (name, *cells) in zip(ROWS, rows, strict=True):
-        chain = chain_of(costs, F, bounds)
+    for (costs, F, rule, *_), (name, *cells) in zip(ROWS, rows, strict=True):
+        chain = chain_of(costs, F, rule)
         found = absorption(chain)
         assert re.findall(r"\d", name) == [str(cost) for cost in costs]
         assert cells == [
             f"{F:g}",
-            bounds,
+            rule,
             f"{np.count_nonzero(dead_states(chain))}",
             f"{np.count_nonzero(fixed_points(chain))}",
             f"{found.uniform:.6f}",
@@ -358,7 +372,10 @@ def test_costs_are_copied_and_what_is_returned_is_read_only() -> None:
         ({"costs": [0, 1], "size": 14}, r"at most 10000, got '2\*\*14'"),
         ({"F": 0.0}, r"F must be in \(0, 2.0\], got 0.0"),
         ({"F": 2.5}, r"F must be in \(0, 2.0\], got 2.5"),
-        ({"bounds": "midpoint"}, "bounds must be one of clip, reject, got 'midpoint'"),
+        (
+            {"bound_handling": "midpoint"},
+            "bound_handling must be one of clip, reject, got",
+        ),
         ({"immigrant": -0.1}, r"immigrant must be in \[0, 1\], got -0.1"),
         ({"immigrant": 1.5}, r"immigrant must be in \[0, 1\], got 1.5"),
     ],

@@ -202,11 +202,19 @@ def test_a_claim_is_of_flights_as_long_as_the_file_says() -> None:
             "integrator=euler",
             "expected prediction.integrator, found integrator",
         ),
+        (
+            "reconfiguration",
+            "search.bounds=clip",
+            "expected search.bound_handling, found bounds",
+        ),
+        (
+            "reconfiguration",
+            "claims.0.when={search.bounds: clip}",
+            "expected search.bound_handling, found 'search.bounds'",
+        ),
     ],
 )
-def test_keys_of_the_grid_that_are_no_more_are_refused_with_the_new(
-    name: str, old: str, said: str
-) -> None:
+def test_old_keys_are_refused_with_the_new(name: str, old: str, said: str) -> None:
     with pytest.raises(InvalidScenarioError, match=re.escape(said)):
         resolve(read_document(name), assignments=[old])
 

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmstart.heuristics.bounds import CODES, NAMES, NONE, reflected, repair, turned
+from swarmstart.heuristics.bound_handling import (
+    CODES,
+    NAMES,
+    NONE,
+    reflected,
+    repair,
+    turned,
+)
 
 HOLDING = [code for name, code in CODES.items() if name != "none"]
 anything = st.floats(width=64)  # NaN and infinity too

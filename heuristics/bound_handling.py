@@ -21,8 +21,8 @@ import numpy as np
 from swarmstart.heuristics.box import between, clip
 from swarmstart.kernel import kernel
 
-Bounds = Literal["clip", "absorb", "reflect", "midpoint", "redraw", "none"]
-NAMES: tuple[str, ...] = get_args(Bounds)
+BoundHandling = Literal["clip", "absorb", "reflect", "midpoint", "redraw", "none"]
+NAMES: tuple[str, ...] = get_args(BoundHandling)
 CLIP, ABSORB, REFLECT, MIDPOINT, REDRAW, NONE = range(6)
 CODES = {name: code for code, name in enumerate(NAMES)}
 
