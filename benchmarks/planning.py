@@ -12,6 +12,7 @@ import multiprocessing
 import statistics
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from swarmstart.benchmarks.problems import (
 )
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.cases.campaign.statistics import LEVEL, holm, signed_rank_p
-from swarmstart.cases.format.registry import SEARCHES, load
+from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.heuristics import Algorithm, Budget
 from swarmstart.ocp import IpoptOptions, Planner, SearchSettings
 
@@ -95,7 +96,7 @@ def searches() -> list[str]:
 def algorithm(name: str) -> Algorithm:
     """Return a search's settings: its defaults, or a variant of them."""
     known, settings = VARIANTS.get(name, (name, {}))
-    made: Algorithm = load(SEARCHES[known].settings)(**settings)
+    made: Algorithm = resolve_name(SEARCHES[known].settings)(**settings)
     return made
 
 

@@ -4,8 +4,8 @@
 it is asked, and `cases` does the work.
 """
 
-import importlib
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 _DRAWING, _RECORD = "swarmstart.cases.drawing", "swarmstart.cases.record"
@@ -68,6 +68,5 @@ class Presented:
 
     def _presented(self, verb: str, *arguments: Any, **options: Any) -> Any:
         """Call the function that the table has for this class and a verb."""
-        module, _, name = PRESENTATIONS[type(self).__name__, verb].partition(":")
-        present = getattr(importlib.import_module(module), name)
+        present = resolve_name(PRESENTATIONS[type(self).__name__, verb])
         return present(self, *arguments, **options)

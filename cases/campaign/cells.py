@@ -27,9 +27,9 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
-from swarmstart.cases.format.registry import load
 from swarmstart.cases.record.files import locked, remove_rests, write_json
 from swarmstart.cases.record.versions import environment
 from swarmstart.errors import SwarmstartError
@@ -293,7 +293,7 @@ def work_on(cell: Cell, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     result, failure = None, ""
     try:
-        result = load(cell.work)(dict(cell.job), folder, **cell.permissions)
+        result = resolve_name(cell.work)(dict(cell.job), folder, **cell.permissions)
     except SwarmstartError as error:
         failure = str(error)
     except Exception as error:  # noqa: BLE001 - whatever it is, the others go on

@@ -4,11 +4,12 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from swarmstart.cases.commands.output import answer
 from swarmstart.cases.format.document import shown
-from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES, load
+from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES
 from swarmstart.cases.format.scenario import shipped
 from swarmstart.errors import SwarmstartError
 
@@ -38,7 +39,9 @@ def listing(text: str = "") -> dict[str, dict[str, Any]]:
         for heading, entries in everything.items()
     }
     found["measures"] = {
-        kind: _containing(text, f"measures of {kind}", dict(load(entry.measures)))
+        kind: _containing(
+            text, f"measures of {kind}", dict(resolve_name(entry.measures))
+        )
         for kind, entry in KINDS.items()
     }
     if not any((*found["measures"].values(), *(found[name] for name in everything))):

@@ -3,8 +3,7 @@
 Nothing heavy is imported here, so that `swarmstart list` and `--help` stay quick.
 """
 
-import importlib
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 
 class SearchEntry(NamedTuple):
@@ -107,9 +106,3 @@ KINDS = {
         "swarmstart.cases.kinds.transfer.names:MEASURES",
     ),
 }
-
-
-def load(where: str) -> Any:
-    """Return the attribute that a "module:attribute" string names."""
-    module, _, attribute = where.partition(":")
-    return getattr(importlib.import_module(module), attribute)

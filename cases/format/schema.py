@@ -4,9 +4,10 @@ Editors read draft 7 at the most, pydantic writes 2020-12: definitions are renam
 `variants` (any part of the format, laid over it) is added.
 """
 
+from pkgutil import resolve_name
 from typing import Any
 
-from swarmstart.cases.format.registry import KINDS, load
+from swarmstart.cases.format.registry import KINDS
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 
@@ -17,7 +18,7 @@ def scenario_schema(kind: str) -> dict[str, Any]:
     Args:
         kind: A key of KINDS.
     """
-    model = load(KINDS[kind].kind).scenario
+    model = resolve_name(KINDS[kind].kind).scenario
     schema: dict[str, Any] = _draft7(model.model_json_schema(by_alias=True))
     variants = {
         "type": "object",

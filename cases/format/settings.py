@@ -7,6 +7,7 @@ expression, `pi/18`.
 import dataclasses
 import types
 from collections.abc import Iterator, Mapping, Sequence
+from pkgutil import resolve_name
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -35,7 +36,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from swarmstart.cases.format.expressions import evaluate
-from swarmstart.cases.format.registry import SEARCHES, load
+from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import (
     Algorithm,
@@ -228,7 +229,7 @@ class SearchPart(Part):
         """Return the algorithm's settings; None where the search is `none`."""
         if self.name == "none":
             return None
-        settings: Algorithm = load(SEARCHES[self.name].settings)(
+        settings: Algorithm = resolve_name(SEARCHES[self.name].settings)(
             **self.model_dump(exclude={"name", "warm_start", "sampling"})
         )
         return settings
@@ -255,7 +256,7 @@ def search_part(name: str) -> type[SearchPart]:
         "sampling": (Sampling | None, entry.sampling),
     }
     if entry.settings:
-        settings = load(entry.settings)
+        settings = resolve_name(entry.settings)
         hints = get_type_hints(settings)
         for setting in dataclasses.fields(settings):
             keys[setting.name] = (_yaml_type(hints[setting.name]), setting.default)

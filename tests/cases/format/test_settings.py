@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import dataclasses
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from swarmstart.cases.format.registry import SEARCHES, load
+from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.cases.format.settings import (
     BudgetPart,
     NonNegative,
@@ -23,7 +24,7 @@ WITH_SETTINGS = [name for name, entry in SEARCHES.items() if entry.settings]
 
 @pytest.mark.parametrize("name", WITH_SETTINGS)
 def test_the_keys_of_a_search_are_its_settings_with_their_defaults(name: str) -> None:
-    settings = load(SEARCHES[name].settings)
+    settings = resolve_name(SEARCHES[name].settings)
     part = search_part(name).model_validate({"name": name})
     fields = {field.name for field in dataclasses.fields(settings)}
     assert set(type(part).model_fields) == {"name", "warm_start", "sampling", *fields}
@@ -36,7 +37,7 @@ def test_the_keys_of_a_search_are_its_settings_with_their_defaults(name: str) ->
 def test_every_setting_of_a_search_reaches_its_algorithm(name: str) -> None:
     algorithm = search_part(name).model_validate({"name": name, "size": 37}).algorithm()
     assert algorithm is not None
-    assert algorithm == load(SEARCHES[name].settings)(size=37)
+    assert algorithm == resolve_name(SEARCHES[name].settings)(size=37)
 
 
 def test_no_search_is_no_algorithm_and_has_no_settings() -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.cases.format.kind import Flight
-from swarmstart.cases.format.registry import KINDS, load
+from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.format.settings import Scenario
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.ocp import Decision, Plan, Source, Trajectory
@@ -18,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 def build(scenario: Scenario) -> Flight[Any]:
-    return flight_of(load(KINDS[scenario.kind].kind).pose(scenario), scenario)
+    return flight_of(resolve_name(KINDS[scenario.kind].kind).pose(scenario), scenario)
 
 
 def flown_by_hand(
