@@ -54,7 +54,7 @@ FILES = {
     )),
     "verdicts": tuple(f"cases/{name}.py" for name in (
         "campaign/claims", "campaign/verdicts", "campaign/statistics",
-        "campaign/replication", "kinds/feasibility", "kinds/flown_distances",
+        "campaign/replication", "record/trajectory_arrays", "kinds/planar",
         "commands/checking",
     )),
 }  # fmt: skip

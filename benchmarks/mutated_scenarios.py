@@ -32,7 +32,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from swarmstart.cases.commands.cli import main
-from swarmstart.cases.commands.exit_codes import (
+from swarmstart.cases.commands.output import (
     DONE,
     FILE,
     GATE,

@@ -31,7 +31,7 @@ from pkgutil import resolve_name
 from typing import Any
 
 from swarmstart.cases.record.files import locked, remove_rests, write_json
-from swarmstart.cases.record.versions import environment
+from swarmstart.cases.record.record import environment
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.interrupts import heeded, put_off
 

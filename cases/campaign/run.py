@@ -21,7 +21,6 @@ import yaml
 from swarmstart.cases.campaign.claims import judged
 from swarmstart.cases.format.kind import Flight, Measure, Posed
 from swarmstart.cases.format.scenario import Resolved
-from swarmstart.cases.kinds.feasibility import found_plans, planned
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.record.files import locked, write_arrays, write_json, write_text
 from swarmstart.cases.record.partial import load_partial, remove_partial, save_partial
@@ -35,10 +34,14 @@ from swarmstart.cases.record.record import (
     kept_figures,
     require_own,
     run_key,
+    versions,
     withdraw,
 )
-from swarmstart.cases.record.trajectory_arrays import trajectory_arrays
-from swarmstart.cases.record.versions import versions
+from swarmstart.cases.record.trajectory_arrays import (
+    found_plans,
+    planned,
+    trajectory_arrays,
+)
 from swarmstart.compile_time import Stopwatch, stopwatch
 from swarmstart.heuristics.interrupts import heeded, put_off
 from swarmstart.ocp import (

@@ -19,15 +19,12 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import Any, NoReturn
 
-from swarmstart.cases.commands.exit_codes import (
+from swarmstart.cases.commands.output import (
     DONE,
     FILE,
     INTERNAL,
     INTERRUPTED,
     INVALID,
-)
-from swarmstart.cases.commands.first_minute import first_minute
-from swarmstart.cases.commands.output import (
     OutputError,
     answer,
     finish,
@@ -35,6 +32,7 @@ from swarmstart.cases.commands.output import (
     say,
     tell,
 )
+from swarmstart.cases.commands.progress import first_sign
 from swarmstart.cases.format.registry import POLISHES, SEARCHES
 from swarmstart.errors import SwarmstartError
 
@@ -146,7 +144,7 @@ def _carried_out(arguments: Sequence[str] | None, asked_to_stop: list[int]) -> i
     try:
         options = _parsed(arguments)
         command: Callable[[argparse.Namespace], int] = options.command
-        with first_minute(quiet=options.debug or getattr(options, "quiet", False)):
+        with first_sign(quiet=options.debug or getattr(options, "quiet", False)):
             return command(options)
     except KeyboardInterrupt as interrupt:
         say(f"interrupted{': ' if interrupt.args else ''}{interrupt}")
@@ -340,7 +338,7 @@ class _Version(argparse.Action):
     """Print the versions that matter and leave."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        from swarmstart.cases.record.versions import versions
+        from swarmstart.cases.record.record import versions
 
         others = versions()
         ours = others.pop("swarmstart")

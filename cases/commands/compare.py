@@ -14,14 +14,13 @@ from swarmstart.cases.campaign.cells import carried_out
 from swarmstart.cases.campaign.comparison import Entry, Row, entry_of, rows_of
 from swarmstart.cases.campaign.results_table import append_rows, require_table
 from swarmstart.cases.campaign.solvers import Solver, budget_of, search_share, solver_of
-from swarmstart.cases.commands.exit_codes import DONE, INFEASIBLE
-from swarmstart.cases.commands.output import answer, say
-from swarmstart.cases.commands.permission import allowing
+from swarmstart.cases.commands.output import DONE, INFEASIBLE, answer, say
 from swarmstart.cases.commands.progress import Progress
+from swarmstart.cases.commands.run import allowing
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import locked, to_json
-from swarmstart.cases.record.versions import versions
+from swarmstart.cases.record.record import versions
 
 RESULTS = Path("results") / "compare"
 TABLE = "results.csv"

@@ -1,4 +1,4 @@
-"""Output of a command: answers on standard output, all else on standard error.
+"""Output of a command: answers on standard output, else standard error; exit codes.
 
 Characters that a terminal would obey are escaped, and those that it cannot show. A
 stream that is closed or full is no reason for a traceback, and never for an error to be
@@ -12,6 +12,9 @@ from typing import TextIO
 
 from swarmstart.cases.format.document import printable
 from swarmstart.errors import SwarmstartError
+
+DONE, INTERNAL, INVALID, GATE, INFEASIBLE, FILE, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
+"""Exit codes of the command line, as its help lists them."""
 
 
 class OutputError(SwarmstartError):

@@ -1,22 +1,31 @@
 """Progress of long work, told on standard error.
 
-A bar where there is a terminal; elsewhere (a notebook, a file, a pipe, CI) a plain line
-now and then. Nothing within the first two seconds.
+First that the command is at work: loading libraries takes a second or two, and
+compiling at the first use ten, before any step is done. Then a bar on a terminal, and
+elsewhere (a notebook, a file, a pipe, CI) a plain line now and then; nothing within the
+first two seconds.
 """
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import os
 import sys
+import threading
 import time as clock
+from collections.abc import Iterator
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from swarmstart.cases.commands.output import tell
+from swarmstart.cases.commands.output import say, tell
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
 
+AT_WORK = "at work: loading and checking"
+FIRST_SIGN_S = 0.6
+"""A command that takes longer says so; quicker ones say nothing."""
 QUIET_S = 2.0
 LINE_EVERY_S = 5.0
 
@@ -24,6 +33,42 @@ LINE_EVERY_S = 5.0
 def fancy() -> bool:
     """Return whether standard error is a terminal that may be drawn on."""
     return sys.stderr is not None and sys.stderr.isatty() and "CI" not in os.environ
+
+
+class _Saying(logging.Handler):
+    """A handler that says what the library logs, as the command line does."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Say a record."""
+        say(record.getMessage())
+
+
+@contextlib.contextmanager
+def first_sign(*, quiet: bool) -> Iterator[None]:
+    """Say after a moment that the command is at work, and when something is compiled.
+
+    Args:
+        quiet: Whether to stay silent.
+
+    Yields:
+        Nothing.
+    """
+    if quiet:
+        yield
+        return
+    logger, handler = logging.getLogger("swarmstart.compile_time"), _Saying()
+    before = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    sign = threading.Timer(FIRST_SIGN_S, say, [AT_WORK])
+    sign.daemon = True
+    sign.start()
+    try:
+        yield
+    finally:
+        sign.cancel()
+        logger.removeHandler(handler)
+        logger.setLevel(before)
 
 
 class Progress:

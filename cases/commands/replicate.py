@@ -29,8 +29,7 @@ from swarmstart.cases.campaign.replication import (
 )
 from swarmstart.cases.campaign.statistics import spread
 from swarmstart.cases.campaign.verdicts import Verdict
-from swarmstart.cases.commands.exit_codes import DONE, GATE
-from swarmstart.cases.commands.output import answer
+from swarmstart.cases.commands.output import DONE, GATE, answer
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.drawing.page import embedded, rendered
 from swarmstart.cases.format.kind import Measure
@@ -41,7 +40,7 @@ from swarmstart.cases.record.files import (
     write_json,
     write_text,
 )
-from swarmstart.cases.record.versions import versions
+from swarmstart.cases.record.record import versions
 from swarmstart.errors import SwarmstartError
 
 RESULTS = Path("results") / "replication"

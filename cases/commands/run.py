@@ -5,6 +5,7 @@ import contextlib
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,7 @@ import yaml
 
 from swarmstart.cases.campaign.claims import holds
 from swarmstart.cases.campaign.run import Run, default_folder, run
-from swarmstart.cases.commands.exit_codes import DONE, GATE, INFEASIBLE
-from swarmstart.cases.commands.output import answer, say
-from swarmstart.cases.commands.permission import allowing
+from swarmstart.cases.commands.output import DONE, GATE, INFEASIBLE, answer, say
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.format.document import meant, printable
 from swarmstart.cases.format.kind import NEVER, Measure
@@ -86,6 +85,24 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
         return INFEASIBLE
     answer(to_json(finished.summary()) if options.json else _report(finished))
     return _exit_code(finished, conditions)
+
+
+def allowing(
+    resolved: Resolved,
+    options: argparse.Namespace,
+    told: Callable[[str], object] = say,
+) -> Resolved:
+    """Return the scenario with the permission that the options give, and say so.
+
+    Args:
+        resolved: The scenario.
+        options: Those of the command.
+        told: Says it.
+    """
+    if resolved.code is None or not options.allow_python:
+        return resolved
+    told(f"running {resolved.code}, as --allow-python allows")
+    return replace(resolved, allow_python=True)
 
 
 def _condition(text: str, resolved: Resolved) -> Condition:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.drawing import colour, new_figure
+from swarmstart.cases.drawing.drawing import MOST_NAMED, colour, new_figure
 from swarmstart.ocp import OptimalControlProblem
 
 if TYPE_CHECKING:
@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 
 MOST_PANELS = 24
 """Panels of one kind in a figure; a sentence says that there are more."""
-MOST_NAMED = 10
-"""Vehicles up to which each is named in the legend."""
 FAR = 10.0
 """Times the range of the values that a bound may lie beyond them to be in the axis."""
 _LINE_WIDTH, _MOST_LINES = 22, 3

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.drawing import COLOURS, colour, new_figure
+from swarmstart.cases.drawing.drawing import COLOURS, MOST_NAMED, colour, new_figure
 from swarmstart.cases.drawing.panels import (
-    MOST_NAMED,
     Labels,
     Panel,
     escaped,
@@ -17,7 +16,7 @@ from swarmstart.cases.drawing.panels import (
     panels_figure,
 )
 from swarmstart.cases.drawing.slack import KnownAt, made_at
-from swarmstart.cases.record.plans import new_plans
+from swarmstart.cases.record.trajectory_arrays import new_plans
 from swarmstart.ocp import Fitness, Known, OptimalControlProblem, Trajectory
 from swarmstart.ocp.fitness import NOTHING
 

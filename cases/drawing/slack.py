@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.record.plans import new_plans
+from swarmstart.cases.record.trajectory_arrays import new_plans
 from swarmstart.ocp import Constraint, Known, OptimalControlProblem, Trajectory
 from swarmstart.ocp.checking import ConstraintRows
 from swarmstart.ocp.fitness import Arguments, at_nodes, shared_arguments

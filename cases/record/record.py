@@ -8,6 +8,7 @@
 
 Every file is written under a temporary name, synced and renamed. The folder's name is
 a hash of what determines the result, so that the same command finds the same folder.
+Nothing heavy is imported here: `--version` tells the versions that a record has.
 """
 
 import contextlib
@@ -15,18 +16,19 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from swarmstart.cases.format.document import shown
-from swarmstart.cases.record.files import is_temporary
-from swarmstart.cases.record.partial import partial_key
-from swarmstart.cases.record.versions import environment
 from swarmstart.errors import SwarmstartError
 
 SCENARIO, TRAJECTORY, MARK, FIGURES = (
     *("scenario.yaml", "trajectory.npz", "run.json", "figures"),
 )
+RECORDED = ("swarmstart", "casadi", "numpy", "numba", "scipy")
+"""Packages whose versions matter."""
 _LISTED = 3
 """Files of a folder that a message names."""
 
@@ -69,6 +71,33 @@ class Recording:
     force: bool = False
 
 
+def package_version(name: str) -> str:
+    """Return an installed package's version; "unknown" where it is not installed."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that matter, as recorded with a run."""
+    return {name: package_version(name) for name in RECORDED}
+
+
+@cache
+def environment() -> dict[str, Any]:
+    """Return what determines a result besides its settings: versions, and this code."""
+    root = Path(__file__).resolve().parents[2]
+    digest = hashlib.sha256()
+    for folder in ("cases", "ocp", "heuristics", "terminal_set"):
+        for file in sorted((root / folder).rglob("*")):
+            if file.suffix in (".py", ".yaml"):
+                digest.update(file.read_bytes())
+    for file in sorted(root.glob("*.py")):
+        digest.update(file.read_bytes())
+    return {"versions": versions(), "code": digest.hexdigest()}
+
+
 def run_key(settings: Mapping[str, Any], seed: int, backend: str) -> str:
     """Return the 16 characters that name a run: what determines its result.
 
@@ -102,6 +131,9 @@ def require_own(folder: Path, key: str, scenario: str) -> None:
             changed.
         RecordError: If it holds finished steps that cannot be read.
     """
+    from swarmstart.cases.record.files import is_temporary
+    from swarmstart.cases.record.partial import partial_key
+
     names = [file.name for file in folder.iterdir() if not is_temporary(file.name)]
     if not names:
         return

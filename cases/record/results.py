@@ -32,9 +32,9 @@ from swarmstart.cases.record.record import (
     SCENARIO,
     TRAJECTORY,
     OccupiedFolderError,
+    versions,
 )
 from swarmstart.cases.record.trajectory_arrays import trajectory_arrays, trajectory_of
-from swarmstart.cases.record.versions import versions
 from swarmstart.ocp import Solution, Trajectory
 
 RESULT, SOLUTION = "result.json", "solution.npz"

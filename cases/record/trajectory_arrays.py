@@ -1,4 +1,4 @@
-"""A flight as arrays without pickle, and its steps from these arrays again."""
+"""A flight as arrays without pickle, its steps from these again, and its plans."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.record.plans import new_plans
+from swarmstart.cases.format.kind import Measure
 from swarmstart.ocp import (
     Decision,
     Mode,
@@ -151,3 +151,52 @@ def _unpadded(history: Array) -> Array:
 
 def _polish_status(name: str) -> PolishStatus | None:
     return PolishStatus[name] if name else None
+
+
+def plan_costs(trajectory: Trajectory) -> Array:
+    """Return J of each step, summed over those who plan, shape (T,)."""
+    return np.array([sum(p.cost for p in d.plans) for d in trajectory.decisions])
+
+
+def new_plans(decisions: Sequence[Decision]) -> NDArray[np.bool_]:
+    """Return whether each plan was made at its step, shape (T, agents).
+
+    A plan that is flown for several steps is the same object in each of them.
+    """
+    last = [(None,) * len(decisions[0].plans), *[d.plans for d in decisions[:-1]]]
+    return np.array(
+        [
+            [now is not then for now, then in zip(d.plans, before, strict=True)]
+            for d, before in zip(decisions, last, strict=True)
+        ]
+    )
+
+
+def effort(trajectory: Trajectory) -> dict[str, Measure]:
+    """Return the measures of what deciding took, over all steps."""
+    evaluations = [[p.evaluations for p in d.plans] for d in trajectory.decisions]
+    seconds = trajectory.step_seconds
+    return {
+        "evaluations": int(np.sum(evaluations, where=new_plans(trajectory.decisions))),
+        "steps_starting_outside": sum(
+            any(plan.start_excess > 0 for plan in decision.plans)
+            for decision in trajectory.decisions
+        ),
+        "step_seconds_median": float(np.median(seconds)),
+        "step_seconds_max": float(np.max(seconds)),
+    }
+
+
+def planned(decision: Decision) -> bool:
+    """Return whether a step was planned, not flown under the linear law."""
+    return decision.mode is Mode.PLANNED
+
+
+def found_plans(decision: Decision) -> bool:
+    """Return whether planning found a feasible plan for every agent.
+
+    Where the shifted last plan is flown, it did not, feasible as that plan may be.
+    """
+    return all(
+        plan.feasible and plan.source is not Source.SHIFTED for plan in decision.plans
+    )

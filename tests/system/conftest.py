@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.cases.commands import first_minute
+from swarmstart.cases.commands import progress
 from swarmstart.cases.commands.cli import main
 from swarmstart.cases.format.scenario import shipped
 
@@ -28,7 +28,7 @@ Command = Callable[..., Said]
 @pytest.fixture(autouse=True)
 def _no_first_sign(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out that a command is at work: whether it is said depends on the load."""
-    monkeypatch.setattr(first_minute, "FIRST_SIGN_S", 3600.0)
+    monkeypatch.setattr(progress, "FIRST_SIGN_S", 3600.0)
 
 
 @pytest.fixture

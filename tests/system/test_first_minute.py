@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from swarmstart.cases.commands import first_minute
+from swarmstart.cases.commands import progress
 from swarmstart.compile_time import announce
 from swarmstart.heuristics.ahead import _IN_HELPER
 from swarmstart.tests.processes import python
@@ -18,8 +18,8 @@ from swarmstart.tests.processes import python
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
 
-FIRST_SIGN_S = first_minute.FIRST_SIGN_S  # Before tests put it off.
-AT_WORK = f"swarmstart: {first_minute.AT_WORK}"
+FIRST_SIGN_S = progress.FIRST_SIGN_S  # Before tests put it off.
+AT_WORK = f"swarmstart: {progress.AT_WORK}"
 
 
 def run(cache: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -53,7 +53,7 @@ def test_a_command_that_takes_a_while_says_that_it_is_at_work(
         """A timer that is due at once, unless it is never started."""
 
         def __init__(self, delay: float, call: object, arguments: list[str]) -> None:
-            assert delay == first_minute.FIRST_SIGN_S
+            assert delay == progress.FIRST_SIGN_S
             self.call, self.arguments, self.daemon = call, arguments, False
 
         def start(self) -> None:
@@ -63,12 +63,12 @@ def test_a_command_that_takes_a_while_says_that_it_is_at_work(
 
     monkeypatch.setattr(threading, "Timer", Due)
     announce.cache_clear()
-    with first_minute.first_minute(quiet=False):
+    with progress.first_sign(quiet=False):
         announce("the search", "about 10 s")
     compiling = "swarmstart: compiling the search for this machine, once, about 10 s"
     assert capsys.readouterr().err.splitlines() == [AT_WORK, compiling]
     announce.cache_clear()
-    with first_minute.first_minute(quiet=True):
+    with progress.first_sign(quiet=True):
         announce("the search", "about 10 s")
     assert capsys.readouterr().err == ""
 

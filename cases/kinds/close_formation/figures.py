@@ -24,7 +24,7 @@ from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight, po
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.models.horseshoe_vortex import drag_saving
-from swarmstart.cases.record.plans import plan_costs
+from swarmstart.cases.record.trajectory_arrays import plan_costs
 from swarmstart.ocp import Trajectory, simulate
 
 if TYPE_CHECKING:

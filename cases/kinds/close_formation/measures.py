@@ -16,7 +16,7 @@ from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.kinds.models.close_formation import POSITION
 from swarmstart.cases.kinds.models.horseshoe_vortex import drag_saving
-from swarmstart.cases.record.plans import effort, plan_costs
+from swarmstart.cases.record.trajectory_arrays import effort, plan_costs
 from swarmstart.ocp import (
     IpoptOptions,
     Trajectory,

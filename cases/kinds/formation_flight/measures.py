@@ -10,17 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.kind import Measure
-from swarmstart.cases.kinds.feasibility import found_plans, planned
-from swarmstart.cases.kinds.flown_distances import (
-    flown_positions,
-    smallest_pair_distance,
-    smallest_range,
-)
 from swarmstart.cases.kinds.formation_flight.names import MEASURES
 from swarmstart.cases.kinds.formation_flight.pose import FormationFlight, PosedFormation
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
-from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances, smallest
-from swarmstart.cases.record.plans import effort
+from swarmstart.cases.kinds.planar import (
+    POSITION,
+    by_uav,
+    flown_positions,
+    pair_distances,
+    smallest,
+    smallest_pair_distance,
+    smallest_range,
+)
+from swarmstart.cases.record.trajectory_arrays import effort, found_plans, planned
 from swarmstart.ocp import Mode, Trajectory, interpolate
 from swarmstart.terminal_set import held_spectral_radius, input_excess, linearise
 

@@ -24,13 +24,12 @@ from swarmstart.cases.format.expressions import (
 )
 from swarmstart.cases.format.kind import NEVER, Flight, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
-from swarmstart.cases.kinds.feasibility import found_plans, planned
 from swarmstart.cases.kinds.problem.model import planning_problem
 from swarmstart.cases.kinds.problem.names import MEASURES
 from swarmstart.cases.kinds.problem.pose import ProblemPosed
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario, UserScenario
 from swarmstart.cases.kinds.problem.symbols import ARRAYS, TIME, constants_of
-from swarmstart.cases.record.plans import effort
+from swarmstart.cases.record.trajectory_arrays import effort, found_plans, planned
 from swarmstart.ocp import Mode, OptimalControlProblem, PolishStatus, Trajectory
 from swarmstart.ocp.constraints import row_excess
 

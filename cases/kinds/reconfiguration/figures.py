@@ -13,13 +13,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.drawing import COLOURS, Figures, into_folder, new_figure
-from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances
-from swarmstart.cases.kinds.planar_figures import (
+from swarmstart.cases.drawing.drawing import (
+    COLOURS,
+    Figures,
     distances_figure,
     held_controls_figure,
+    into_folder,
+    new_figure,
     tracks_figure,
 )
+from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances
 from swarmstart.cases.kinds.reconfiguration.measures import (
     errors_of,
     link_distances,
@@ -27,7 +30,7 @@ from swarmstart.cases.kinds.reconfiguration.measures import (
 from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.cases.kinds.reconfiguration.target import slots_in_plane
-from swarmstart.cases.record.plans import plan_costs
+from swarmstart.cases.record.trajectory_arrays import plan_costs
 from swarmstart.ocp import Trajectory
 
 if TYPE_CHECKING:

@@ -7,19 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.kind import Measure
-from swarmstart.cases.kinds.feasibility import found_plans
-from swarmstart.cases.kinds.flown_distances import (
+from swarmstart.cases.kinds.planar import (
+    by_uav,
     flown_positions,
     largest_pair_distance,
     smallest_pair_distance,
 )
-from swarmstart.cases.kinds.planar import by_uav
 from swarmstart.cases.kinds.reconfiguration.names import MEASURES
 from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.reference import gaps
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.cases.kinds.reconfiguration.target import position_errors
-from swarmstart.cases.record.plans import effort, plan_costs
+from swarmstart.cases.record.trajectory_arrays import effort, found_plans, plan_costs
 from swarmstart.ocp import Trajectory, interpolate, shifted_controls
 
 Array = NDArray[np.float64]

@@ -4,13 +4,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmstart.cases.drawing.drawing import COLOURS, Figures, into_folder, new_figure
-from swarmstart.cases.kinds.planar import by_uav, pair_distances
-from swarmstart.cases.kinds.planar_figures import (
+from swarmstart.cases.drawing.drawing import (
+    COLOURS,
+    Figures,
     distances_figure,
     held_controls_figure,
+    into_folder,
+    new_figure,
     tracks_figure,
 )
+from swarmstart.cases.kinds.planar import by_uav, pair_distances
 from swarmstart.cases.kinds.transfer.pose import NU, TransferFlight
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 from swarmstart.ocp import Trajectory

@@ -6,11 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.kind import Measure
-from swarmstart.cases.kinds.flown_distances import (
+from swarmstart.cases.kinds.planar import (
+    POSITION,
+    by_uav,
     flown_positions,
+    pair_distances,
+    smallest,
     smallest_pair_distance,
 )
-from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances, smallest
 from swarmstart.cases.kinds.transfer.names import MEASURES
 from swarmstart.cases.kinds.transfer.pose import TransferFlight
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario

@@ -22,7 +22,7 @@ from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.planar import by_uav
 from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
-from swarmstart.cases.record.plans import plan_costs
+from swarmstart.cases.record.trajectory_arrays import plan_costs
 from swarmstart.ocp import InvalidProblemError, Plan, Source, fly
 from swarmstart.tests.cases.kinds.flights import build
 

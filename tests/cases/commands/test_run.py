@@ -6,7 +6,7 @@ import pytest
 
 from swarmstart.cases.campaign.run import key_of
 from swarmstart.cases.commands.cli import main
-from swarmstart.cases.commands.exit_codes import INFEASIBLE
+from swarmstart.cases.commands.output import INFEASIBLE
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.record.partial import load_partial
 

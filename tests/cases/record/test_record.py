@@ -8,7 +8,7 @@ import pytest
 
 from swarmstart.cases.campaign.run import key_of
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.record import versions as versions_module
+from swarmstart.cases.record import record as record_module
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.partial import save_partial
 from swarmstart.cases.record.record import (
@@ -50,16 +50,16 @@ def test_the_key_depends_on_the_code_that_makes_the_numbers(
     for folder in ("cases", "ocp"):
         (tmp_path / folder).mkdir()
     (tmp_path / "cases" / "record").mkdir()
-    file = tmp_path / "cases" / "record" / "versions.py"
+    file = tmp_path / "cases" / "record" / "record.py"
     file.touch()
-    monkeypatch.setattr(versions_module, "__file__", str(file))
+    monkeypatch.setattr(record_module, "__file__", str(file))
     keys = {before}
     for name in ("ocp/a.py", "ocp/b.py", "kernel.py"):
         for content in ("x = 1", "x = 2"):
             (tmp_path / name).write_text(content)
-            versions_module.environment.cache_clear()
+            record_module.environment.cache_clear()
             keys.add(key())
-    versions_module.environment.cache_clear()
+    record_module.environment.cache_clear()
     assert len(keys) == 7
     monkeypatch.undo()
     assert key() == before

@@ -9,13 +9,14 @@ from scipy.integrate import solve_ivp
 
 from swarmstart.cases.campaign.run import run
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.kinds.flown_distances import (
+from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
+from swarmstart.cases.kinds.planar import (
+    Point,
     largest_pair_distance,
+    pair_distances,
     smallest_pair_distance,
     smallest_range,
 )
-from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
-from swarmstart.cases.kinds.planar import Point, pair_distances
 
 Array = NDArray[np.float64]
 UAVS = 5

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from swarmstart.cases.kinds.models.bank_to_turn import GRAVITY_M_S2, Turn
-from swarmstart.cases.kinds.transfer.paths import flat_path
+from swarmstart.cases.kinds.transfer.pose import flat_path
 
 Array = NDArray[np.float64]
 DURATION = 10.0
