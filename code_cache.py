@@ -63,7 +63,7 @@ def folder() -> Path:
 
 
 def load(key: str) -> bytes | None:
-    """Return the code kept under a key; None if there is none to trust.
+    """Return the code kept under a key; None if it is missing or not trusted.
 
     Args:
         key: Hexadecimal digits.

@@ -7,4 +7,4 @@ expected, what was found and where.
 
 
 class SwarmstartError(Exception):
-    """Something the caller gave cannot be used; the message says what and why."""
+    """Base of all errors a caller can cause; the message says what is wrong and why."""

@@ -207,7 +207,7 @@ def _is_inner(result: Any) -> bool:
 
 
 class _KernelCache(_Cache):
-    """Where a kernel looks for its machine code before it is compiled."""
+    """Cache in which a kernel looks for its machine code before it is compiled."""
 
     cache_path = None
 

@@ -40,7 +40,7 @@ class Row(NamedTuple):
 
 
 def within(value: float, published: float, tolerance: float) -> bool:
-    """Whether a number is within a relative tolerance."""
+    """Return whether a number is within a relative tolerance."""
     return bool(abs(value - published) <= tolerance * published)
 
 

@@ -1,4 +1,4 @@
-"""How fast populations are evaluated: ours against CasADi and others, in one run.
+"""Speed of evaluating populations: ours against CasADi and others, in one run.
 
     python benchmarks/evaluator.py --write docs/evaluator_speed.md \
         --plot docs/evaluator_speed.png
@@ -52,7 +52,7 @@ LARGE, SMALL = 1000, 20
 
 
 class Measured(NamedTuple):
-    """All that was measured in one run."""
+    """Measurements of one run."""
 
     races: Sequence[Race]
     builds: Sequence[scaling.Build]

@@ -90,7 +90,7 @@ HARMLESS: tuple[tuple[str, str, str, str], ...] = tuple(
 
 
 class Outcome(Enum):
-    """What became of a fault."""
+    """Fate of a fault."""
 
     CAUGHT = "caught"
     ENDLESS = "caught by time"
@@ -181,7 +181,7 @@ def tests_of(root: Path, file: str) -> list[str]:
         file: Path of the file in the tree.
 
     Raises:
-        FileNotFoundError: If there is none.
+        FileNotFoundError: If it has no test file.
     """
     path = Path("tests") / Path(file).with_name(f"test_{Path(file).name}")
     more = (test for pattern, test in MORE_TESTS.items() if fnmatch(file, pattern))

@@ -1,4 +1,4 @@
-"""What the first use takes: with an empty cache and home, and again with them filled.
+"""Time of the first use: with an empty cache and home, and again with them filled.
 
 Each command runs in a copy of the package without bytecode, with HOME and
 XDG_CACHE_HOME in a new folder. Prints the table of docs/first_minute.md:

@@ -53,7 +53,7 @@ PRINTED = frozenset("\n")
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What the checker made of a file.
+    """Result of the checker on a file.
 
     Attributes:
         code: Its exit code; None if it raised or was stopped.
@@ -175,7 +175,7 @@ def _stopped_after(seconds: float) -> Iterator[None]:
 
 
 class _Stated:
-    """What a certificate states, as arrays."""
+    """Statements of a certificate, as arrays."""
 
     def __init__(self, content: Content) -> None:
         """Take the numbers of the file."""

@@ -1,4 +1,4 @@
-"""What a generation costs apart from the objective, against drawing its random numbers.
+"""Cost of a generation without the objective, against drawing its random numbers.
 
 python benchmarks/generation.py [--short] [--write docs/generation_speed.md]
 """
@@ -89,7 +89,7 @@ def evolution_draws(shape: Shape) -> Draws:
 
 
 def adaptive_draws(shape: Shape) -> Draws:
-    """Those of DE, and whether F and CR change, each, and to what, where they do."""
+    """Draw the numbers of DE, and new F and CR where an individual changes them."""
     own = 2.0 + TAU_1 + TAU_2
     return Draws(evolution_draws(shape).uniforms + shape.size * own)
 
@@ -235,7 +235,7 @@ class Row(NamedTuple):
 
     @property
     def is_missed(self) -> bool:
-        """Whether the bar is for it and not reached."""
+        """Return whether the bar applies and is not reached."""
         return self.kind.bar and not self.ratio <= BAR
 
 

@@ -206,7 +206,7 @@ def temporary_files(folder: Path) -> set[Path]:
 
 @dataclass(frozen=True, kw_only=True)
 class Before:
-    """What is there before an attack: finished work, and rests of earlier kills."""
+    """Files before an attack: finished work, and rests of earlier kills."""
 
     finished: dict[str, str]
     rests: set[Path]
@@ -214,7 +214,7 @@ class Before:
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """How a command ended: exit code, standard output and error, and what was sent."""
+    """End of a command: exit code, standard output and error, and the signal sent."""
 
     code: int
     out: str

@@ -1,4 +1,4 @@
-"""Which order to take: all of them on constrained problems of CEC 2006.
+"""Choice of the order: all of them on constrained problems of CEC 2006.
 
     python benchmarks/orders.py --seeds 25 --write docs/orders.md
 
@@ -98,12 +98,12 @@ class Found(NamedTuple):
 
     @property
     def feasible(self) -> bool:
-        """Whether the answer counts as feasible."""
+        """Return whether the answer counts as feasible."""
         return self.violation <= FEASIBLE
 
     @property
     def solved(self) -> bool:
-        """Whether it is near the best known one besides."""
+        """Return whether it is feasible and near the best known answer."""
         return self.feasible and self.gap <= NEAR
 
     @property

@@ -1,4 +1,4 @@
-"""Which search to take: all of them on planning problems, before and after the polish.
+"""Choice of the search: all of them on planning problems, before and after the polish.
 
     python benchmarks/planning.py --seeds 15 --write docs/planning.md
 
@@ -62,7 +62,7 @@ class Found(NamedTuple):
 
 
 class Group(NamedTuple):
-    """What one search found on one problem with one budget, seed by seed."""
+    """Answers of one search on one problem with one budget, seed by seed."""
 
     searched: Sequence[float]
     polished: Sequence[float]

@@ -1,4 +1,4 @@
-"""All ways to evaluate a population, run against each other.
+"""Races between all ways to evaluate a population.
 
 Every contestant's values are compared with those of CasADi's map before it is timed.
 """
@@ -38,7 +38,7 @@ def prepared(
 
 
 def from_python(instance: Instance, population: Array) -> Contestant:
-    """Return our objective, called as anybody calls it from Python."""
+    """Return our objective, called from Python as a user calls it."""
     objective = Fitness(instance.problem, backend="llvm").objective(
         instance.x0, instance.known
     )
@@ -46,10 +46,10 @@ def from_python(instance: Instance, population: Array) -> Contestant:
 
 
 class Way(NamedTuple):
-    """How a contestant is made and what is asked of its values.
+    """Way to make a contestant, and the demands on its values.
 
     Attributes:
-        make: (instance, population) -> the contestant; None where there is none.
+        make: (instance, population) -> the contestant; None if it is missing.
         tolerance: Largest deviation from the map's values, relative to 1 + |value|.
     """
 
@@ -72,7 +72,7 @@ CONTESTANTS: Mapping[str, Way] = {
 
 
 class Race(NamedTuple):
-    """What was measured on one problem with one population size.
+    """Measurements on one problem with one population size.
 
     Attributes:
         problem: The problem's name.

@@ -135,7 +135,7 @@ def hand_written_c(instance: Instance, population: Array) -> Contestant | None:
 
 
 def compiler() -> str | None:
-    """Return the path of the C compiler; None where there is none."""
+    """Return the path of the C compiler; None if it is missing."""
     return shutil.which("cc") or shutil.which("gcc")
 
 

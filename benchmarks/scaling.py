@@ -1,4 +1,4 @@
-"""How the evaluator's time grows: with the population, with the horizon, when built."""
+"""Growth of the evaluator's time: with the population, with the horizon, when built."""
 
 import os
 import statistics

@@ -26,7 +26,7 @@ WEIGHT = 1e4
 
 
 class Found(NamedTuple):
-    """What one search found.
+    """Answer of one search.
 
     Attributes:
         cost: Least cost + WEIGHT violation.

@@ -57,7 +57,7 @@ IPOPT = "IPOPT, cold"
 
 
 class Effort(NamedTuple):
-    """How much is measured.
+    """Extent of the measurements.
 
     Attributes:
         rounds: Turns of each contestant before the clock.
@@ -261,7 +261,7 @@ def _over_seeds(search: Callable[[int], object]) -> Callable[[], object]:
 
 
 class Step(NamedTuple):
-    """All plans of one step by one kind of planner.
+    """Plans of one step by one kind of planner.
 
     Attributes:
         timing: Seconds.

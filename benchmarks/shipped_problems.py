@@ -47,7 +47,7 @@ to the value without a grid, relative to it; claim 2a states how large it may be
 
 
 class Stated(NamedTuple):
-    """What a problem's claims state.
+    """Statements of a problem's claims.
 
     Attributes:
         intervals: Of its grid.
@@ -81,7 +81,7 @@ def stated(name: str) -> Stated:
 
 
 class Solved(NamedTuple):
-    """What the runs of a problem have found, one a seed.
+    """Results of the runs of a problem, one a seed.
 
     Attributes:
         costs: Their costs.

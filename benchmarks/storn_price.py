@@ -93,7 +93,7 @@ EXPONENTIAL_GRIEWANK = 16469.0
 
 
 def first_hit(row: StornPrice, seed: int, **settings: Any) -> int | None:
-    """Evaluations up to the first individual with 1e-6; None if there was none."""
+    """Return the evaluations up to the first individual with 1e-6; None without one."""
     hits: list[int] = []
 
     def note_hit(event: GenerationEvent) -> None:

@@ -29,7 +29,7 @@ class Bar(NamedTuple):
 
     @property
     def is_missed(self) -> bool:
-        """Whether it was measured, and is out of bounds."""
+        """Return whether it was measured, and is out of bounds."""
         return self.measured is not None and not RELATIONS[self.relation](
             self.measured, self.bound
         )

@@ -1,6 +1,6 @@
 """Systems whose terminal sets are certified and measured, published and others.
 
-Three are here because nobody looked at them before the proof was finished: the F-8, the
+Three are here since they were not looked at before the proof was finished: the F-8, the
 jet engine and the magnet. They were measured once and nothing was changed after.
 
 From the pole to the centre, the features that end a set are such as a search for
@@ -36,7 +36,7 @@ class System:
         substeps: Runge-Kutta steps a hold.
         of_cost_to_go: Whether the margin is Q + K'RK, for a bound of the cost to go.
         given: A law and a P in place of a design.
-        is_new: Whether nobody looked at it before the proof was finished.
+        is_new: Whether it was first looked at after the proof was finished.
     """
 
     dynamics: ca.Function
@@ -75,7 +75,7 @@ def free(
         x: The states.
         u: The input.
         at: Reference of states and input; empty: zeros.
-        is_new: Whether nobody looked at it before the proof was finished.
+        is_new: Whether it was first looked at after the proof was finished.
     """
     nx = x.numel()
     centre = list(at) or [0.0] * (nx + 1)

@@ -1,4 +1,4 @@
-"""How near proven and refuted levels come, how long it takes, whether samples agree.
+"""Proven and refuted levels: their distance, the time they take, samples between them.
 
     python benchmarks/terminal_sets.py --write docs/terminal_set_proofs.md
 
@@ -48,7 +48,7 @@ before the proof was finished, and nothing was changed after.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Measured:
-    """What was found for one system."""
+    """Results for one system."""
 
     terminal_set: TerminalSet
     violations: int

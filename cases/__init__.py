@@ -1,1 +1,1 @@
-"""What a user meets first: scenarios, the command line, records and figures."""
+"""Scenarios, the command line, records and figures: the rooms a user meets first."""

@@ -156,7 +156,7 @@ def _problem(lower: Array, upper: Array) -> str:
 
 
 def _numbers(name: str, given: ArrayLike) -> Array:
-    """Copy bounds; refuse what is no array of numbers."""
+    """Copy bounds; refuse anything but an array of numbers."""
     try:
         return np.array(given, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -87,7 +87,7 @@ class _StandIns:
 
 
 class _PutOff(_StandIns):
-    """See `put_off`."""
+    """Context manager behind `put_off`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -108,7 +108,7 @@ class _PutOff(_StandIns):
 
 
 class _Heeded(_StandIns):
-    """See `heeded`."""
+    """Context manager behind `heeded`."""
 
     def __init__(self) -> None:
         super().__init__()

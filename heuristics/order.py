@@ -307,7 +307,7 @@ def precedes(  # noqa: PLR0913, PLR0917 - numbers only: see the docstring
     cost_b: float,
     violation_b: float,
 ) -> bool:
-    """As `better_at`, for loops over individuals.
+    """Compare as `better_at` does, for loops over individuals.
 
     An order holds an array, which compiled code counts the references of at each call:
     that takes longer than the comparison.

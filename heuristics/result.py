@@ -11,7 +11,7 @@ from swarmstart.kernel import Array
 
 
 class StopReason(enum.Enum):
-    """Why a search stopped."""
+    """Reason for the end of a search."""
 
     EVALUATIONS = "the budget of evaluations is used up"
     SECONDS = "the budget of wall time is used up"

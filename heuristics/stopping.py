@@ -34,7 +34,7 @@ class Limits(NamedTuple):
 
 @kernel
 def finished(order: RunningOrder, state: State, limits: Limits) -> int:
-    """Why a search ends after a generation: GOES_ON, AT_TARGET or STAGNANT."""
+    """Return whether and why a search ends now: GOES_ON, AT_TARGET or STAGNANT."""
     feasible = state.best_violation[0] <= order.tolerance
     if feasible and state.best_cost[0] <= limits.target:
         return AT_TARGET

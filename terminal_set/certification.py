@@ -1,4 +1,4 @@
-"""From a design to a certified set: bounds, refuted, proven, with the margins named.
+"""Certified sets from a design: bounds, refuted, proven, with the margins named.
 
     certified_terminal_set   designs and certifies, in one call
     certify                  certifies a design

@@ -1,4 +1,4 @@
-"""By how much V(e) = e'Pe changes under the linear law, as a function of the deviation.
+"""Change of V(e) = e'Pe under the linear law, as a function of the deviation.
 
     continuous  c(e) = 2 e'P (f(x_ref + e, u_ref - K e) - f(x_ref, u_ref)) + e'Q_m e
     held        c(e) = V(F(x_ref + e, u_ref - K e) - F(x_ref, u_ref)) - V(e) + e'Q_m e

@@ -310,7 +310,7 @@ class ErrorSearch:
 
     @cached_property
     def _turns(self) -> Array:
-        """By which part of itself r4's derivative turns along each axis, (nx,).
+        """Return the part of r4's derivative by which it turns along each axis, (nx,).
 
         The median at a few points, at the end of the last step: only which way a cell
         is cut depends on it.

@@ -71,7 +71,7 @@ _BOTTOM, _TOP = np.array([_RANGES.get(name, _LINE) for name in FUNCTIONS]).T.cop
 
 @ieee_kernel
 def outward(low: float, high: float, wider: float) -> tuple[float, float]:
-    """Move the ends outwards; what is no number becomes the whole line."""
+    """Move the ends outwards; NaN becomes the whole line."""
     low -= abs(low) * wider + SMALLEST
     high += abs(high) * wider + SMALLEST
     lost = not low <= high

@@ -124,7 +124,7 @@ def _divide(x: Array, y: Array, out: Array) -> None:
 
 @ieee_kernel
 def _apply_two(code: int, x: Array, y: Array, out: Array) -> None:
-    """Put what is no arithmetic, of x and y, in out; see `_apply_arithmetic`."""
+    """Put operations of x and y besides `_apply_arithmetic`'s in out."""
     for k in range(BLOCK):
         a, b, c, d = x[0, k], x[1, k], y[0, k], y[1, k]
         if code == _POW:

@@ -2,7 +2,7 @@
 
 A cell is a piece of work that a few plain data determine: their hash is its key and the
 name of its folder, whose `cell.json` is written last and is the commit mark. So a
-campaign that was interrupted or killed goes on from what is there, whoever asks next.
+campaign that was interrupted or killed goes on from what is there at the next call.
 
 Workers are spawned, not forked (a fork of a process that has used BLAS can hang), with
 one BLAS thread each. One that dies costs only its own cell, which is tried once more. A
@@ -76,7 +76,7 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Outcome:
-    """What came of a cell.
+    """Result of a cell.
 
     Attributes:
         result: What the work returned; None where it failed.
@@ -285,7 +285,7 @@ def _outcome(cell: Cell, root: Path, failure: str) -> Outcome:
 
 
 def work_on(cell: Cell, folder: Path) -> None:
-    """Do a cell's work and commit its result, or why there is none; in a worker.
+    """Do a cell's work and commit its result, or why it failed; in a worker.
 
     Errors end here, as text: not every one of them can be sent to another process.
     """

@@ -1,4 +1,4 @@
-"""What a run says of the published claims of its scenario."""
+"""Judgement of the published claims of a scenario by one run."""
 
 import json
 import math
@@ -97,7 +97,7 @@ def why_not(claim: Claim, settings: Mapping[str, Any], variant: str = "") -> str
 
 
 def value_at(settings: Any, dotted_key: str) -> object:
-    """Return the value at a dotted key; None where there is none."""
+    """Return the value at a dotted key; None if it is missing."""
     for part in dotted_key.split("."):
         settings = settings.get(part) if isinstance(settings, Mapping) else None
     value: object = settings

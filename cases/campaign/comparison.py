@@ -49,7 +49,7 @@ class Entry:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Row:
-    """What a solver has shown on a scenario.
+    """Results of a solver on a scenario.
 
     Attributes:
         entry: The solver and the scenario.

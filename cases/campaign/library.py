@@ -1,4 +1,4 @@
-"""What the commands `run` and `compare` do, as functions of the library."""
+"""Functions of the library that do what the commands `run` and `compare` do."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def run(  # noqa: PLR0913 - the options of a command
 
     Raises:
         InvalidScenarioError: If the scenario can be read but not run.
-        UnknownScenarioError: If there is none of that name.
+        UnknownScenarioError: If no scenario has that name.
         UnreadableFileError: If its file cannot be read.
         YamlError: If its file is not the format.
         OccupiedFolderError: If the folder holds anything but a record of this run.
@@ -127,7 +127,7 @@ def compare(  # noqa: PLR0913 - the options of a command
 
     Raises:
         UnknownSolverError: If there is no such solver.
-        InvalidBudgetTextError: If the budget is none.
+        InvalidBudgetTextError: If the budget is invalid.
         SeveralPlansError: If a step of a scenario has several planning problems.
         CodeNotAllowedError: If a file is to be run, and may not.
         UserCodeError: If that file gives no problem.
@@ -232,7 +232,7 @@ def _entry(name: str, solver: Solver, seeds: int) -> Entry:
 
 
 def _outcome(posed: PlanningProblem, trial: Trial) -> Outcome:
-    """Return a solver's answer, or why there is none."""
+    """Return a solver's answer, or why it failed."""
     result, failure = None, ""
     try:
         result = answered(posed, trial)

@@ -40,7 +40,7 @@ from swarmstart.cases.format.yaml_reader import parse_yaml
 
 
 class PartOfClaim(Part):
-    """What one of a claim's verdicts rests on; see the head of claims.yaml."""
+    """Basis of one of a claim's verdicts; see the head of claims.yaml."""
 
     scenario: str = ""
     claim: str = ""
@@ -108,7 +108,7 @@ class ChapterFigure(Part):
 
 
 class Chapter(Part):
-    """All that is replicated."""
+    """Claims that are replicated, and their runs."""
 
     schema_version: Literal[1] = Field(alias="schema")
     flown_by: str = FLOWN_BY
@@ -141,7 +141,7 @@ class PlannedPart:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JudgedPart:
-    """What was measured for a part, and the verdict.
+    """Measurements for a part of a claim, and the verdict.
 
     Attributes:
         planned: The part with its cells.
@@ -176,7 +176,7 @@ class JudgedClaim:
 
     @property
     def is_expected(self) -> bool:
-        """Whether the verdict is the expected one, or too few runs were asked for."""
+        """Return whether the verdict is as expected, or too few runs were asked for."""
         if any(part.failures for part in self.parts):
             return False
         return self.verdict in (self.claim.expected, Verdict.NOT_JUDGED)

@@ -51,7 +51,7 @@ class UnknownSolverError(SwarmstartError, LookupError):
 
 
 class InvalidBudgetTextError(SwarmstartError, ValueError):
-    """What follows --budget is no budget."""
+    """The text after --budget is not a budget."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -72,7 +72,7 @@ class Solver:
 
     @property
     def is_deterministic(self) -> bool:
-        """Whether every seed gives the same."""
+        """Return whether every seed gives the same."""
         return self.search == "none" and self.starts == "one"
 
 
@@ -80,7 +80,7 @@ def solver_of(name: str) -> Solver:
     """Return the solver of a name; see the head of this module.
 
     Raises:
-        UnknownSolverError: If there is none.
+        UnknownSolverError: If no solver has that name.
     """
     if name == IPOPT:
         return Solver(name=name, search="none", polished=True)
@@ -103,7 +103,7 @@ def budget_of(text: str) -> dict[str, float | int]:
         text: "4000evals", "5s", "2m", or two of them with "|" between.
 
     Raises:
-        InvalidBudgetTextError: If it is none of these.
+        InvalidBudgetTextError: If it is not one of these.
     """
     budget: dict[str, float | int] = {}
     for part in text.split("|"):

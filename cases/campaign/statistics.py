@@ -1,4 +1,4 @@
-"""What repeated runs show, and what they do not."""
+"""Statistics of repeated runs: shares, intervals, comparisons."""
 
 import math
 import statistics

@@ -1,4 +1,4 @@
-"""What several runs say of a claim."""
+"""Verdict on a claim by several runs."""
 
 import math
 import statistics
@@ -21,7 +21,7 @@ MOST_RATIO = 1e6
 
 
 class Verdict(StrEnum):
-    """What is said of a claim, or of a part of it."""
+    """Verdict on a claim, or on a part of it."""
 
     HOLDS = "holds"
     IN_PART = "in part"

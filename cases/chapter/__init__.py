@@ -1,1 +1,1 @@
-"""What only the claims of the chapter need, and no simulation measures."""
+"""Computations that only the chapter's claims need, and no simulation measures."""

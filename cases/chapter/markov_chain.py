@@ -107,7 +107,7 @@ class GridDE:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MarkovChain:
-    """What `build_chain` returns; the arrays are read-only.
+    """Markov chain, as `build_chain` returns it; the arrays are read-only.
 
     Attributes:
         grid: What runs on which grid.

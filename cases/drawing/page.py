@@ -1,4 +1,4 @@
-"""HTML pages: one file each, that asks nothing of anybody."""
+"""Self-contained HTML pages: one file each, no network."""
 
 import base64
 import importlib.resources

@@ -53,7 +53,7 @@ class Labels:
 
     @property
     def cost(self) -> str:
-        """What the cost is called."""
+        """Return the name of the cost."""
         return "objective" if self.maximize else "cost"
 
     @property
@@ -63,7 +63,7 @@ class Labels:
 
     @property
     def are_named(self) -> bool:
-        """Whether a legend names the vehicles."""
+        """Return whether a legend names the vehicles."""
         return 1 < len(self.vehicles) <= MOST_NAMED
 
 
@@ -75,7 +75,7 @@ class Panel:
         label: Of its axis.
         times: Shape (n,) [s], or (n + 1,) where values are held from each to the next.
         values: Shape (vehicles, n).
-        lower: Lower bounds, shape (vehicles,), -inf where there is none.
+        lower: Lower bounds, shape (vehicles,), -inf for no bound.
         upper: Upper bounds, likewise.
         beneath: Times and values of thin lines beneath.
     """

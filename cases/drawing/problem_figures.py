@@ -71,7 +71,7 @@ def draw_problem(
         folder: Where the files go; made where it is missing.
         labels: The words on the axes; None: the names of the (first) model, no units.
         known: (number of a step, of a problem) -> parameters and signals of the plan
-            made there; by default there are none.
+            made there; by default no parameters and signals.
 
     Raises:
         InvalidProblemError: If what is known does not fit a problem.

@@ -1,4 +1,4 @@
-"""How far a flight is from the limits of each constraint, along its fine path.
+"""Distance of a flight from the limits of each constraint, along its fine path.
 
     slack   value - lower, upper - value, or the smaller of both: negative if broken
     off     value - limit of an equality: any value but 0 breaks it

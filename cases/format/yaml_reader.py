@@ -323,7 +323,7 @@ def _explained(problem: str, char: str) -> str:
 
 
 def _decoded(text: str | bytes, name: str) -> str:
-    """Decode, drop a byte order mark, and refuse what is no text."""
+    """Decode, drop a byte order mark, and refuse bytes that are not text."""
     if len(text) > MAX_BYTES:
         raise _too_large("more", name)
     if isinstance(text, bytes):

@@ -1,4 +1,4 @@
-"""Who goes where, such that the sum of the squared distances is the least.
+"""Assignment of targets to starts with the least sum of squared distances.
 
 Where the targets stand as a whole does not matter: moving all of them by c adds
 

@@ -1,4 +1,4 @@
-"""What a kind poses -> planners, controller and plant, the same way for every kind."""
+"""Planners, controller and plant for any kind of scenario, made of what it poses."""
 
 from typing import TypeVar
 

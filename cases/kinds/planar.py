@@ -1,4 +1,4 @@
-"""What scenarios of UAVs in the plane share: states, points, distances, limits.
+"""UAVs in the plane: states, points, distances and limits that their scenarios share.
 
 A UAV's state is (v, psi, x, y), speed [m/s], heading [rad] and position [m]; those of
 several are stacked, UAV after UAV.
@@ -122,7 +122,7 @@ def pair_distances(stacked: Array, uavs: int) -> Array:
 
 
 def smallest(distances: Array) -> float | None:
-    """Return the smallest distance; None where there is none."""
+    """Return the smallest distance; None if there is no pair."""
     return float(distances.min()) if distances.size else None
 
 

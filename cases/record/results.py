@@ -51,7 +51,7 @@ class Record:
         arrays: The arrays by name, as stored.
         trajectory: The flight; None in the record of a Solution. Its plans are without
             states.
-        scenario: The scenario as it was run, plain data; None where there is none.
+        scenario: The scenario as it was run, plain data; None if it is missing.
     """
 
     folder: Path

@@ -1,4 +1,4 @@
-"""What is measured of a close formation flight; definitions in names.py."""
+"""Measures of a close formation flight; definitions in names.py."""
 
 from collections.abc import Mapping
 

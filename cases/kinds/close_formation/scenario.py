@@ -48,7 +48,7 @@ class Autopilot(Part):
 
 
 class Slot(Part):
-    """Where the leader is to be, seen from the wingman."""
+    """Position of the leader to be held, seen from the wingman."""
 
     x_ft: Positive
     y_ft: Number
@@ -97,7 +97,7 @@ class Commands(Part):
 
 
 class Prediction(GridPart):
-    """What the controller believes, and how far it looks."""
+    """Model that the controller predicts with, and its horizon."""
 
     integrator: Integrator = "rk4"
     model: Literal["corrected", "literal"] = "corrected"
@@ -124,7 +124,7 @@ class PlantPart(Part):
 
 
 class CloseFormationScenario(Scenario):
-    """Everything a close formation flight needs."""
+    """Scenario of a close formation flight."""
 
     kind: Literal["close_formation"]
     aircraft: AircraftPart = AircraftPart()

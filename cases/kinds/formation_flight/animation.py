@@ -20,7 +20,7 @@ WRITERS = {".gif": ("pillow", "Pillow"), ".mp4": ("ffmpeg", "the program ffmpeg"
 
 
 class MissingWriterError(SwarmstartError):
-    """What writes this kind of animation is not installed."""
+    """The program that writes this kind of animation is not installed."""
 
 
 def check_writer(ending: str) -> None:
@@ -30,7 +30,7 @@ def check_writer(ending: str) -> None:
         ending: "gif" or "mp4".
 
     Raises:
-        MissingWriterError: If what writes it is not installed.
+        MissingWriterError: If the program that writes it is not installed.
     """
     from matplotlib import animation
 

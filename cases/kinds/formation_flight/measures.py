@@ -1,4 +1,4 @@
-"""What is measured of a formation flight.
+"""Measures of a formation flight.
 
 Positions come from what the plant flew, not from plans; distances and clearances from
 its path between the plant's steps too.

@@ -65,7 +65,7 @@ class PosedFormation(Posed):
         """The terminal set.
 
         Raises:
-            NoTerminalSetError: If there is none.
+            NoTerminalSetError: If no terminal set exists.
         """
         if self.designed_set is None:
             raise NoTerminalSetError("the dual mode is off, and no set can be designed")

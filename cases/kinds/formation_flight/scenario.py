@@ -92,7 +92,7 @@ class TerminalCost(Part):
 
 
 class Avoidance(Part):
-    """How distances to other UAVs and to obstacles are kept (5.15), (5.16)."""
+    """Rules that keep distances to other UAVs and to obstacles (5.15), (5.16)."""
 
     safe_distance_m: Positive
     along: Literal["points", "segments"]
@@ -115,7 +115,7 @@ class DualModePart(Part):
 
     @property
     def is_certified(self) -> bool:
-        """Whether the set is certified: the literal one never is."""
+        """Return whether the set is certified: the literal one never is."""
         return self.enabled and self.certify and self.design == "sampled"
 
     def flaws(self) -> Iterator[LocatedFlaw]:
@@ -130,7 +130,7 @@ class PlantPart(Part):
 
 
 class FormationScenario(Scenario):
-    """Everything a formation flight needs."""
+    """Scenario of a formation flight."""
 
     kind: Literal["formation_flight"]
     vehicle: Vehicle
@@ -150,7 +150,7 @@ class FormationScenario(Scenario):
 
     @property
     def numbers(self) -> list[int]:
-        """What each UAV is called."""
+        """Return the number of each UAV, by which it is called."""
         return [
             place if uav.number is None else uav.number
             for place, uav in enumerate(self.uavs, start=1)

@@ -30,7 +30,7 @@ TURNS = {"sin": ca.sin, "tan": ca.tan}
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Thrust:
-    """How thrust accelerates an aircraft.
+    """Aircraft that thrust accelerates against drag.
 
     Attributes:
         drag: D, constant [N].

@@ -1,4 +1,4 @@
-"""What the leader's wake does to a wingman: a horseshoe vortex with a core.
+"""Effect of the leader's wake on a wingman: a horseshoe vortex with a core.
 
 F-16 class, rederived; not the thesis' numbers. The chapter prints the model (5.20) and
 no coefficient. They are computed here from the aircraft's geometry and flight condition
@@ -171,7 +171,7 @@ class Aircraft:
 
 
 class Increments(NamedTuple, Generic[Scalar]):
-    """What the wake adds to the wingman's coefficients: floats or expressions."""
+    """Additions of the wake to the wingman's coefficients: floats or expressions."""
 
     C_L: Scalar
     C_D: Scalar

@@ -1,4 +1,4 @@
-"""How each expression of a problem gets its value: to try them one by one.
+"""Trials of each expression of a problem, one by one, to find what fails.
 
 An attempt is a place in the scenario and a call that raises what is wrong there.
 """

@@ -1,4 +1,4 @@
-"""Everything wrong with a problem scenario across its parts, each with its place.
+"""Flaws of a problem scenario across its parts, each with its place.
 
 Names first, then constants, definitions and all expressions; last the problem itself,
 as the library takes it.

@@ -1,4 +1,4 @@
-"""What is measured of a problem: its own measures and those of any problem.
+"""Measures of a problem: its own and those of any problem.
 
 Own measures are expressions on the simulated path: one row for each control interval,
 its plant's steps with both ends, so that a held control jumps between rows.

@@ -106,7 +106,7 @@ def candidate_scopes(
 
 
 def column_of(entries: Any) -> ca.SX:
-    """Return symbols as one column, of no rows if there are none."""
+    """Return symbols as one column, without rows if there are no symbols."""
     return ca.vertcat(ca.SX(0, 1), *entries)
 
 

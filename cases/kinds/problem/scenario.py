@@ -173,7 +173,7 @@ PathPart = Annotated[
 
 
 class Guess(Part):
-    """What the first plan begins from.
+    """Start of the first plan.
 
     A record's folder is replaced by its first plan when the scenario is read.
 
@@ -209,7 +209,7 @@ class Prediction(GridPart):
 
 
 class Feedback(Part):
-    """How plans are used: one to its end, or anew in every interval."""
+    """Use of plans: one to its end, or a new one in every interval."""
 
     law: Literal["open_loop", "receding_horizon"] = "open_loop"
     last_plan: Literal["shifted", "unshifted"] = "shifted"
@@ -315,7 +315,7 @@ class UserScenario(Scenario):
 
 
 class ProblemScenario(UserScenario):
-    """Everything a problem needs."""
+    """Scenario of an optimal-control problem."""
 
     kind: Literal["problem"]
     constants: Mapping[Names, Quantity] = Field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What is measured of a reconfiguration; definitions in names.py."""
+"""Measures of a reconfiguration; definitions in names.py."""
 
 import itertools
 from collections.abc import Mapping

@@ -4,8 +4,8 @@ UAV i takes its part e_i'Q e_i of (5.38) alone. It sees the leader's plan and ke
 safe distance (5.33) to all within range: to the fresh plans of those that have planned
 before it, to the last plans of the others. It keeps the communication distance (5.34)
 to its links only: the nearest in the new formation among those that have planned before
-it. With one link each, the links are a tree that hangs at the leader, so that everybody
-stays in touch with everybody. The leader holds its course.
+it. With one link each, the links are a tree that hangs at the leader, so that all UAVs
+stay in touch. The leader holds its course.
 
 They plan in the order of their slots' distances from the leader.
 """

@@ -53,7 +53,7 @@ class Vehicle(Part):
 
 
 class Distances(Part):
-    """What every two UAVs keep, (5.33) and (5.34)."""
+    """Distances that every two UAVs keep, (5.33) and (5.34)."""
 
     safe_m: Positive
     communication_m: Positive
@@ -62,7 +62,7 @@ class Distances(Part):
 
     @property
     def kept_m(self) -> tuple[float, float]:
-        """What plans keep: the limits, with the margin taken off on both sides."""
+        """Return the limits that plans keep: the margin is taken off on both sides."""
         return self.safe_m + self.margin_m, self.communication_m - self.margin_m
 
     def flaws(self) -> Iterator[LocatedFlaw]:
@@ -83,7 +83,7 @@ class Prediction(GridPart):
 
 
 class Planning(Part):
-    """Who plans: all controls at once, or UAV after UAV, the leader first."""
+    """Order of planning: all controls at once, or UAV after UAV, the leader first."""
 
     name: Literal["joint", "priority"]
     range_m: Positive | None = None
@@ -102,7 +102,7 @@ class PlantPart(Part):
 
 
 class ReconfigurationScenario(Scenario):
-    """Everything a reconfiguration needs."""
+    """Scenario of a reconfiguration."""
 
     kind: Literal["reconfiguration"]
     vehicle: Vehicle

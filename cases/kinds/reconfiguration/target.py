@@ -1,4 +1,4 @@
-"""Which UAV goes to which slot, and how far it is from there.
+"""Slots of the UAVs, and their distances from them.
 
 With the assignment `shortest` the sum of the squared distances is the least. The leader
 keeps the slot at (0, 0).

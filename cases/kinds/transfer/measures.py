@@ -1,4 +1,4 @@
-"""What is measured of a transfer; definitions in names.py."""
+"""Measures of a transfer; definitions in names.py."""
 
 from collections.abc import Mapping
 

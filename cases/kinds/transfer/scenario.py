@@ -73,7 +73,7 @@ class PlantPart(Part):
 
 
 class TransferScenario(Scenario):
-    """Everything a transfer needs."""
+    """Scenario of a transfer."""
 
     kind: Literal["transfer"]
     vehicle: Vehicle
