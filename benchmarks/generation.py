@@ -89,7 +89,7 @@ def evolution_draws(shape: Shape) -> Draws:
 
 
 def adaptive_draws(shape: Shape) -> Draws:
-    """Draw the numbers of DE, and new F and CR where an individual changes them."""
+    """Return the draws of DE, and those of the new F and CR of some individuals."""
     own = 2.0 + TAU_1 + TAU_2
     return Draws(evolution_draws(shape).uniforms + shape.size * own)
 

@@ -22,6 +22,7 @@ from swarmstart.cases.kinds.close_formation import pose as close_formation
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.formation_flight import pose as formation_flight
+from swarmstart.cases.kinds.formation_flight.problem import dynamics_of
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.models.unicycle import unicycle
 from swarmstart.ocp import (
@@ -33,7 +34,6 @@ from swarmstart.ocp import (
     Separation,
     Team,
     disc,
-    right_hand_side,
     stack_models,
 )
 from swarmstart.ocp.fitness import Known
@@ -193,7 +193,7 @@ def passing() -> Instance:
     """
     model, slot = unicycle(), ca.SX.sym("slot", 4)
     error = model.states - slot
-    A, B = hold(*linearise(_dynamics(model), [SPEED, 0, 0, 0], [0, 0]), 1.0)
+    A, B = hold(*linearise(dynamics_of(model), [SPEED, 0, 0, 0], [0, 0]), 1.0)
     P = sampled_lqr(A, B, np.eye(4), np.eye(2)).P
     problem = OptimalControlProblem(
         model,
@@ -212,11 +212,6 @@ def passing() -> Instance:
     rows = [np.full_like(times, SPEED), 0 * times, SPEED * times - 50, 0 * times + 8]
     x0 = np.array([SPEED, 0.0, -60.0, 0.0])
     return Instance("passing side", problem, x0, Known(signals=np.stack(rows)))
-
-
-def _dynamics(model: Model) -> ca.Function:
-    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
-    return ca.Function("dynamics", [x, u], [right_hand_side(model)(x, u, ca.SX(0, 1))])
 
 
 def four_discs() -> Instance:

@@ -246,6 +246,18 @@ def require(name: str, value: object, *, ok: bool, allowed: str) -> None:
         raise InvalidSettingsError(name, value, allowed)
 
 
+class OfFixedSize:
+    """Base of the settings whose generations all have `size` individuals."""
+
+    __slots__ = ()
+    size: int
+
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        """Number of individuals of every generation."""
+        del box, evaluations
+        return self.size
+
+
 class BoundHandled:
     """Base of the settings with a `bound_handling`; refuses the keyword it had before.
 

@@ -17,7 +17,7 @@ Source: chapter 5, section 5.2.3.3, eq. (5.17)-(5.19), steps 4 to 8; Duan and Li
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from swarmstart.heuristics.algorithm import (
     BoundHandled,
     InvalidSettingsError,
     Kernels,
+    OfFixedSize,
     common_fields,
     require,
     require_bound_handling,
@@ -196,7 +197,7 @@ def number_ahead(order: RunningOrder, state: ChaoticPSOState, i: int) -> int:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ChaoticPSO(BoundHandled):
+class ChaoticPSO(OfFixedSize, BoundHandled):
     """Settings of the chaotic particle swarm; the defaults are those of the text.
 
     But for `bound_handling`, where the text has clip; c1 = c2 = 1.496 is recommended
@@ -246,6 +247,7 @@ class ChaoticPSO(BoundHandled):
     Source: chapter 5, section 5.2.4 (parameters).
     """
 
+    kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=remember)
     size: int = 20
     inertia_max: float = 1.2
     inertia_min: float = 0.1
@@ -288,16 +290,6 @@ class ChaoticPSO(BoundHandled):
         require("velocity_max", self.velocity_max, ok=ok, allowed=allowed)
         if velocity_max.ndim == 1:
             object.__setattr__(self, "velocity_max", tuple(velocity_max.tolist()))
-
-    @property
-    def kernels(self) -> Kernels:
-        """The two compiled functions."""
-        return Kernels(propose=propose, accept=remember)
-
-    def first_size(self, box: Box, evaluations: int | None) -> int:
-        """Number of individuals of every generation."""
-        del box, evaluations
-        return self.size
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> ChaoticPSOSettings:
         """The settings as numbers and arrays.

@@ -32,7 +32,7 @@ size, IEEE Congress on Evolutionary Computation.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -337,6 +337,7 @@ class CMAES(BoundHandled):
         InvalidSettingsError: If a value is out of its range.
     """
 
+    kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)
     size: int | None = None
     sigma: float = 0.3
     restarts: bool = True
@@ -355,11 +356,6 @@ class CMAES(BoundHandled):
         allowed = "an integer of at least 1"
         require("increase", self.increase, ok=ok, allowed=allowed)
         require_bound_handling(self.bound_handling)
-
-    @property
-    def kernels(self) -> Kernels:
-        """The two compiled functions."""
-        return Kernels(propose=propose, accept=accept)
 
     def first_size(self, box: Box, evaluations: int | None) -> int:
         """Number of individuals until the first restart."""

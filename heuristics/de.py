@@ -24,13 +24,14 @@ Optimization 11.
 """
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from swarmstart.heuristics.algorithm import (
     BoundHandled,
     Kernels,
+    OfFixedSize,
     common_fields,
     require,
     require_bound_handling,
@@ -148,7 +149,7 @@ def accept(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class DifferentialEvolution(BoundHandled):
+class DifferentialEvolution(OfFixedSize, BoundHandled):
     """Settings of differential evolution.
 
     Attributes:
@@ -165,6 +166,7 @@ class DifferentialEvolution(BoundHandled):
         InvalidSettingsError: If a value is out of its range.
     """
 
+    kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)
     size: int = 50
     F: float = 0.5
     CR: float = 0.9
@@ -180,16 +182,6 @@ class DifferentialEvolution(BoundHandled):
         require_name("strategy", self.strategy, STRATEGIES)
         require_name("crossover", self.crossover, CROSSOVERS)
         require_bound_handling(self.bound_handling)
-
-    @property
-    def kernels(self) -> Kernels:
-        """The two compiled functions."""
-        return Kernels(propose=propose, accept=accept)
-
-    def first_size(self, box: Box, evaluations: int | None) -> int:
-        """Number of individuals of every generation."""
-        del box, evaluations
-        return self.size
 
     def kernel_settings(
         self, box: Box, order: RunningOrder

@@ -14,12 +14,13 @@ data structures = evolution programs.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from swarmstart.heuristics.algorithm import (
     Kernels,
+    OfFixedSize,
     common_fields,
     require,
     require_size,
@@ -215,7 +216,7 @@ def spin(rng: np.random.Generator, weight: Array) -> int:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class GeneticAlgorithm:
+class GeneticAlgorithm(OfFixedSize):
     """Settings of the genetic algorithm.
 
     Attributes:
@@ -230,6 +231,7 @@ class GeneticAlgorithm:
         InvalidSettingsError: If a value is out of its range.
     """
 
+    kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)
     size: int = 20
     crossover: float = 0.8
     mutation: float | None = None
@@ -244,16 +246,6 @@ class GeneticAlgorithm:
         require("mutation", self.mutation, ok=ok, allowed="None or in [0, 1]")
         ok = isinstance(self.elitism, bool)
         require("elitism", self.elitism, ok=ok, allowed="True or False")
-
-    @property
-    def kernels(self) -> Kernels:
-        """The two compiled functions."""
-        return Kernels(propose=propose, accept=accept)
-
-    def first_size(self, box: Box, evaluations: int | None) -> int:
-        """Number of individuals of every generation."""
-        del box, evaluations
-        return self.size
 
     def kernel_settings(
         self, box: Box, order: RunningOrder

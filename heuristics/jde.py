@@ -15,13 +15,14 @@ problems, IEEE Transactions on Evolutionary Computation 10(6).
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from swarmstart.heuristics.algorithm import (
     BoundHandled,
     Kernels,
+    OfFixedSize,
     common_fields,
     require_bound_handling,
     require_size,
@@ -134,7 +135,7 @@ def accept(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SelfAdaptiveDE(BoundHandled):
+class SelfAdaptiveDE(OfFixedSize, BoundHandled):
     """Settings of jDE.
 
     Attributes:
@@ -146,6 +147,7 @@ class SelfAdaptiveDE(BoundHandled):
         InvalidSettingsError: If a value is out of its range.
     """
 
+    kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)
     size: int = 50
     bound_handling: BoundHandling = "midpoint"
 
@@ -153,16 +155,6 @@ class SelfAdaptiveDE(BoundHandled):
         """Check the values."""
         require_size(self.size, at_least=4)
         require_bound_handling(self.bound_handling)
-
-    @property
-    def kernels(self) -> Kernels:
-        """The two compiled functions."""
-        return Kernels(propose=propose, accept=accept)
-
-    def first_size(self, box: Box, evaluations: int | None) -> int:
-        """Number of individuals of every generation."""
-        del box, evaluations
-        return self.size
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> SelfAdaptiveDESettings:
         """The settings as numbers and arrays."""

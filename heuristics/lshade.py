@@ -43,7 +43,7 @@ linear population size reduction, IEEE Congress on Evolutionary Computation.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -283,6 +283,7 @@ class LSHADE(BoundHandled):
         InvalidSettingsError: If a value is out of its range.
     """
 
+    kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)
     size: int | None = None
     smallest: int = LEAST_SIZE
     memory: int = 6
@@ -309,11 +310,6 @@ class LSHADE(BoundHandled):
     def as_published(cls, dim: int) -> "LSHADE":
         """The settings of the paper, for a box of `dim` dimensions."""
         return cls(size=PUBLISHED_SIZE * dim)
-
-    @property
-    def kernels(self) -> Kernels:
-        """The two compiled functions."""
-        return Kernels(propose=propose, accept=accept)
 
     def first_size(self, box: Box, evaluations: int | None) -> int:
         """Number of individuals N_0 of the first generation; see `size`."""

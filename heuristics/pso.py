@@ -22,13 +22,14 @@ Computation 6(1), type 1'' with kappa = 1.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from swarmstart.heuristics.algorithm import (
     BoundHandled,
     Kernels,
+    OfFixedSize,
     common_fields,
     require,
     require_bound_handling,
@@ -103,7 +104,7 @@ def propose(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ParticleSwarm(BoundHandled):
+class ParticleSwarm(OfFixedSize, BoundHandled):
     """Settings of a particle swarm.
 
     Attributes:
@@ -123,6 +124,7 @@ class ParticleSwarm(BoundHandled):
         InvalidSettingsError: If a value is out of its range.
     """
 
+    kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=remember)
     size: int = 20
     inertia: float = 0.7298
     cognitive: float = 1.496
@@ -167,16 +169,6 @@ class ParticleSwarm(BoundHandled):
         chi = 2.0 / (phi - 2.0 + math.sqrt(phi * phi - 4.0 * phi))
         each = 0.5 * chi * phi
         return cls(inertia=chi, cognitive=each, social=each)
-
-    @property
-    def kernels(self) -> Kernels:
-        """The two compiled functions."""
-        return Kernels(propose=propose, accept=remember)
-
-    def first_size(self, box: Box, evaluations: int | None) -> int:
-        """Number of individuals of every generation."""
-        del box, evaluations
-        return self.size
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> ParticleSwarmSettings:
         """The settings as numbers and arrays."""

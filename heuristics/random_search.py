@@ -4,12 +4,13 @@ What any other algorithm must beat.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from swarmstart.heuristics.algorithm import (
     Kernels,
+    OfFixedSize,
     common_fields,
     require_size,
     take_generation,
@@ -77,7 +78,7 @@ def accept(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class RandomSearch:
+class RandomSearch(OfFixedSize):
     """Settings of random search.
 
     Attributes:
@@ -87,21 +88,12 @@ class RandomSearch:
         InvalidSettingsError: If the size is out of its range.
     """
 
+    kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)
     size: int = 20
 
     def __post_init__(self) -> None:
         """Check the size."""
         require_size(self.size, at_least=1)
-
-    @property
-    def kernels(self) -> Kernels:
-        """The two compiled functions."""
-        return Kernels(propose=propose, accept=accept)
-
-    def first_size(self, box: Box, evaluations: int | None) -> int:
-        """Number of individuals of every generation."""
-        del box, evaluations
-        return self.size
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> RandomSearchSettings:
         """The settings as numbers and arrays."""

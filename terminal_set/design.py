@@ -241,15 +241,7 @@ def sampled_terminal_set(
     if kappa:
         Q_star = np.asarray(Q) + K.T @ np.asarray(R) @ K
         P = sampled_lyapunov(F / np.sqrt(1 - kappa), Q_star)
-    return TerminalSet(
-        K=K,
-        P=P,
-        alpha=_level_from_bounds(K, P, reference),
-        x_ref=reference.x_ref,
-        u_ref=reference.u_ref,
-        dt=dt,
-        design="sampled",
-    )
+    return _set_up_to_bounds(K, P, reference, dt)
 
 
 def continuous_terminal_set(
@@ -291,20 +283,22 @@ def continuous_terminal_set(
     P = continuous_lyapunov(
         F + kappa * np.eye(len(F)), np.asarray(Q) + K.T @ np.asarray(R) @ K
     )
+    return _set_up_to_bounds(K, P, reference, None)
+
+
+def _set_up_to_bounds(
+    K: Array, P: Array, reference: Reference, dt: float | None
+) -> TerminalSet:
+    """Return the set whose level is that of the nearest bound, of input or state."""
     return TerminalSet(
         K=K,
         P=P,
-        alpha=_level_from_bounds(K, P, reference),
+        alpha=min(
+            level_from_inputs(K, P, reference.u_max),
+            level_from_states(P, reference.e_max),
+        ),
         x_ref=reference.x_ref,
         u_ref=reference.u_ref,
-        dt=None,
-        design="continuous",
-    )
-
-
-def _level_from_bounds(K: Array, P: Array, reference: Reference) -> float:
-    """Compute the level of the nearest bound, of an input or of a state."""
-    return min(
-        level_from_inputs(K, P, reference.u_max),
-        level_from_states(P, reference.e_max),
+        dt=dt,
+        design="continuous" if dt is None else "sampled",
     )

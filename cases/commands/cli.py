@@ -228,19 +228,10 @@ def _add_run(run: _Parser) -> None:
     run.add_argument(
         "scenario", metavar="SCENARIO", help="a name of `swarmstart list`, or a path"
     )
-    run.add_argument("--variant", metavar="NAME", help="default: corrected")
+    _add_scenario_options(run)
     run.add_argument("--search", choices=[*SEARCHES], help="default: the scenario's")
     run.add_argument("--polish", choices=[*POLISHES], help="default: the scenario's")
     run.add_argument("--seed", type=_seed, default=0, metavar="N", help="default: 0")
-    run.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY.PATH=VALUE",
-        dest="assignments",
-        help="change one value of the scenario; may be given several times",
-    )
-    _add_permission(run)
     run.add_argument("--out", metavar="DIR", help="default: results/<scenario>/<key>")
     run.add_argument(
         "--force", action="store_true",
@@ -295,11 +286,7 @@ def _add_compare(compare: _Parser) -> None:
         "--budget", default="4000evals", metavar="4000evals|5s",
         help="of one planning problem; default: 4000evals",
     )  # fmt: skip
-    compare.add_argument("--variant", metavar="NAME", help="default: corrected")
-    compare.add_argument(
-        "--set", action="append", default=[], metavar="KEY.PATH=VALUE",
-        dest="assignments", help="as in run",
-    )  # fmt: skip
+    _add_scenario_options(compare)
     compare.add_argument(
         "--timeout", type=_count, default=300, metavar="S",
         help="seconds after which a run is given up; default: 300",
@@ -309,13 +296,19 @@ def _add_compare(compare: _Parser) -> None:
         help="solve answers that break a constraint between the checks again with a "
         "margin, for all solvers alike; default: yes",
     )  # fmt: skip
-    _add_permission(compare)
     compare.add_argument("--out", metavar="DIR", help="default: results/compare")
     _add_campaign(compare)
     compare.set_defaults(command=_compare, parser=compare)
 
 
-def _add_permission(command: argparse.ArgumentParser) -> None:
+def _add_scenario_options(command: argparse.ArgumentParser) -> None:
+    """Add the options that change a scenario before it is run."""
+    command.add_argument("--variant", metavar="NAME", help="default: corrected")
+    command.add_argument(
+        "--set", action="append", default=[], metavar="KEY.PATH=VALUE",
+        dest="assignments",
+        help="change one value of the scenario; may be given several times",
+    )  # fmt: skip
     command.add_argument(
         "--allow-python", action="store_true",
         help="run the file that a scenario of kind python names",

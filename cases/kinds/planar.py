@@ -4,11 +4,13 @@ A UAV's state is (v, psi, x, y), speed [m/s], heading [rad] and position [m]; th
 several are stacked, UAV after UAV.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from swarmstart.cases.format.settings import LocatedFlaw, Number, Part, Range
 from swarmstart.ocp import DenseOutput, largest_distance, smallest_distance
@@ -42,6 +44,12 @@ class Point(Part):
 
     x_m: Number
     y_m: Number
+
+
+class PlantPart(Part):
+    """The simulated aircraft: integrated finer than the prediction."""
+
+    substeps: int = Field(default=20, ge=1, le=1000)
 
 
 def distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
@@ -86,6 +94,31 @@ def start_speed_flaws(
             f"expected a speed within vehicle.speed_m_s [{limits.lower:g}, "
             f"{limits.upper:g}], found {speed:g}",
         )
+
+
+def near_place_flaws(
+    uavs: Sequence[Part],
+    places: tuple[str, ...],
+    least: float,
+    numbers: Sequence[int],
+) -> Iterator[LocatedFlaw]:
+    """Yield the places of two UAVs that are too near to each other.
+
+    Args:
+        uavs: Parts of the scenario's key `uavs`.
+        places: Their keys that hold a place.
+        least: Distance that must lie between two [m].
+        numbers: What the UAVs are called.
+    """
+    for (i, one), (j, other) in itertools.combinations(enumerate(uavs), 2):
+        for key in places:
+            apart = distance(getattr(one, key), getattr(other, key))
+            if apart < least:
+                yield (
+                    ("uavs", j, key),
+                    f"expected a {key} at least {least:g} m (safe_distance_m) from "
+                    f"that of UAV {numbers[i]}, found {apart:g} m",
+                )
 
 
 def speed_bounds(limits: Range | None, *, uavs: int = 1) -> tuple[Array, Array] | None:

@@ -23,8 +23,10 @@ from swarmstart.cases.format.settings import (
 )
 from swarmstart.cases.kinds.planar import (
     PlanarState,
+    PlantPart,
     Point,
     distance,
+    near_place_flaws,
     start_speed_flaws,
 )
 from swarmstart.ocp.integrators import Integrator
@@ -123,12 +125,6 @@ class DualModePart(Part):
         yield from _matrix_flaws(self.design == "literal", self.P)
 
 
-class PlantPart(Part):
-    """The simulated aircraft: integrated finer than the prediction."""
-
-    substeps: int = Field(default=20, ge=1, le=1000)
-
-
 class FormationScenario(Scenario):
     """Scenario of a formation flight."""
 
@@ -200,15 +196,8 @@ class FormationScenario(Scenario):
 
     def _place_flaws(self) -> Iterator[LocatedFlaw]:
         safe = self.avoidance.safe_distance_m
-        for (i, one), (j, other) in itertools.combinations(enumerate(self.uavs), 2):
-            for key in ("start", "slot"):
-                apart = distance(getattr(one, key), getattr(other, key))
-                if apart < safe:
-                    yield (
-                        ("uavs", j, key),
-                        f"expected a {key} at least {safe:g} m (safe_distance_m) from "
-                        f"that of UAV {self.numbers[i]}, found {apart:g} m",
-                    )
+        places = ("start", "slot")
+        yield from near_place_flaws(self.uavs, places, safe, self.numbers)
         for (i, uav), disc in itertools.product(enumerate(self.uavs), self.obstacles):
             apart = distance(uav.start, disc)
             if apart < disc.radius_m:

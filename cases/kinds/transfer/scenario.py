@@ -3,7 +3,6 @@
 Beyond the chapter; its antipodal swap is a common test of avoidance.
 """
 
-import itertools
 import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
@@ -23,9 +22,10 @@ from swarmstart.cases.format.settings import (
 from swarmstart.cases.kinds.planar import (
     SAME_PLACE_M,
     PlanarState,
+    PlantPart,
     Point,
     bank_flaws,
-    distance,
+    near_place_flaws,
     speed_limit_flaws,
     start_speed_flaws,
 )
@@ -66,12 +66,6 @@ class Paths(Part):
     along: Positive = 0.1
 
 
-class PlantPart(Part):
-    """The simulated aircraft: integrated finer than the prediction."""
-
-    substeps: int = Field(default=20, ge=1, le=1000)
-
-
 class TransferScenario(Scenario):
     """Scenario of a transfer."""
 
@@ -104,20 +98,9 @@ class TransferScenario(Scenario):
             place = ("uavs", i, "start", "speed_m_s")
             speed, limits = uav.start.speed_m_s, self.vehicle.speed_m_s
             yield from start_speed_flaws(place, speed, limits)
-        yield from self._place_flaws()
-
-    def _place_flaws(self) -> Iterator[LocatedFlaw]:
         safe = self.safe_distance_m + self.margin_m
-        for (i, one), (j, other) in itertools.combinations(enumerate(self.uavs), 2):
-            for key in ("start", "goal"):
-                apart = distance(getattr(one, key), getattr(other, key))
-                if apart < safe:
-                    yield (
-                        ("uavs", j, key),
-                        f"expected a {key} at least {safe:g} m "
-                        f"(safe_distance_m) from that of UAV {i + 1}, "
-                        f"found {apart:g} m",
-                    )
+        numbers = range(1, len(self.uavs) + 1)
+        yield from near_place_flaws(self.uavs, ("start", "goal"), safe, numbers)
 
 
 def goal_flaws(
