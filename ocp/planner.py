@@ -20,11 +20,17 @@ from swarmstart.heuristics import (
 from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.checking import Checker, Excess
-from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
+from swarmstart.ocp.fitness import (
+    NOTHING,
+    Fitness,
+    Known,
+    at_nodes,
+    shared_arguments,
+)
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.optimality import NlpPoint
 from swarmstart.ocp.path import Tracer
-from swarmstart.ocp.polish import Polisher, polish_basins
+from swarmstart.ocp.polish import Polished, Polisher, better_of, polish_basins
 from swarmstart.ocp.polish_options import PolishOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.progress import ProgressCallback, of_budget, tell_nothing
@@ -291,13 +297,8 @@ class Planner:
         progress(0, 0, "polishing")
         try:
             with heeded():
-                polished, evaluations = polish_basins(
-                    self.polisher,
-                    starts,
-                    x0,
-                    known,
-                    tolerance=self.problem.tolerance,
-                    near=near or self.search is not None,
+                polished, evaluations = self._polished(
+                    self.polisher, starts, x0, known, near=near
                 )
         except KeyboardInterrupt:
             raise PlanningInterrupted(plan) from None
@@ -312,6 +313,63 @@ class Planner:
             polish_status=polished.status,
             point=polished.point,
         )
+
+    def _polished(
+        self,
+        polisher: Polisher,
+        starts: Sequence[Start],
+        x0: ArrayLike,
+        known: Known,
+        *,
+        near: bool,
+    ) -> tuple[Polished, int]:
+        """Return the best that polishing finds, and the evaluations of all.
+
+        Args:
+            polisher: The NLP solver.
+            starts: Where to polish from, at least one.
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+            near: Whether they follow an earlier answer.
+        """
+        tolerance = self.problem.tolerance
+        found, evaluations = polish_basins(
+            polisher,
+            starts,
+            x0,
+            known,
+            tolerance=tolerance,
+            near=near or self.search is not None,
+        )
+        if found.violation <= tolerance or near:
+            return found, evaluations
+        straight = self._straight(starts[0], x0, known)
+        if straight:
+            again, more = polish_basins(
+                polisher, straight, x0, known, tolerance=tolerance, near=False
+            )
+            evaluations += more
+            found = better_of(found, again, tolerance=tolerance)
+        return found, evaluations
+
+    def _straight(self, first: Start, x0: ArrayLike, known: Known) -> list[Start]:
+        """Return a start whose states lead straight to where the end fixes them.
+
+        Where the controls of a start lead far from the end, the solver may not find
+        back; from states that reach it, it often does. None if the end fixes nothing.
+        """
+        state, p, flat = shared_arguments(self.problem, x0, known)
+        sizing, signals = self.fitness.shooting.sizing, at_nodes(self.problem, flat)
+        target = sizing.target(p, signals[:, -1])
+        if np.isnan(target).all():
+            return []
+        reached = np.where(np.isnan(target), state, target)
+        part = np.linspace(0.0, 1.0, self.problem.nodes)
+        states = state[:, None] + np.outer(reached - state, part)
+        return [
+            Start(zero_controls(self.problem), states),
+            Start(first.controls, states),
+        ]
 
     def evaluated(
         self,

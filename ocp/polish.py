@@ -160,7 +160,7 @@ class Polisher:
         found = self._tried(controls, states, x0, known, before, near=near)
         if near and found.status is not PolishStatus.CONVERGED:
             again = self._tried(controls, states, x0, known, before, near=False)
-            found = _better_of(found, again, tolerance=problem.tolerance)
+            found = better_of(found, again, tolerance=problem.tolerance)
         return found
 
     def _tried(
@@ -305,7 +305,7 @@ def polish_basins(
     return best, evaluations
 
 
-def _better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
+def better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
     """Return the better of two, with the effort of both; of equals one converged."""
     costs = [(p.cost, p.violation) for p in (one, other)]
     takes_other = is_better(costs[1], costs[0], tolerance=tolerance) or (

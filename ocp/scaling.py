@@ -150,6 +150,15 @@ class Sizing:
             ),
         )
 
+    def target(self, parameters: Array, signals: Array) -> Array:
+        """Return the state at the end where an equality fixes it, else NaN.
+
+        Args:
+            parameters: Shape (np,).
+            signals: At the end, shape (ns,).
+        """
+        return np.array(self._target(parameters, signals)).ravel()
+
     def cost_along(
         self, states: Array, controls: Array, parameters: Array, signals: Array
     ) -> float:
@@ -171,7 +180,7 @@ class Sizing:
     def _first_states(self, x0: Array, parameters: Array, signals: Array) -> Array:
         """Return sizes by bounds, start and target; 0 if these say nothing."""
         width = self._widths()
-        target = np.array(self._target(parameters, signals)).ravel()
+        target = self.target(parameters, signals)
         return np.maximum(np.maximum(width, np.abs(x0)), np.abs(np.nan_to_num(target)))
 
     def _widths(self) -> Array:
@@ -324,9 +333,9 @@ def _middle(lower: Array, upper: Array) -> Array:
 
 
 def _target_function(problem: OptimalControlProblem) -> ca.Function:
-    """Return (p, s) -> the state at the end where an equality fixes it, else 0."""
+    """Return (p, s) -> the state at the end where an equality fixes it, else NaN."""
     x, p, s = problem.model.states, problem.model.parameters, problem.signals
-    target = ca.SX.zeros(problem.model.nx)
+    target = ca.SX(np.full(problem.model.nx, np.nan))
     for constraint in problem.terminal_constraints:
         rows = constraint.rows(constraint.expression)
         slopes = ca.jacobian(rows.values, x)

@@ -279,3 +279,26 @@ def test_bounds_of_what_is_decided_are_numbers_in_order(
 ) -> None:
     with pytest.raises(InvalidProblemError, match=message):
         Free(*given)  # type: ignore[arg-type]
+
+
+def test_goddard_rocket_is_solved_without_a_guess() -> None:
+    """Zero thrust falls below the ground: states lead straight to the end instead."""
+    h, v, m, thrust = (ca.SX.sym(n) for n in ("h", "v", "m", "thrust"))
+    drag = 310 * v**2 * ca.exp(-500 * (h - 1))
+    model = Model(
+        states=ca.vertcat(h, v, m),
+        controls=thrust,
+        ode=ca.vertcat(v, (thrust - drag) / m - 1 / h**2, -2 * thrust),
+    )
+    problem = OptimalControlProblem(
+        model,
+        horizon=Free(0.02, 0.5),
+        intervals=50,
+        terminal_cost=-h,
+        bounds=Bounds(controls=(0, 3.5), states=([1, 0, 0.6], np.inf)),
+        terminal=[(m, 0.6)],
+    )
+    answer = solve(problem, [1.0, 0.0, 1.0], search=None, seed=0)
+    assert answer.status is SolutionStatus.CONVERGED
+    # COPS 3 gives 1.01284 for its finest grid.
+    assert answer.cost == pytest.approx(-1.0128366, abs=1e-6)
