@@ -128,6 +128,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Start as Start,
         Step as Step,
         SteppedPlant as SteppedPlant,
+        Table as Table,
         Team as Team,
         TerminalConstraint as TerminalConstraint,
         Trajectory as Trajectory,
@@ -141,6 +142,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         simulate as simulate,
         solve as solve,
         stack_models as stack_models,
+        table as table,
         terminal_set_of as terminal_set_of,
     )
     from swarmstart.terminal_set import (
@@ -209,9 +211,9 @@ _NAMES = {
         NlpOptions OpenLoop OptimalControlProblem PathConstraint Plan Planner
         PlanningInterrupted Plant PolishStatus RecedingHorizon SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError
-        SolveInterrupted Source Start Step SteppedPlant Team TerminalConstraint
+        SolveInterrupted Source Start Step SteppedPlant Table Team TerminalConstraint
         Trajectory TrajectoryFamily UncertifiedSetError compile_batch disc fly
-        interpolate multistart simulate solve stack_models terminal_set_of
+        interpolate multistart simulate solve stack_models table terminal_set_of
     """,
     "swarmstart.terminal_set": """
         AsymmetricMatrixError Certificate CoarseHoldError

@@ -47,6 +47,7 @@ from swarmstart.ocp.separation import Connection, Separation, disc
 from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.solving import SolveInterrupted, solve
 from swarmstart.ocp.status import SolutionStatus
+from swarmstart.ocp.tables import Table, table
 from swarmstart.ocp.team import Agent, Team
 from swarmstart.ocp.terminal import terminal_set_of
 
@@ -101,6 +102,7 @@ __all__ = [
     "Step",
     "SteppedPlant",
     "Steps",
+    "Table",
     "Team",
     "TerminalConstraint",
     "Trajectory",
@@ -122,6 +124,7 @@ __all__ = [
     "smallest_distance",
     "solve",
     "stack_models",
+    "table",
     "terminal_set_of",
     "verified",
     "zero_controls",

@@ -2,9 +2,12 @@
 
 An NLP solver's conditions speak of smooth functions. Here the operations that are not
 smooth (fabs, fmin, fmax, floor, ceil, sign, comparisons, if_else) are found in the
-expressions, each with a number that tells its side: zero is where it switches.
+expressions, each with a number that tells its side: zero is where it switches. A
+comparison across which all stays smooth, as between the pieces of a cubic spline, does
+not count.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -12,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.expressions import shortened
+from swarmstart.ocp.interpolants import without_interpolants
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.smooth_switches import smooth_comparisons
 
 Array = NDArray[np.float64]
 
@@ -89,19 +94,18 @@ def kinks_of(problem: OptimalControlProblem) -> Kinks:
     expressions += [
         c.expression for c in (*problem.path_constraints, *problem.terminal_constraints)
     ]
+    whole = ca.Function("whole", symbols, expressions)
+    expressions = without_interpolants(whole).call(symbols)
+    results = [e.nz[i] for e in expressions for i in range(e.nnz())]
+    nodes = _in_order(results)
+    smooth = smooth_comparisons(nodes, results)
     found: dict[str, tuple[str, ca.SX, bool]] = {}
-    seen: set[int] = set()
-    stack = [e.nz[i] for e in expressions for i in range(e.nnz())]
-    while stack:
-        node = stack.pop()
-        if node.is_leaf() or node.element_hash() in seen:
+    for node in nodes:
+        if node.is_leaf() or node.element_hash() in smooth:
             continue
-        seen.add(node.element_hash())
-        dependencies = [node.dep(i) for i in range(node.n_dep())]
-        switch = _switch(node, dependencies)
+        switch = _switch(node, [node.dep(i) for i in range(node.n_dep())])
         if switch is not None:
             found[f"{switch[0]} {switch[1]}"] = switch
-        stack += dependencies
     switches = [s for s in found.values() if not s[1].is_constant()]
     sides = ca.vertcat(ca.SX(0, 1), *[s for _, s, _ in switches])
     moving = [ca.SX.sym("size", v.numel()) for v in symbols[:2]]
@@ -112,6 +116,23 @@ def kinks_of(problem: OptimalControlProblem) -> Kinks:
         sides=ca.Function("sides", [*symbols, *moving], [sides, ca.densify(reach)]),
         steps=np.array([step for *_, step in switches], dtype=bool),
     )
+
+
+def _in_order(results: Sequence[ca.SX]) -> list[ca.SX]:
+    """Return all that results are computed from, each after what it is made of."""
+    order: list[ca.SX] = []
+    seen: set[int] = set()
+    stack = [(result, False) for result in reversed(results)]
+    while stack:
+        node, complete = stack.pop()
+        if complete:
+            order.append(node)
+        elif node.element_hash() not in seen:
+            seen.add(node.element_hash())
+            stack.append((node, True))
+            if not node.is_leaf():
+                stack += [(node.dep(i), False) for i in range(node.n_dep())]
+    return order
 
 
 def _switch(node: ca.SX, of: list[ca.SX]) -> tuple[str, ca.SX, bool] | None:

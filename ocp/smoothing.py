@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.ocp.constraints import PathConstraint, TerminalConstraint
 from swarmstart.ocp.fitness import Known, at_nodes, shared_arguments
+from swarmstart.ocp.interpolants import without_interpolants
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.shooting import Shooting, shooting_of
 
@@ -134,7 +135,9 @@ class _Kinked:
         Args:
             widths: Of each kink; None: kinks stay, and their arguments are noted.
         """
-        f = ca.Function("kinked", self._symbols, self._expressions)
+        f = without_interpolants(
+            ca.Function("kinked", self._symbols, self._expressions)
+        )
         work: dict[int, ca.SX] = {}
         left = None if widths is None else iter(widths)
         found = [ca.SX.zeros(e.numel()) for e in self._expressions]

@@ -26,6 +26,7 @@ from swarmstart.ocp.compiled.engine import (
 from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.frame import target_of
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.interpolants import without_interpolants
 from swarmstart.tape import read_tape
 
 Array = NDArray[np.float64]
@@ -300,7 +301,7 @@ def compile_flat(
     """Return an evaluator of an SX function.
 
     Args:
-        function: An SX function.
+        function: An SX function; its interpolants become expressions where possible.
         per_individual: For each argument whether it differs per individual; one does.
         precision: Of the arithmetic; arguments and outputs are doubles.
 
@@ -308,6 +309,7 @@ def compile_flat(
         UnknownOperationError: If it has an operation that is not compiled.
         NoCompilerError: If machine code cannot be made here.
     """
+    function = without_interpolants(function)
 
     def emit() -> str:
         tape = simplified(read_tape(function))
@@ -355,6 +357,8 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     """
     nx, nu, np_ = (stage.numel_in(i) for i in range(3))
     places = tuple(decided) or (None,) * nx
+    stage, end = without_interpolants(stage), without_interpolants(end)
+    begin = None if begin is None else without_interpolants(begin)
 
     def emit() -> str:
         roll = Roll(

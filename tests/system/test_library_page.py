@@ -19,8 +19,9 @@ def test_the_code_of_the_library_page_runs(
     for block in blocks:
         exec(compile(block, str(PAGE), "exec"), names)
     said = capsys.readouterr().out.splitlines()
-    assert len(blocks) == 8
+    assert len(blocks) == 9
     assert float(said[0]) == pytest.approx(36.713, abs=1e-3)
-    assert said[1].startswith("('angle', 'speed')")
+    assert said[1] == "[20.36 24.56]"
+    assert said[2].startswith("('angle', 'speed')")
     assert said[-3].startswith("problem 1, ipopt: 1 of 1 feasible")
     assert float(said[-1]) < 1e-6
