@@ -9,7 +9,7 @@ every expression in them is expanded:
 A function whose body CasADi cannot write in scalar operations (an integrator, a root
 finder, a callback) stays as a call in the expanded expression, without an error (CasADi
 3.8.2). Such a call is refused here. Tables (`casadi.interpolant`) stay as calls, too,
-and are allowed: they are evaluated by CasADi instead of machine code.
+and are allowed: what compiles the expression reads them (interpolants.py).
 """
 
 from collections.abc import Callable, Iterator, Mapping

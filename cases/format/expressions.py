@@ -183,13 +183,23 @@ def evaluate(text: str, names: Mapping[str, float] = MappingProxyType({})) -> fl
     return value
 
 
-def parse(text: str, *, of_paths: bool = False) -> Expression:
+NO_FUNCTIONS: Mapping[str, int] = MappingProxyType({})
+
+
+def parse(
+    text: str,
+    *,
+    of_paths: bool = False,
+    functions: Mapping[str, int] | None = NO_FUNCTIONS,
+) -> Expression:
     """Check a text and turn it into a tree; nothing is computed but exponents.
 
     Args:
         text: At most `MAX_CHARACTERS` long.
         of_paths: Whether `REDUCTIONS`, `ENDS`, and min and max of one path are
             allowed, too.
+        functions: More functions, name -> number of arguments; None: any name may be
+            one, which is to be parsed again once they are known.
 
     Returns:
         The tree; its names are not looked up yet.
@@ -216,7 +226,7 @@ def parse(text: str, *, of_paths: bool = False) -> Expression:
     if count > MAX_NODES:
         what = f"expected at most {MAX_NODES} numbers, names and operations"
         raise ExpressionError(f"{what}, found {count}", text, 1)
-    return Expression(text, _Converter(text, offset, of_paths).tree(root, 0))
+    return Expression(text, _Converter(text, offset, of_paths, functions).tree(root, 0))
 
 
 def interpret(
@@ -269,11 +279,19 @@ def interpret(
 class _Converter:
     """Turns Python's ast into a Tree, and refuses what is not listed here."""
 
-    def __init__(self, text: str, offset: int, of_paths: bool) -> None:
+    def __init__(
+        self,
+        text: str,
+        offset: int,
+        of_paths: bool,
+        functions: Mapping[str, int] | None,
+    ) -> None:
         self._text = text
         self._offset = offset  # of the ast's columns in the text
         self._of_paths = of_paths
-        self._functions = {**FUNCTIONS, **(REDUCTIONS if of_paths else {})}
+        known = {**FUNCTIONS, **(REDUCTIONS if of_paths else {})}
+        self._functions = {**known, **(functions or {})}
+        self._any = functions is None
 
     def tree(self, node: ast.expr, depth: int) -> Tree:
         """Convert one node and those below it."""
@@ -334,10 +352,11 @@ class _Converter:
         if not isinstance(node.func, ast.Name):
             self._refuse(node, f"found {self._source(node)!r}; allowed are {_ALLOWED}")
         name = node.func.id
-        if name not in self._functions:
+        if name not in self._functions and not self._any:
             what = f"unknown function {name!r}{_suggested(name, self._functions)}"
             self._refuse(node, what)
-        wanted, given = self._functions[name], len(node.args)
+        given = len(node.args)
+        wanted = self._functions.get(name, given)
         more = name in ("min", "max") and (
             given > wanted or (self._of_paths and given == 1)
         )

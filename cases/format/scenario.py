@@ -524,7 +524,8 @@ def _known_keys(
     for part in path:
         data = data[part]
         below = node.get("items") if isinstance(part, int) else None
-        below = below or node.get("properties", {}).get(part, {})
+        below = below or node.get("properties", {}).get(part)
+        below = below or next(iter(node.get("patternProperties", {}).values()), {})
         node = _resolved(schema, below, data)
     return list(node.get("properties", {}))
 

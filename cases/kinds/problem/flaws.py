@@ -23,7 +23,15 @@ from swarmstart.ocp import OptimalControlProblem
 
 MOST_OPERATIONS = 40_000
 """In an interval: they take up to 15 s to prepare, and twice as many a minute."""
-_NAMED = ("constants", "parameters", "signals", "definitions", "states", "controls")
+_NAMED = (
+    "constants",
+    "tables",
+    "parameters",
+    "signals",
+    "definitions",
+    "states",
+    "controls",
+)
 
 
 def flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:

@@ -29,6 +29,12 @@ from swarmstart.cases.kinds.problem.names import MEASURES
 from swarmstart.cases.kinds.problem.pose import ProblemPosed
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario, UserScenario
 from swarmstart.cases.kinds.problem.symbols import ARRAYS, TIME, constants_of
+from swarmstart.cases.kinds.problem.tables import (
+    NO_TABLES,
+    Tables,
+    inputs_of,
+    operations_of,
+)
 from swarmstart.cases.record.trajectory_arrays import effort, found_plans, planned
 from swarmstart.ocp import Mode, OptimalControlProblem, PolishStatus, Trajectory
 from swarmstart.ocp.constraints import row_excess
@@ -47,8 +53,11 @@ def measure(
         flight,
         trajectory,
         problem=planning_problem(scenario, flight.posed.members),
-        path=path_of(scenario, flight.posed, trajectory),
-        own=scenario.measures,
+        own=own_values(
+            scenario.measures,
+            path_of(scenario, flight.posed, trajectory),
+            scenario.tabled,
+        ),
         maximize=scenario.maximize,
     )
 
@@ -58,8 +67,7 @@ def measured(
     trajectory: Trajectory,
     *,
     problem: OptimalControlProblem,
-    path: Mapping[str, Value],
-    own: Mapping[str, str],
+    own: Mapping[str, Measure],
     maximize: bool = False,
 ) -> dict[str, Measure]:
     """Return own measures and those of any problem, null where one is not defined.
@@ -68,8 +76,7 @@ def measured(
         flight: The flight.
         trajectory: Its path.
         problem: The planning problem, of all vehicles together.
-        path: The values that own measures may use, by name.
-        own: Own measures: name -> expression.
+        own: Own measures, as of `own_values`.
         maximize: Whether the problem's cost is what is maximised, times -1.
     """
     plans, sign = trajectory.decisions[0].plans, -1.0 if maximize else 1.0
@@ -93,8 +100,20 @@ def measured(
         "linear_steps": sum(d.mode is Mode.LINEAR for d in trajectory.decisions),
         **effort(trajectory),
     }
-    found = {name: _own(text, path) for name, text in own.items()}
-    return {**found, **{name: measures[name] for name in MEASURES}}
+    return {**own, **{name: measures[name] for name in MEASURES}}
+
+
+def own_values(
+    own: Mapping[str, str], path: Mapping[str, Value], tables: Tables = NO_TABLES
+) -> dict[str, Measure]:
+    """Return own measures by name, null where one is not a finite number.
+
+    Args:
+        own: Name -> expression.
+        path: The values that they may use, by name.
+        tables: The tables that they may use, by name.
+    """
+    return {name: _own(text, path, tables) for name, text in own.items()}
 
 
 def own_measures(scenario: UserScenario) -> dict[str, str]:
@@ -104,7 +123,7 @@ def own_measures(scenario: UserScenario) -> dict[str, str]:
     computed of one: `9 - settling(...)`.
     """
     trees = {
-        name: parse(text, of_paths=True).tree
+        name: parse(text, of_paths=True, functions=None).tree
         for name, text in scenario.measures.items()
     }
     return {
@@ -128,18 +147,20 @@ def measure_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         **{f"{n}{end}": 0.0 for end in owners for n in scenario.constants},
         **{f"{name}{end}": PATH for name in paths for end in owners},
     }
-    yield from wrong_measures(scenario.measures, known)
+    yield from wrong_measures(scenario.measures, known, scenario.tabled)
 
 
 def wrong_measures(
-    own: Mapping[str, str], known: Mapping[str, Any]
+    own: Mapping[str, str], known: Mapping[str, Any], tables: Tables = NO_TABLES
 ) -> Iterator[LocatedFlaw]:
     """Yield what is wrong with own measures.
 
     Args:
         own: Name -> expression.
         known: Name -> PATH where it stands for values along the path, else a number.
+        tables: The tables that they may use, by name.
     """
+    shapes = {**_SHAPES, **dict.fromkeys(tables, _of_shape)}
     for name, text in own.items():
         place = ("measures", name)
         if name in MEASURES:
@@ -149,7 +170,9 @@ def wrong_measures(
             )
         try:
             found = interpret(
-                parse(text, of_paths=True), operations=_SHAPES, names=known
+                parse(text, of_paths=True, functions=inputs_of(tables)),
+                operations=shapes,
+                names=known,
             )
         except ExpressionError as error:
             yield place, error
@@ -185,7 +208,7 @@ def path_of(
             **dict(zip(scenario.controls, controls[number * nu :], strict=False)),
         }
         for name, text in scenario.definitions.items():
-            own[name] = _along(text, own)
+            own[name] = _along(text, own, scenario.tabled)
         together |= {
             f"{name}{member.suffix}": value
             for name, value in own.items()
@@ -215,19 +238,22 @@ def _by_interval(dense: Array, trajectory: Trajectory) -> Array:
     return dense[:, starts + np.arange(steps + 1)]
 
 
-def _along(text: str, names: Mapping[str, Value]) -> Value:
+def _along(text: str, names: Mapping[str, Value], tables: Tables) -> Value:
     with np.errstate(all="ignore"):
-        return interpret(parse(text), operations=ARRAYS, names=names)
+        return interpret(
+            parse(text, functions=inputs_of(tables)),
+            operations={**ARRAYS, **operations_of(tables)},
+            names=names,
+        )
 
 
-def _own(text: str, path: Mapping[str, Value]) -> float | None:
+def _own(text: str, path: Mapping[str, Value], tables: Tables) -> float | None:
     """Return the value of an own measure; None if it is not a finite number."""
-    operations = {**ARRAYS, **_reductions(path[TIME])}
+    expression = parse(text, of_paths=True, functions=inputs_of(tables))
+    operations = {**ARRAYS, **operations_of(tables), **_reductions(path[TIME])}
     try:
         with np.errstate(all="ignore"):
-            found = interpret(
-                parse(text, of_paths=True), operations=operations, names=path
-            )
+            found = interpret(expression, operations=operations, names=path)
     except ExpressionError:
         return None
     return _finite(float(found))

@@ -20,6 +20,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     number,
     over_time,
 )
+from swarmstart.cases.kinds.problem.tables import inputs_of
 
 Array = NDArray[np.float64]
 
@@ -101,7 +102,8 @@ def candidate_scopes(
         for name, given in scenario.parameters.items()
     }
     return [
-        Scope({**m.constants, **values, TIME: time}, {}, "candidates") for m in members
+        Scope({**m.constants, **values, TIME: time}, {}, "candidates", scenario.tabled)
+        for m in members
     ]
 
 
@@ -165,16 +167,19 @@ def _scopes(
     }
     everything = {name: v for names in roles.values() for name, v in names.items()}
     uses: dict[str, frozenset[str]] = {n: frozenset({k}) for n, k in kinds.items()}
+    tables = scenario.tabled
     for name, text in scenario.definitions.items():
-        scope = Scope(everything, {}, "a definition")
+        scope = Scope(everything, {}, "a definition", tables)
         everything = {**everything, name: scope.symbol(text)}
-        of_parts = [uses.get(part, frozenset()) for part in parse(text).names]
+        names = parse(text, functions=inputs_of(tables)).names
+        of_parts = [uses.get(part, frozenset()) for part in names]
         uses[name] = frozenset().union(*of_parts)
     return {
         place: Scope(
             {n: v for n, v in everything.items() if not uses[n] & {*without}},
             {n: _said(n, uses[n] & {*without}, kinds) for n in everything},
             place,
+            tables,
         )
         for place, without in barred.items()
     }

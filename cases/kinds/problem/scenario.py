@@ -28,10 +28,12 @@ from swarmstart.cases.format.settings import (
     Positive,
     Scenario,
 )
+from swarmstart.cases.kinds.problem.tables import TablePart
 from swarmstart.cases.record.first_plan import recorded_plan
 from swarmstart.ocp.guess import Appended
 from swarmstart.ocp.integrators import Integrator
 from swarmstart.ocp.problem import Quadrature
+from swarmstart.ocp.tables import Table as LookupTable
 
 EVALUATIONS = 20_000
 """Of a search, unless the budget says something else."""
@@ -41,18 +43,32 @@ Names = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$")]
 
 
 def _text(value: object) -> object:
-    """Return an expression as text; a number is one."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        value = repr(value) if abs(value) <= LARGEST else value
+    """Return an expression in constants as text; a number is one."""
+    value = _written(value)
     if isinstance(value, str):
         parse(value)
+    return value
+
+
+def _text_with_tables(value: object) -> object:
+    """Return an expression as text; which tables there are is not known yet."""
+    value = _written(value)
+    if isinstance(value, str):
+        parse(value, functions=None)
+    return value
+
+
+def _written(value: object) -> object:
+    """Return a number as text, anything else as it is."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return repr(value) if abs(value) <= LARGEST else value
     return value
 
 
 def _text_of_paths(value: object) -> object:
     """Return the expression of a measure as text."""
     if isinstance(value, str):
-        parse(value, of_paths=True)
+        parse(value, of_paths=True, functions=None)
     return value
 
 
@@ -61,7 +77,9 @@ def _schema(what: str) -> WithJsonSchema:
 
 
 Expression = Annotated[
-    str, BeforeValidator(_text), _schema("An expression in the names of this file.")
+    str,
+    BeforeValidator(_text_with_tables),
+    _schema("An expression in the names of this file."),
 ]
 Quantity = Annotated[
     str, BeforeValidator(_text), _schema("A number, or an expression in constants.")
@@ -319,6 +337,7 @@ class ProblemScenario(UserScenario):
 
     kind: Literal["problem"]
     constants: Mapping[Names, Quantity] = Field(default_factory=dict)
+    tables: Mapping[Names, TablePart] = Field(default_factory=dict)
     parameters: Mapping[Names, OverTime] = Field(default_factory=dict)
     signals: Mapping[Names, OverTime] = Field(default_factory=dict)
     definitions: Mapping[Names, Expression] = Field(default_factory=dict)
@@ -335,6 +354,11 @@ class ProblemScenario(UserScenario):
     prediction: Prediction
     dual_mode: DualMode | None = None
     plant: PlantPart = PlantPart()
+
+    @property
+    def tabled(self) -> dict[str, LookupTable]:
+        """The tables, by name."""
+        return {name: part.table for name, part in self.tables.items()}
 
     @model_validator(mode="before")
     @classmethod

@@ -6,7 +6,7 @@ name is that stands in the wrong place.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -22,6 +22,7 @@ from swarmstart.cases.format.expressions import (
     parse,
 )
 from swarmstart.cases.kinds.problem.scenario import OverTime, ProblemScenario, Table
+from swarmstart.cases.kinds.problem.tables import Tables, inputs_of, operations_of
 
 Array = NDArray[np.float64]
 Signal = Callable[[Array], Array]
@@ -73,11 +74,13 @@ class Scope:
         names: Name -> its value, a symbol or a number.
         elsewhere: Name -> what it is, of this file's names that may not stand here.
         place: Where the expression stands, in words.
+        tables: Name -> table, used as a function.
     """
 
     names: Mapping[str, Any]
     elsewhere: Mapping[str, str]
     place: str
+    tables: Tables = field(default_factory=dict)
 
     def value(self, text: str, operations: Mapping[str, Callable[..., Any]]) -> Any:
         """Return the value of an expression.
@@ -85,16 +88,22 @@ class Scope:
         Raises:
             ExpressionError: If a name is unknown or may not stand here.
         """
-        expression = parse(text)
+        expression = parse(text, functions=inputs_of(self.tables))
         for name in expression.name_places:
             what = self.elsewhere.get(name.name)
+            if name.name in self.tables:
+                what = "table without its argument"
             if name.name not in self.names and what is not None:
                 raise ExpressionError(
                     f"expected no {what} in {self.place}, found {name.name!r}",
                     text,
                     name.column,
                 )
-        return interpret(expression, operations=operations, names=self.names)
+        return interpret(
+            expression,
+            operations={**operations, **operations_of(self.tables)},
+            names=self.names,
+        )
 
     def symbol(self, text: str) -> ca.SX:
         """Return an expression as a symbol."""

@@ -11,6 +11,7 @@ from swarmstart.cases.kinds.problem.measures import (
     PATH,
     measured,
     own_measures,
+    own_values,
     rows_of,
     times_of,
     wrong_measures,
@@ -26,7 +27,7 @@ def flaws(scenario: PythonScenario) -> Iterator[LocatedFlaw]:
     """Yield all that can be said without running the file: it alone has the names."""
     yield from scenario.flaws()
     for name, text in scenario.measures.items():
-        used = parse(text, of_paths=True).names - CONSTANTS.keys()
+        used = parse(text, of_paths=True, functions=None).names - CONSTANTS.keys()
         yield from wrong_measures({name: text}, dict.fromkeys(used, PATH))
 
 
@@ -41,8 +42,9 @@ def measure(
         flight,
         trajectory,
         problem=problem,
-        path=dict(zip(names_of(problem.model), rows, strict=True)),
-        own=scenario.measures,
+        own=own_values(
+            scenario.measures, dict(zip(names_of(problem.model), rows, strict=True))
+        ),
     )
 
 
