@@ -111,6 +111,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         OpenLoop as OpenLoop,
         OptimalControlProblem as OptimalControlProblem,
         PathConstraint as PathConstraint,
+        Phases as Phases,
         Plan as Plan,
         Planner as Planner,
         PlanningInterrupted as PlanningInterrupted,
@@ -139,6 +140,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         fly as fly,
         interpolate as interpolate,
         multistart as multistart,
+        phases as phases,
         simulate as simulate,
         solve as solve,
         stack_models as stack_models,
@@ -208,12 +210,12 @@ _NAMES = {
         Agent AlgebraicEquations BackendWarning Bounds Connection Decision DivergedError
         DualMode Fitness
         Free InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Mode Model
-        NlpOptions OpenLoop OptimalControlProblem PathConstraint Plan Planner
+        NlpOptions OpenLoop OptimalControlProblem PathConstraint Phases Plan Planner
         PlanningInterrupted Plant PolishStatus RecedingHorizon SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError
         SolveInterrupted Source Start Step SteppedPlant Table Team TerminalConstraint
         Trajectory TrajectoryFamily UncertifiedSetError compile_batch disc fly
-        interpolate multistart simulate solve stack_models table terminal_set_of
+        interpolate multistart phases simulate solve stack_models table terminal_set_of
     """,
     "swarmstart.terminal_set": """
         AsymmetricMatrixError Certificate CoarseHoldError

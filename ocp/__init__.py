@@ -30,6 +30,7 @@ from swarmstart.ocp.integrators import INTEGRATORS, Integrator, held_step
 from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.multistart import multistart
+from swarmstart.ocp.phases import Phases, phases
 from swarmstart.ocp.planner import (
     Plan,
     Planner,
@@ -80,6 +81,7 @@ __all__ = [
     "OpenLoop",
     "OptimalControlProblem",
     "PathConstraint",
+    "Phases",
     "Plan",
     "Planner",
     "PlanningInterrupted",
@@ -118,6 +120,7 @@ __all__ = [
     "interpolate",
     "largest_distance",
     "multistart",
+    "phases",
     "right_hand_side",
     "shifted_controls",
     "simulate",

@@ -172,7 +172,7 @@ class RecedingHorizon:
 
     Raises:
         InvalidProblemError: If the end time is free and there is no period, or it may
-            not become as short as that.
+            not become as short as that; or if the problem is several phases.
     """
 
     planner: Planner
@@ -187,6 +187,10 @@ class RecedingHorizon:
     def __post_init__(self) -> None:
         """Check that a free end time can be followed to its end."""
         horizon = self.planner.stated.horizon
+        if self.planner.stated.clock:
+            raise InvalidProblemError(
+                "phases cannot be flown in receding horizon: solve() them"
+            )
         if not isinstance(horizon, Free):
             if self.period is not None:
                 raise InvalidProblemError(

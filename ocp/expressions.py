@@ -110,3 +110,8 @@ def require_known(role: str, expression: ca.SX, known: dict[str, ca.SX]) -> None
 def symbol_names(symbols: ca.SX) -> tuple[str, ...]:
     """Return the names of a column of symbols."""
     return tuple(str(symbols[i]) for i in range(symbols.numel()))
+
+
+def symbol_of(name: str) -> ca.SX:
+    """Return a scalar symbol of any name; CasADi reads brackets as several symbols."""
+    return ca.SX.sym(name.translate(str.maketrans("[],", "   ")))

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.constraints import Bounds, TerminalConstraint
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.expressions import symbol_names
+from swarmstart.ocp.expressions import symbol_names, symbol_of
 from swarmstart.ocp.free import Free
 from swarmstart.ocp.model import Model
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -187,7 +187,7 @@ def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
     )
     copied = [model.state_names.index(name) for name in stated.periodic]
     copies = ca.vertcat(
-        ca.SX(0, 1), *[ca.SX.sym(_copy_of(name)) for name in stated.periodic]
+        ca.SX(0, 1), *[symbol_of(_copy_of(name)) for name in stated.periodic]
     )
     states = ca.vertcat(model.states, T, decided, copies, stated.previous)
     constant = ca.vertcat(T, decided, copies)
@@ -210,7 +210,7 @@ def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
             ca.SX.zeros(states.numel() - model.nx),
         ),
         next_state=(
-            ca.vertcat(after, constant, model.controls[: stated.previous.numel()])
+            ca.vertcat(after, constant, model.controls[: stated.previous.numel(), 0])
             if jumps
             else ca.SX(0, 1)
         ),
@@ -229,7 +229,7 @@ def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
         ),
         control_names=model.control_names,
     )  # fmt: skip
-    own = stated.signals[model.ns :]
+    own = stated.signals[model.ns :, 0]
     stage = timed(stated.stage_cost)
     return replace(
         stated,

@@ -114,6 +114,8 @@ class Tracer:
         s = signals_between(problem, signals, times)
         times = times * (self.shooting.lowered.end_time(x0) / problem.length)
         states, before, sums = self._followed(x0, u, p, s)
+        if problem.clock:
+            times = states[problem.model.state_names.index(problem.clock)]
         at = [states[:, ::m], s[:, ::m]]
         if problem.quadrature != "integral":
             side = slice(0, -1) if problem.quadrature == "left" else slice(1, None)

@@ -109,6 +109,8 @@ class OptimalControlProblem:
         decided: Names of the model's parameters that are decided, with their bounds.
         previous: Symbols of the controls of the interval before, shape (nu, 1), which
             the step cost and the path constraints may depend on.
+        clock: Name of the state that is the time of an answer [s]; empty: the time goes
+            evenly over the horizon.
         signals: Symbols of the known signals, shape (ns, 1); those of the model come
             first, and are added where they are missing.
         quadrature: "integral", "left" or "right".
@@ -139,6 +141,7 @@ class OptimalControlProblem:
     periodic: Sequence[str] = ()
     decided: Mapping[str, Free] = field(default_factory=dict)
     previous: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    clock: str = ""
     signals: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     quadrature: Quadrature = "integral"
     integrator: str = "rk4"
@@ -234,6 +237,7 @@ class OptimalControlProblem:
         for role, named, names in (
             ("periodic", self.periodic, self.model.state_names),
             ("decided", self.decided, parameters),
+            ("clock", [self.clock] if self.clock else [], self.model.state_names),
         ):
             wrong = [name for name in named if name not in names]
             if wrong or isinstance(named, str) or len(set(named)) != len(named):

@@ -302,3 +302,17 @@ def test_goddard_rocket_is_solved_without_a_guess() -> None:
     assert answer.status is SolutionStatus.CONVERGED
     # COPS 3 gives 1.01284 for its finest grid.
     assert answer.cost == pytest.approx(-1.0128366, abs=1e-6)
+
+
+def test_time_stands_beside_the_only_signal_of_a_model() -> None:
+    x, wind, t = (ca.SX.sym(n) for n in ("x", "wind", "t"))
+    model = Model(states=x, controls=ca.SX(0, 1), ode=wind + t, signals=wind, time=t)
+    problem = OptimalControlProblem(
+        model, horizon=1.0, intervals=2, initial_cost=x**2, terminal_cost=(x - 3) ** 2,
+        start={"x": Free(-9, 9)},
+    )  # fmt: skip
+    known = Known((), np.array([[1.0, 1.0, 1.0]]), time=1.0)
+    answer = solve(problem, [0.0], search=None, known=known, seed=0)
+    # x grows by 1 + 1.5: x0^2 + (x0 - 1/2)^2 is least at 1/4.
+    assert answer.states[0, 0] == pytest.approx(0.25, abs=1e-7)
+    assert answer.states[0, -1] == pytest.approx(2.75, abs=1e-7)

@@ -1,27 +1,48 @@
-"""docs/library.md: its code runs from top to bottom."""
+"""docs/library.md, docs/any_problem.md: their code runs from top to bottom."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).parents[2] / "docs" / "library.md"
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def run(
+    name: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> tuple[int, list[str]]:
+    """Return how many blocks of code a page has, and what they print."""
+    page = DOCS / name
+    if not page.exists():
+        pytest.skip("the documentation is not beside an installed package")
+    monkeypatch.chdir(folder)
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+    names: dict[str, object] = {}
+    for block in blocks:
+        exec(compile(block, str(page), "exec"), names)
+    return len(blocks), capsys.readouterr().out.splitlines()
 
 
 def test_the_code_of_the_library_page_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if not PAGE.exists():
-        pytest.skip("the documentation is not beside an installed package")
-    monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
-    names: dict[str, object] = {}
-    for block in blocks:
-        exec(compile(block, str(PAGE), "exec"), names)
-    said = capsys.readouterr().out.splitlines()
-    assert len(blocks) == 9
+    blocks, said = run("library.md", tmp_path, monkeypatch, capsys)
+    assert blocks == 9
     assert float(said[0]) == pytest.approx(36.713, abs=1e-3)
     assert said[1] == "[20.36 24.56]"
     assert said[2].startswith("('angle', 'speed')")
     assert said[-3].startswith("problem 1, ipopt: 1 of 1 feasible")
     assert float(said[-1]) < 1e-6
+
+
+def test_the_code_of_the_page_of_what_a_problem_may_need_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    blocks, said = run("any_problem.md", tmp_path, monkeypatch, capsys)
+    assert blocks == 4
+    assert [float(word) for word in said[0].split()] == pytest.approx([2.0] * 2)
+    assert said[1] == "[-0.1867 -0.2393]"
+    assert said[2].startswith("{'duration of phase 1': ")
