@@ -90,13 +90,13 @@ class Lowered:
 
         Args:
             x0: Initial state, shape (nx,); NaN where it is decided and no guess known.
-                That of the core is returned as it is.
             previous: Control of the interval before, shape (nu,); None: the nearest to
                 zero that is allowed.
+
+        Raises:
+            InvalidProblemError: If a shape is not the problem's, or a number missing.
         """
         given = _numbers("x0", x0)
-        if self.core is not self.stated and given.size == self.core.model.nx:
-            return given
         if given.size != self.stated.model.nx:
             raise InvalidProblemError(
                 f"x0 must have shape ({self.stated.model.nx},), got {np.shape(x0)}"
@@ -107,7 +107,11 @@ class Lowered:
         if place["previous"]:
             lower, upper = self.stated.control_limits
             nearest = np.clip(np.zeros(lower.size), lower, upper)
-            state[place["previous"]] = nearest if previous is None else previous
+            state[place["previous"]] = (
+                nearest
+                if previous is None
+                else _sized("previous", previous, lower.size)
+            )
         for copy, name in zip(place["copies"], self.stated.periodic, strict=True):
             state[copy] = given[self.stated.model.state_names.index(name)]
         for one in self.core.free_starts:
@@ -143,13 +147,21 @@ class Lowered:
         return given
 
     def signals(self, values: ArrayLike) -> Array:
-        """Return the core's signals at the nodes, of those of the stated problem."""
+        """Return the core's signals at the nodes, of those of the stated problem.
+
+        Raises:
+            InvalidProblemError: If the shape is not the problem's.
+        """
         given = np.asarray(values)
         nodes = self.core.nodes
-        if not self.stated.model.time.numel() or given.size == self.core.ns * nodes:
+        if not self.stated.model.time.numel():
             return given
         tau, own = np.linspace(0.0, 1.0, nodes)[None, :], self.stated.model.ns
-        rows = given.reshape(-1, nodes) if given.size else np.empty((0, nodes))
+        rows = given if given.size else np.empty((0, nodes))
+        if rows.shape != (self.stated.ns, nodes):
+            raise InvalidProblemError(
+                f"signals must have shape ({self.stated.ns}, {nodes}), got {rows.shape}"
+            )
         return np.vstack([rows[:own], tau, rows[own:]])
 
 
@@ -318,6 +330,14 @@ def _bounds(stated: OptimalControlProblem, states: int) -> Bounds:
         ),
         state_scale=None if scale is None else np.append(scale, np.ones(more)),
     )
+
+
+def _sized(role: str, values: ArrayLike, size: int) -> Array:
+    """Return finite numbers, as many as there must be."""
+    found = _numbers(role, values)
+    if found.size != size or not np.isfinite(found).all():
+        raise InvalidProblemError(f"{role} must be {size} finite numbers, got {values}")
+    return found
 
 
 def _numbers(role: str, values: ArrayLike) -> Array:

@@ -316,3 +316,29 @@ def test_time_stands_beside_the_only_signal_of_a_model() -> None:
     # x grows by 1 + 1.5: x0^2 + (x0 - 1/2)^2 is least at 1/4.
     assert answer.states[0, 0] == pytest.approx(0.25, abs=1e-7)
     assert answer.states[0, -1] == pytest.approx(2.75, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("x0", "known", "message"),
+    [
+        ([0.0, 1.0], Known(), r"x0 must have shape \(1,\), got \(2,\)"),
+        ([np.nan], Known(), "x0 must be finite"),
+        (["a"], Known(), "x0 must be numbers"),
+        ([0.0], Known(previous=[1.0, 2.0]), "previous must be 1 finite numbers"),
+        ([0.0], Known(previous=[np.nan]), "previous must be 1 finite numbers"),
+        ([0.0], Known(signals=np.zeros((1, 5))), "signals must have shape"),
+        ([0.0], Known(parameters=[1.0, 2.0, 3.0]), "parameters must have shape"),
+        ([0.0], Known(time=np.nan), "parameters must be finite"),
+    ],
+)
+def test_what_is_known_must_fit_the_stated_problem(
+    x0: list[float], known: Known, message: str
+) -> None:
+    x, u, p, t = (ca.SX.sym(n) for n in "xupt")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u + p * t, parameters=p, time=t),
+        horizon=Free(0.5, 2.0), intervals=4, stage_cost=u**2, previous=ca.SX.sym("v"),
+        decided={"p": Free(0, 1)},
+    )  # fmt: skip
+    with pytest.raises(InvalidProblemError, match=message):
+        solve(problem, x0, search=None, known=known, seed=0)
