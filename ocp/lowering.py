@@ -336,7 +336,9 @@ def _sized(role: str, values: ArrayLike, size: int) -> Array:
     """Return finite numbers, as many as there must be."""
     found = _numbers(role, values)
     if found.size != size or not np.isfinite(found).all():
-        raise InvalidProblemError(f"{role} must be {size} finite numbers, got {values}")
+        raise InvalidProblemError(
+            f"{role} must be {size} finite numbers, got {values!r}"
+        )
     return found
 
 

@@ -28,7 +28,9 @@ def window() -> OptimalControlProblem:
     """Process noise as controls, measurements as a signal, the prior as parameters."""
     x, w = ca.SX.sym("x", 2), ca.SX.sym("w", 2)
     y, prior = ca.SX.sym("y"), ca.SX.sym("prior", 2)
-    model = Model(states=x, controls=w, next_state=A @ x + w, parameters=prior)
+    model = Model(
+        states=x, controls=w, next_state=ca.mtimes(A, x) + w, parameters=prior
+    )
 
     def weighted(error: ca.SX, covariance: Array) -> ca.SX:
         return error.T @ np.linalg.inv(covariance) @ error
