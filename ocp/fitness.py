@@ -83,6 +83,8 @@ NOTHING = Known()
 
 LEAST_COST, MOST_COST = 1e-4, 1e3
 """Of the natural size of the cost: between them a trajectory's own cost is its size."""
+LEAST_STATE = 1e-8
+"""Of the natural size of a state, the same of a stiff problem."""
 
 
 class Fitness:
@@ -255,6 +257,9 @@ class Arguments:
     ) -> Sizes:
         """Return the natural sizes, the cost's as it is along a trajectory.
 
+        Of a stiff problem the states' as well: fast ones may stay far below what their
+        rates at the start make of them.
+
         Args:
             controls: Shape (nu, N).
             states: At the nodes, shape (nx, nodes).
@@ -265,6 +270,12 @@ class Arguments:
         _, parameters, flat = shared_arguments(problem, x0, known)
         signals = at_nodes(problem, flat)
         natural = self.sizes(x0, known, controls)
+        if problem.integrator == "stiff" and np.isfinite(states).all():
+            reach = np.abs(states).max(axis=1)
+            floor = LEAST_STATE * natural.states
+            decided = [i for one in problem.free_starts for i in one.states]
+            floor[decided] = natural.states[decided]
+            natural = replace(natural, states=np.clip(reach, floor, natural.states))
         along = self._sizing.cost_along(states, controls, parameters, signals)
         if not np.isfinite(along):
             return natural

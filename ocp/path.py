@@ -1,10 +1,10 @@
 """The path of an answer: integrated ten times finer, and looked at everywhere.
 
 The nodes of a problem are where its constraints were asked to hold; the path is what
-the model does. It is integrated by the classical Runge-Kutta method, whatever the
-problem's own integrator, with ten steps to each of the problem's, and all constraints
-are evaluated at all of these, as each step begins with its control and at the end of
-every interval.
+the model does. It is integrated by the classical Runge-Kutta method, by RODAS4 if the
+problem's own integrator is "stiff", with ten steps to each of the problem's, and all
+constraints are evaluated at all of these, as each step begins with its control and at
+the end of every interval.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.checking import Checker, Excess, Points
-from swarmstart.ocp.integrators import rk4
+from swarmstart.ocp.integrators import integrate, verifying_integrator
 from swarmstart.ocp.kinks import kinks_of
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
@@ -248,7 +248,8 @@ def _fine_step(shooting: Shooting, h: float) -> ca.Function:
         spent = counts * cost(x, u, p, s)
         return ca.vertcat(f(x, u, p, s[: model.ns]), spent, ca.fabs(spent))
 
-    stepped = rk4(rate, y, 0.0, h)
+    method = verifying_integrator(problem.integrator)
+    stepped = integrate(method, rate, y, start=0.0, duration=h, steps=1)
     return ca.Function("fine", [y, u, p, before, after], ca.cse([stepped]))
 
 

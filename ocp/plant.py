@@ -1,8 +1,8 @@
 """Plants: a model integrated finely, or any object that makes a step.
 
-A `Plant` is integrated by classical Runge-Kutta. An object with `step(x, u, dt)` is
-known at the control instants only: a flight of it has no path between them, so nothing
-is checked, interpolated or measured there.
+A `Plant` is integrated by classical Runge-Kutta, or RODAS4 if it is stiff. An object
+with `step(x, u, dt)` is known at the control instants only: a flight of it has no path
+between them, so nothing is checked, interpolated or measured there.
 """
 
 from collections.abc import Callable
@@ -38,6 +38,7 @@ class Plant:
         substeps: int,
         parameters: Callable[[Array], Array] | None = None,
         signals: Callable[[Array], Array] | None = None,
+        integrator: str = "rk4",
     ) -> None:
         """Compile the plant.
 
@@ -49,6 +50,7 @@ class Plant:
                 one step of the integrator; None where the model has none.
             signals: Times (n,) [s] -> the model's signals (ns, n), linear over one step
                 of the integrator; None where the model has none.
+            integrator: A key of INTEGRATORS; "stiff" for a stiff model.
 
         Raises:
             InvalidProblemError: If the model has parameters or signals that are not
@@ -69,7 +71,8 @@ class Plant:
             raise InvalidProblemError(f"dt must be positive, got {dt}")
         self.model, self.dt, self.substeps = model, dt, substeps
         self._parameters, self._signals = parameters, signals
-        self._interval = held_step(model, dt / substeps).mapaccum("plant", substeps)
+        step = held_step(model, dt / substeps, method=integrator)
+        self._interval = step.mapaccum("plant", substeps)
         self._jump = jump_of(model)
 
     def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:

@@ -7,7 +7,8 @@ With the horizon T, the initial state x0 and f the right-hand side, the size of
                   of these are zero: T max |f_i| at x0 and around it, as far as the
                   sizes known so far, under the controls' lower, middle and upper
                   values; else what the rate of a known state needs of it,
-                  s_i / (T |df_i/dx_j|)
+                  s_i / (T |df_i/dx_j|). Of a problem whose integrator is "stiff", a
+                  rate lasts for 1 / |df_i/dx_i| where that is shorter than T
     a control     the width of its bounds; without bounds the guess, else s_i / (T
                   |df_i/du_j|) of the known states
     a row         its limit, but at least a thousandth of the size of its expression; of
@@ -205,7 +206,7 @@ class Sizing:
         self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
     ) -> tuple[Array, Array]:
         """Return the sizes with those that are 0 found from the dynamics; 0 if not."""
-        T, nx = self._problem.length, states.size
+        T, nx = self._lasting(at), states.size
         for _ in range(2 * (nx + controls.size)):
             if states.all() and controls.all():
                 break
@@ -227,7 +228,7 @@ class Sizing:
 
         A start of 1e-300 is as good as zero.
         """
-        T = self._problem.length
+        T = self._lasting(at)
         states, controls = self._filled(at, direct, known, guess)
         rates = np.abs(self._around(at, states, controls, guess)[0])
         reach = np.nan_to_num(T * rates, nan=0, posinf=0).max(axis=1, initial=0)
@@ -237,6 +238,15 @@ class Sizing:
         derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
         tiny = (direct < _NEGLIGIBLE * derived) & (self._widths() == 0)
         return np.where(tiny, 0.0, direct)
+
+    def _lasting(self, at: "_Point") -> Array:
+        """Return for how long a rate moves its state, at most T, shape (nx, 1).
+
+        A state of a stiff model is soon where its rate is zero: not at T |f|.
+        """
+        T, nx = self._problem.length, at.x0.size
+        decay = np.diag(at.slopes[:, :nx]) if self._problem.integrator == "stiff" else 0
+        return np.full((nx, 1), T) / np.fmax(1.0, T * decay * np.ones(nx))[:, None]
 
     def _needed(self, at: "_Point", sizes: Array) -> Array:
         """Return sizes of states and controls, one step back from known rates."""

@@ -224,7 +224,13 @@ class Shooting:
         return cost
 
     def check_step(
-        self, x: ca.SX, u: ca.SX, p: ca.SX, ends: tuple[ca.SX, ca.SX]
+        self,
+        x: ca.SX,
+        u: ca.SX,
+        p: ca.SX,
+        ends: tuple[ca.SX, ca.SX],
+        *,
+        after_jump: bool = True,
     ) -> tuple[ca.SX, ca.SX]:
         """Return the state after one check, and the integral of cost / unit over it.
 
@@ -233,6 +239,7 @@ class Shooting:
             u: Controls, held.
             p: Parameters.
             ends: Signals at both of its ends.
+            after_jump: Whether an interval begins with it, so that controls jump.
         """
         problem, f = self.problem, self.dynamics
         duration, (start, end) = problem.dt / problem.checks, ends
@@ -257,6 +264,7 @@ class Shooting:
             start=0.0,
             duration=duration,
             steps=problem.substeps,
+            after_jump=after_jump,
         )
         if problem.quadrature != "integral":
             return both, ca.SX(0)
@@ -282,7 +290,9 @@ def _stage(shooting: Shooting) -> ca.Function:
     violation, state, states = ca.SX(0), x, []
     for k in range(problem.checks):
         ends = signals[:, k], signals[:, k + 1]
-        reached, spent = shooting.check_step(state, u, parameters, ends)
+        reached, spent = shooting.check_step(
+            state, u, parameters, ends, after_jump=k == 0
+        )
         after = reached
         if model.jumps and k == problem.checks - 1:
             after = shooting.jump(reached, u, parameters, ends[1][: model.ns])

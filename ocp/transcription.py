@@ -229,7 +229,8 @@ def _interval_part(shooting: Shooting) -> Part:
     cost = shooting.cost_at_begin(state, u, p, s[:, 0])
     parts = _rows_at(shooting, (state, u, p, s[:, 0]), shooting.rows_with_controls)
     for k in range(problem.checks):
-        state, spent = shooting.check_step(state, u, p, (s[:, k], s[:, k + 1]))
+        ends = s[:, k], s[:, k + 1]
+        state, spent = shooting.check_step(state, u, p, ends, after_jump=k == 0)
         cost += spent
         if not model.is_discrete:
             # The states after an interval are variables, with bounds.

@@ -29,6 +29,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.controller import known_at
 from swarmstart.ocp.fitness import replay
+from swarmstart.ocp.integrators import verifying_integrator
 
 Array = NDArray[np.float64]
 P = TypeVar("P", bound=Posed)
@@ -43,14 +44,15 @@ def flight_of(posed: P, scenario: Scenario) -> Flight[P]:
         posed: What the scenario's kind poses.
         scenario: The scenario: its search, polish and backend.
     """
-    plant = posed.plant
+    plant, problem = posed.plant, posed.agents[0].problem
     return Flight(
         posed=posed,
         plant=Plant(
             plant.model,
-            dt=posed.agents[0].problem.dt,
+            dt=problem.dt,
             substeps=plant.substeps,
             parameters=plant.parameters,
+            integrator=verifying_integrator(problem.integrator),
         ),
         controller=_controller(posed, scenario),
     )

@@ -1,5 +1,6 @@
 """Populations: the same bits as one by one, whatever their size and memory."""
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,9 +8,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from swarmstart.ocp import Fitness, InvalidProblemError, Known, OptimalControlProblem
+from swarmstart.ocp import (
+    Bounds,
+    Fitness,
+    InvalidProblemError,
+    Known,
+    Model,
+    OptimalControlProblem,
+)
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
-from swarmstart.ocp.fitness import flatten, unflatten
+from swarmstart.ocp.fitness import NOTHING, Arguments, flatten, unflatten
 from swarmstart.ocp.shooting import Shooting
 
 Array = NDArray[np.float64]
@@ -154,3 +162,24 @@ def test_refuses_shapes_that_are_not_the_problems(
         fitness.value(np.zeros((3, 2)), x0, known)
     with pytest.raises(InvalidProblemError, match=r"controls must have shape \(2, 3\)"):
         fitness.states(np.zeros((3, 2)), x0, known)
+
+
+def test_sizes_along_a_stiff_trajectory_are_those_its_states_reach() -> None:
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    model = Model(states=x, controls=u, ode=ca.vertcat(u, u - 1e5 * x[1] ** 2))
+
+    def sizes(integrator: str) -> Array:
+        problem = OptimalControlProblem(
+            model,
+            horizon=4.0,
+            intervals=2,
+            stage_cost=ca.sumsqr(x),
+            bounds=Bounds(controls=(-1, 1)),
+            integrator=integrator,
+        )
+        states = np.array([[0.0, 1.0, 3.0], [0.0, 0.003, 0.002]])
+        arguments = Arguments(Shooting(problem))
+        return arguments.sizes_along(np.ones((1, 2)), states, [0, 0], NOTHING).states
+
+    np.testing.assert_allclose(sizes("stiff"), [3.0, 0.003])
+    np.testing.assert_allclose(sizes("rk4"), [4.0, 4.0])

@@ -40,7 +40,7 @@ def traced(
 
 
 @pytest.mark.parametrize("quadrature", ["integral", "left", "right"])
-@pytest.mark.parametrize("integrator", ["rk4", "euler"])
+@pytest.mark.parametrize("integrator", ["rk4", "euler", "stiff"])
 def test_path_is_that_of_an_independent_integrator(
     pendulum: Model,
     quadrature: Literal["integral", "left", "right"],

@@ -256,3 +256,23 @@ def test_cost_along_a_trajectory_is_the_sum_of_its_parts(
     nothing = np.empty((0, 13))
     along = Sizing(problem).cost_along(states, controls, NONE, nothing)
     assert along == pytest.approx(0.5 * 8 + 15)
+
+
+def test_fast_state_of_a_stiff_problem_is_as_large_as_it_gets() -> None:
+    # x' = 0.2 - 100 x rests at 0.002; in 50 s at its first rate it would get to 10.
+    x, y, u = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("u")
+    model = Model(states=ca.vertcat(x, y), controls=u, ode=ca.vertcat(u - 100 * x, u))
+
+    def size(integrator: str) -> Array:
+        problem = OptimalControlProblem(
+            model,
+            horizon=50.0,
+            intervals=5,
+            stage_cost=x**2,
+            bounds=Bounds(controls=(0.0, 0.2)),
+            integrator=integrator,
+        )
+        return sizes_of(problem, [0.0, 0.0]).states
+
+    np.testing.assert_allclose(size("stiff"), [0.002, 10.0])
+    np.testing.assert_allclose(size("rk4"), [10.0, 10.0])

@@ -19,7 +19,8 @@ from swarmstart.cases.kinds.problem.model import planning_problem
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario, Vehicle
 from swarmstart.cases.kinds.problem.symbols import RESERVED, limits
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp import OptimalControlProblem
+from swarmstart.ocp import OptimalControlProblem, held_step
+from swarmstart.ocp.integrators import PARTS
 
 MOST_OPERATIONS = 40_000
 """In an interval: they take up to 15 s to prepare, and twice as many a minute."""
@@ -71,8 +72,13 @@ def _of_whole(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         return
     grid, symbols = scenario.prediction, [*problem.symbols().values()]
     rates = ca.Function("rates", symbols, [problem.model.ode, problem.stage_cost])
-    evaluations = 4 if grid.integrator == "rk4" else 1
-    found = rates.n_instructions() * evaluations * grid.substeps * grid.checks
+    evaluations = {"rk4": 4, "euler": 1, "stiff": 6}[grid.integrator]
+    steps = grid.substeps * grid.checks
+    found = rates.n_instructions() * evaluations * steps
+    if grid.integrator == "stiff" and found <= MOST_OPERATIONS:  # And linear equations.
+        first = held_step(problem.model, problem.dt, method="stiff")
+        parts = len(PARTS)
+        found = int(first.n_instructions() / parts * (steps + parts - 1))
     if found > MOST_OPERATIONS:
         yield (
             ("prediction",),

@@ -184,3 +184,13 @@ def test_an_interval_has_as_many_operations_as_are_allowed_and_no_more() -> None
     with pytest.raises(ValueError, match="operations in an interval"):
         stated(with_substeps(most + 1))
     assert allowed == 40_000
+
+
+def test_operations_of_stiff_steps_count_their_linear_equations() -> None:
+    def stiff(substeps: int) -> str:
+        own = f"intervals: 50, integrator: stiff, substeps: {substeps}"
+        return PENDULUM.replace("intervals: 50", own)
+
+    stated(stiff(100))
+    with pytest.raises(ValueError, match="operations in an interval"):
+        stated(stiff(1000))

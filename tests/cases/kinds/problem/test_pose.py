@@ -313,3 +313,25 @@ def test_a_plan_for_another_system_than_the_simulated_one_is_said_to_be_one() ->
     assert "the simulated system is another" in run(pushed, seed=0).status
     alone = stated(short)
     assert "another" not in run(alone, seed=0).status
+
+
+def test_stiff_problem_is_planned_verified_and_simulated_by_stiff_steps() -> None:
+    """A state follows the control ten thousand times faster than the plant's step."""
+    path, _ = simulated(
+        """\
+kind: problem
+states:
+  slow: {start: 1, rate: fast - slow}
+  fast: {start: 0, rate: 2e5*(push - fast)}
+controls:
+  push: {bounds: [-1, 1]}
+stage_cost: slow**2 + 0.1*push**2
+prediction: {horizon_s: 2, intervals: 10, integrator: stiff, substeps: 2}
+search: {name: none}
+plant: {substeps: 4}
+"""
+    )
+    plan = path.decisions[0].plans[0]
+    assert plan.feasible
+    np.testing.assert_allclose(path.states[1, 1:], path.controls[0], atol=1e-4)
+    np.testing.assert_allclose(path.states[0, -1], plan.states[0, -1], atol=1e-4)
