@@ -29,7 +29,8 @@ from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.presentation import Presented
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
-from swarmstart.ocp.status import Found, SolutionStatus, advice_for, stiffness
+from swarmstart.ocp.status import Found, SolutionStatus, advice_for
+from swarmstart.ocp.stiffness import fastest_mode
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-3
@@ -169,15 +170,15 @@ def verified(
     status, reason = found.status, found.reason
     if path.outside:
         reason = f"the start is outside: {path.outside[0]}; {reason}"
-    stiff = None
+    fast = None
     if not status.is_confirmed:
-        stiff = stiffness(problem, path, parameters)
+        fast = fastest_mode(trace.shooting, path, state, Known(parameters, signals))
     every = (path.times.size - 1) // (problem.nodes - 1)
     stated = trace.shooting.stated
     return Solution(
         status=status,
         reason=reason,
-        advice=advice_for(problem, found, stiff),
+        advice=advice_for(problem, found, fast),
         problem=stated,
         times=path.times[::every],
         states=path.states[: stated.model.nx, ::every],

@@ -3,21 +3,12 @@
 from dataclasses import dataclass
 from enum import Enum
 
-import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
-
 from swarmstart.ocp.checking import Excess
-from swarmstart.ocp.path import Path
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.stiffness import FastMode
 
-Array = NDArray[np.float64]
-_STABLE = 2.5
-"""|eigenvalue| times the step up to which classical Runge-Kutta stays stable, about."""
-_OFTEN = 0.25
-"""Part of the points at which a mode must be too fast for the model to be stiff."""
-_LOOKED_AT = 25
-"""Points of a path at which eigenvalues are computed."""
+_MANY = 1000
+"""Substeps that are no alternative."""
 
 
 class SolutionStatus(Enum):
@@ -53,64 +44,18 @@ class Found:
     unpolished: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Stiffness:
-    """A mode of the model that is too fast for the integrator's step.
-
-    Attributes:
-        time: When [s].
-        rate: Size of the eigenvalue [1/s].
-        substeps: Substeps that would be stable.
-    """
-
-    time: float
-    rate: float
-    substeps: int
-
-
-def stiffness(
-    problem: OptimalControlProblem, path: Path, parameters: Array
-) -> Stiffness | None:
-    """Return the fastest decaying mode along a path if the step is too long for it."""
-    model = problem.model
-    slopes = ca.Function(
-        "slopes",
-        [model.states, model.controls, model.parameters],
-        [ca.jacobian(model.ode, model.states)],
-    )
-    finite = np.flatnonzero(np.isfinite(path.states[:, :-1]).all(axis=0))
-    if not finite.size:
-        return None
-    places = finite[np.linspace(0, finite.size - 1, _LOOKED_AT).astype(int)]
-    step = problem.dt / problem.checks / problem.substeps
-    fast: list[Stiffness] = []
-    for place in places:
-        A = np.array(slopes(path.states[:, place], path.controls[:, place], parameters))
-        values = np.linalg.eigvals(A) if np.isfinite(A).all() else np.zeros(1)
-        rate = float(np.abs(values[values.real < 0]).max(initial=0.0))
-        fitting = np.ceil(problem.substeps * rate * step / _STABLE)
-        if rate * step > _STABLE and np.isfinite(fitting):
-            fast.append(Stiffness(float(path.times[place]), rate, int(fitting)))
-    if len(fast) < _OFTEN * places.size:
-        return None  # The edge of a model's domain, as of a root, is no stiffness.
-    return max(fast, key=lambda mode: mode.rate)
-
-
 def advice_for(
-    problem: OptimalControlProblem, found: Found, stiff: Stiffness | None
+    problem: OptimalControlProblem, found: Found, fast: FastMode | None
 ) -> str:
     """Return what to change for a status; empty if there is nothing.
 
     Args:
         problem: The problem.
         found: Its status, and why it has that.
-        stiff: A mode that is too fast for the step; None: there is none.
+        fast: A mode that is too fast for the step; None: there is none.
     """
-    if stiff is not None:
-        return (
-            f"the model is stiff: a mode decays at {stiff.rate:.3g} per second at "
-            f"{stiff.time:.4g} s; set substeps to at least {stiff.substeps}"
-        )
+    if fast is not None:
+        return _shorter_or_implicit(problem, fast)
     told = {
         SolutionStatus.BROKEN: _between_checks(problem, found.excess),
         SolutionStatus.MISMATCH: _finer(problem),
@@ -132,9 +77,27 @@ _WEAKER = (
 )
 
 
+def _shorter_or_implicit(problem: OptimalControlProblem, fast: FastMode) -> str:
+    """Return what helps against a mode that makes the steps unstable."""
+    step = problem.dt / problem.checks / problem.substeps
+    unstable = f"which makes steps of {step:.3g} s of {problem.integrator} unstable"
+    if not fast.is_stiff:
+        return (
+            f"a mode swings at {fast.rate:.3g} rad/s at {fast.time:.4g} s, {unstable}; "
+            f"set substeps to at least {fast.substeps}"
+        )
+    told = (
+        f"the model is stiff: a mode decays at {fast.rate:.3g} per second at "
+        f"{fast.time:.4g} s, {unstable}; use integrator='stiff'"
+    )
+    if fast.substeps > _MANY:
+        return told
+    return f"{told}, or set substeps to at least {fast.substeps}"
+
+
 def _finer(problem: OptimalControlProblem) -> str:
     """Return how to integrate more finely."""
-    if problem.integrator != "rk4":
+    if problem.integrator == "euler":
         return "integrate more finely: integrator='rk4'"
     return (
         f"integrate more finely: substeps={2 * problem.substeps} or more; an "
