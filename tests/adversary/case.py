@@ -56,6 +56,7 @@ class Case:
         states: Lower and upper bounds of the states, each (nx,); None: unbounded.
         checks: Of each interval.
         substeps: Of the integrator in each check.
+        integrator: A key of INTEGRATORS.
         best: Controls of a right answer, shape (nu, N); None if only its cost is known.
         is_counted: Whether it counts in the shares.
     """
@@ -67,6 +68,7 @@ class Case:
     states: tuple[Array, Array] | None = None
     checks: int = 1
     substeps: int = 4
+    integrator: str = "rk4"
     best: Array | None = None
     is_counted: bool = True
 
@@ -132,6 +134,7 @@ def problem_of(case: Case) -> OptimalControlProblem:
             TerminalConstraint(expression=terminal, lower=ends.lower, upper=ends.upper)
         ],
         substeps=case.substeps,
+        integrator=case.integrator,
         checks=case.checks,
     )
 
