@@ -127,6 +127,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         SolveInterrupted as SolveInterrupted,
         Source as Source,
         Start as Start,
+        StartOutcome as StartOutcome,
         Step as Step,
         SteppedPlant as SteppedPlant,
         Table as Table,
@@ -135,6 +136,8 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Trajectory as Trajectory,
         TrajectoryFamily as TrajectoryFamily,
         UncertifiedSetError as UncertifiedSetError,
+        WarmStartedSolver as WarmStartedSolver,
+        WarmStartReport as WarmStartReport,
         compile_batch as compile_batch,
         disc as disc,
         fly as fly,
@@ -146,6 +149,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         stack_models as stack_models,
         table as table,
         terminal_set_of as terminal_set_of,
+        warm_start as warm_start,
     )
     from swarmstart.terminal_set import (
         AsymmetricMatrixError as AsymmetricMatrixError,
@@ -213,9 +217,10 @@ _NAMES = {
         NlpOptions OpenLoop OptimalControlProblem PathConstraint Phases Plan Planner
         PlanningInterrupted Plant PolishStatus RecedingHorizon SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError
-        SolveInterrupted Source Start Step SteppedPlant Table Team TerminalConstraint
-        Trajectory TrajectoryFamily UncertifiedSetError compile_batch disc fly
-        interpolate multistart phases simulate solve stack_models table terminal_set_of
+        SolveInterrupted Source Start StartOutcome Step SteppedPlant Table Team
+        TerminalConstraint Trajectory TrajectoryFamily UncertifiedSetError
+        WarmStartReport WarmStartedSolver compile_batch disc fly interpolate multistart
+        phases simulate solve stack_models table terminal_set_of warm_start
     """,
     "swarmstart.terminal_set": """
         AsymmetricMatrixError Certificate CoarseHoldError

@@ -30,6 +30,7 @@ from swarmstart.ocp.integrators import INTEGRATORS, Integrator, held_step
 from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.multistart import multistart
+from swarmstart.ocp.opti import warm_start
 from swarmstart.ocp.phases import Phases, phases
 from swarmstart.ocp.planner import (
     Plan,
@@ -51,6 +52,11 @@ from swarmstart.ocp.status import SolutionStatus
 from swarmstart.ocp.tables import Table, table
 from swarmstart.ocp.team import Agent, Team
 from swarmstart.ocp.terminal import terminal_set_of
+from swarmstart.ocp.warm_started import (
+    StartOutcome,
+    WarmStartedSolver,
+    WarmStartReport,
+)
 
 __all__ = [
     "INTEGRATORS",
@@ -101,6 +107,7 @@ __all__ = [
     "SolveInterrupted",
     "Source",
     "Start",
+    "StartOutcome",
     "Step",
     "SteppedPlant",
     "Steps",
@@ -111,6 +118,8 @@ __all__ = [
     "TrajectoryFamily",
     "UncertifiedSetError",
     "WarmStart",
+    "WarmStartReport",
+    "WarmStartedSolver",
     "chosen_backend",
     "collected",
     "compile_batch",
@@ -130,5 +139,6 @@ __all__ = [
     "table",
     "terminal_set_of",
     "verified",
+    "warm_start",
     "zero_controls",
 ]

@@ -209,7 +209,7 @@ class Frame:
             value = ir.emit(f"fptrunc double {value} to {ir.form.name}")
         return ir.broadcast(value)
 
-    def store_row(self, output: int, row: int, value: str) -> None:
+    def store_row(self, output: int, row: int | str, value: str) -> None:
         """Write a row of an output."""
         ir = self.ir
         doubles = f"<{ir.lanes} x double>"

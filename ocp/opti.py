@@ -1,0 +1,215 @@
+"""Warm start of an NLP written elsewhere, by one added line.
+
+    warm = warm_start(opti, controls=[u], states=[x])
+    solution = warm.solve()
+
+Here is read what the user gives; what is done with it stands in warm_started.py.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.heuristics import Budget
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import shortened
+from swarmstart.ocp.nlp_given import read_nlp
+from swarmstart.ocp.nlp_sources import Indices, NlpSource, OptiSource, arguments_of
+from swarmstart.ocp.search_settings import SearchGiven, SearchSettings, search_settings
+from swarmstart.ocp.warm_search import BASINS, RADIUS
+from swarmstart.ocp.warm_started import WarmStartedSolver
+
+BoundsGiven = Mapping[Any, ArrayLike] | Sequence[tuple[Any, ArrayLike]]
+
+
+def warm_start(  # noqa: PLR0913 - one added line says it all
+    nlp: ca.Opti | Mapping[str, Any],
+    *,
+    controls: Sequence[Any],
+    states: Sequence[Any],
+    bounds: BoundsGiven = (),
+    search: SearchGiven = "default",
+    budget: Budget | int | None = None,
+    seed: int | Sequence[int] = 0,
+    p: ArrayLike | None = None,
+    x0: ArrayLike | None = None,
+    lbg: ArrayLike | None = None,
+    ubg: ArrayLike | None = None,
+    lbx: ArrayLike | None = None,
+    ubx: ArrayLike | None = None,
+    solver: str = "ipopt",
+    options: Mapping[str, Any] | None = None,
+) -> WarmStartedSolver:
+    """Return what solves an Opti, or an NLP of CasADi, from two starts.
+
+    Args:
+        nlp: An Opti whose `solver` is set; or a dictionary for `casadi.nlpsol`.
+        controls: Variables, each of shape (rows, intervals) or (intervals, rows); or
+            one for each interval. Of a dictionary: expressions of nlp["x"], or tables
+            (rows, intervals) of indices.
+        states: The same at the nodes.
+        bounds: For the search alone: variable -> (lower, upper), for controls that no
+            constraint bounds. Variables that are neither controls nor states, such as a
+            free end time, are else looked for between a quarter of their initial value
+            and four times that. A dictionary, or pairs of a variable and its bounds.
+        search: A population search, as in `solve`.
+        budget: What it may cost; an integer is a number of evaluations; None means
+            20,000 of them.
+        seed: Of each `solve`: the same seed gives the same bits.
+        p: Parameters; this and what follows belong to a dictionary.
+        x0: The own start.
+        lbg: Lower bounds of g.
+        ubg: Upper bounds of g.
+        lbx: Lower bounds of x.
+        ubx: Upper bounds of x.
+        solver: A plug-in of `nlpsol`.
+        options: Its options.
+
+    Returns:
+        An object with `solve()` and, afterwards, `report`.
+
+    Raises:
+        InvalidProblemError: If a state cannot be eliminated, a control has no bounds, a
+            parameter no value, or an argument is of another kind.
+
+    Example:
+        >>> opti = ca.Opti()
+        >>> x, u = opti.variable(1, 6), opti.variable(1, 5)
+        >>> for k in range(5):
+        ...     opti.subject_to(x[k + 1] == x[k] + 0.2 * u[k])
+        >>> opti.subject_to(x[0] == 0)
+        >>> opti.subject_to(opti.bounded(-1, u, 1))
+        >>> opti.minimize((x[5] ** 2 - 0.25) ** 2 + 0.1 * x[5])
+        >>> opti.solver("ipopt", {"ipopt.print_level": 0, "print_time": False})
+        >>> warm = warm_start(opti, controls=[u], states=[x])
+        >>> solution = warm.solve()  # doctest: +ELLIPSIS
+        ...
+        >>> bool(solution.value(x)[-1] < 0)
+        True
+    """
+    source = _source(
+        nlp,
+        {"p": p, "x0": x0, "lbg": lbg, "ubg": ubg, "lbx": lbx, "ubx": ubx},
+        solver,
+        options,
+    )
+    layouts = (
+        _layouts("states", states, source),
+        _layouts("controls", controls, source),
+    )
+    both = np.intersect1d(layouts[0][0], layouts[1][0])
+    given = read_nlp(source)
+    if both.size:
+        raise InvalidProblemError(
+            f"{given.name(int(both[0]))} is named as a state and as a control"
+        )
+    return WarmStartedSolver(
+        given, layouts, _asked(bounds, source), _settings(search, budget), seed
+    )
+
+
+def _source(
+    nlp: ca.Opti | Mapping[str, Any],
+    given: Mapping[str, ArrayLike | None],
+    solver: str,
+    options: Mapping[str, Any] | None,
+) -> OptiSource | NlpSource:
+    """Return the owner of an NLP."""
+    if isinstance(nlp, ca.Opti):
+        named = [name for name, value in given.items() if value is not None]
+        if named:
+            raise InvalidProblemError(
+                f"an Opti has its own numbers, expected no {', '.join(named)}"
+            )
+        return OptiSource(nlp)
+    if not isinstance(nlp, Mapping) or not {"x", "f"} <= set(nlp):
+        raise InvalidProblemError(
+            "warm_start takes an Opti or a dictionary for nlpsol with 'x' and 'f', got "
+            f"{shortened(nlp)}"
+        )
+    settings = dict(options or {})
+    if any(settings.get("discrete", ())):
+        raise InvalidProblemError(
+            "expected continuous variables, found the option 'discrete'"
+        )
+    try:
+        made = ca.nlpsol("owner", solver, dict(nlp), settings)
+    except RuntimeError as error:
+        raise InvalidProblemError(
+            f"nlpsol refuses the NLP or its options: {str(error).splitlines()[-1]}"
+        ) from error
+    return NlpSource(nlp=nlp, solver=made, arguments=arguments_of(nlp, given))
+
+
+def _settings(search: SearchGiven, budget: Budget | int | None) -> SearchSettings:
+    """Return the search; one that is given as settings says all by itself."""
+    found = search_settings(search, budget)
+    if found is None:
+        raise InvalidProblemError("warm_start needs a search, got none")
+    if isinstance(search, SearchSettings):
+        return found
+    return replace(found, basins=BASINS, radius=RADIUS)
+
+
+def _layouts(
+    role: str, given: Sequence[Any], source: OptiSource | NlpSource
+) -> list[Indices]:
+    """Return what the variables' places in time may be, each (rows, times).
+
+    Time runs along the columns, along the rows, or along the list itself.
+    """
+    if isinstance(given, ca.MX | ca.SX):
+        given = [given]
+    if not isinstance(given, list | tuple) or not given:
+        raise InvalidProblemError(
+            f"{role} must be a list of variables, at least one, got {shortened(given)}"
+        )
+    tables = [source.indices(role, one) for one in given]
+    found = _readings(tables)
+    if not found and role == "controls" and all(t.shape[1] == 1 for t in tables):
+        found.append(np.concatenate(tables))
+    if not found:
+        raise InvalidProblemError(
+            f"{role} must have one number of times, at least 2, got shapes "
+            f"{', '.join(str(table.shape) for table in tables)}"
+        )
+    if np.unique(found[0]).size != found[0].size:
+        raise InvalidProblemError(f"{role} must name each variable once")
+    return found
+
+
+def _readings(tables: Sequence[Indices]) -> list[Indices]:
+    """Return tables as (rows, times), with the times along each axis that may be it."""
+    found = []
+    for parts in (tables, [table.T for table in tables]):
+        if len({part.shape[1] for part in parts}) == 1 and parts[0].shape[1] > 1:
+            found.append(np.concatenate(parts))
+    if len({table.size for table in tables}) == 1 and len(tables) > 1:
+        found.append(np.stack([t.ravel(order="F") for t in tables], axis=1))
+    return found
+
+
+def _asked(
+    bounds: BoundsGiven, source: OptiSource | NlpSource
+) -> list[tuple[Indices, float, float]]:
+    """Return the bounds that the user gave, as (indices in x, lower, upper)."""
+    pairs = bounds.items() if isinstance(bounds, Mapping) else bounds
+    found = []
+    for variable, limits in pairs:
+        try:
+            lower, upper = (float(side) for side in np.array(limits, dtype=np.float64))
+        except (TypeError, ValueError) as error:
+            raise InvalidProblemError(
+                "bounds must be pairs (lower, upper) of numbers, got "
+                f"{shortened(limits)}"
+            ) from error
+        if not lower <= upper:
+            raise InvalidProblemError(
+                f"bounds must have lower <= upper, got ({lower:g}, {upper:g})"
+            )
+        found.append((source.indices("bounds", variable), lower, upper))
+    return found
