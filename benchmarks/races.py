@@ -16,7 +16,7 @@ from swarmstart.benchmarks.problems import Instance
 from swarmstart.benchmarks.rivals import Contestant
 from swarmstart.benchmarks.timing import Timing, timings
 from swarmstart.ocp.compiled.engine import SIGNATURE
-from swarmstart.ocp.compiled.formats import Precision
+from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.fitness import Fitness
 
 Array = NDArray[np.float64]

@@ -19,8 +19,8 @@ from swarmstart.ocp.compiled.backend import (
     require_precision,
 )
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
-from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.simd import compile_rollout
+from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.problem import OptimalControlProblem

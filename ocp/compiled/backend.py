@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
-from swarmstart.ocp.compiled.formats import FORMATS
+from swarmstart.ocp.compiled.vector_ir import FORMATS
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.tape import UnknownOperationError
 

@@ -18,8 +18,8 @@ from swarmstart.ocp.compiled.backend import (
     warn_of_casadi,
 )
 from swarmstart.ocp.compiled.engine import NoCompilerError
-from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.simd import Prepared, Shapes, SimdBatch, compile_flat
+from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.tape import UnknownOperationError, expanded
 

@@ -8,7 +8,7 @@ mpmath).
 
 from dataclasses import dataclass
 
-from swarmstart.ocp.compiled.formats import DOUBLE, Format
+from swarmstart.ocp.compiled.vector_ir import DOUBLE, Format
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -21,8 +21,15 @@ from dataclasses import dataclass
 
 from swarmstart.ocp.compiled.elementary import is_unserved
 from swarmstart.ocp.compiled.engine import machine
-from swarmstart.ocp.compiled.formats import DOUBLE, FORMATS, Format, Precision
-from swarmstart.ocp.compiled.vector_ir import Module, VectorIR, converted
+from swarmstart.ocp.compiled.vector_ir import (
+    DOUBLE,
+    FORMATS,
+    Format,
+    Module,
+    Precision,
+    VectorIR,
+    converted,
+)
 from swarmstart.tape import Tape
 
 

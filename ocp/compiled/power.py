@@ -10,8 +10,7 @@ polynomials (computed with mpmath).
 import math
 
 from swarmstart.ocp.compiled.elementary import exp_of_sum, exponent_and_rest
-from swarmstart.ocp.compiled.formats import DOUBLE
-from swarmstart.ocp.compiled.vector_ir import VectorIR, converted
+from swarmstart.ocp.compiled.vector_ir import DOUBLE, VectorIR, converted
 
 # 2/3 in two parts, then the series of log((1 + s) / (1 - s)) / s^5 in s^2.
 _TWO_THIRDS = (0.6666666666666666, 3.700743415417188e-17)

@@ -23,8 +23,8 @@ from swarmstart.ocp.compiled.engine import (
     machine,
     translate,
 )
-from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.frame import target_of
+from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.interpolants import without_interpolants
 from swarmstart.tape import read_tape

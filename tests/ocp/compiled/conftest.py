@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
-from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.simd import compile_flat
+from swarmstart.ocp.compiled.vector_ir import Precision
 
 Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]

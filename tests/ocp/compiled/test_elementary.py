@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.ocp.compiled.formats import FORMATS, Format, Precision
+from swarmstart.ocp.compiled.vector_ir import FORMATS, Format, Precision
 
 Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]

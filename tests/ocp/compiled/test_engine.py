@@ -18,9 +18,9 @@ from swarmstart.ocp.compiled.engine import (
     machine,
     translate,
 )
-from swarmstart.ocp.compiled.formats import FORMATS, Precision
 from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.simd import Shape, SimdBatch, compile_flat
+from swarmstart.ocp.compiled.vector_ir import FORMATS, Precision
 from swarmstart.tape import OPERATIONS, read_tape
 
 Array = NDArray[np.float64]

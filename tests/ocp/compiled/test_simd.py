@@ -23,9 +23,9 @@ from swarmstart.ocp.compiled.emitter import (
     simplified,
 )
 from swarmstart.ocp.compiled.engine import machine, translate
-from swarmstart.ocp.compiled.formats import Precision
 from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat, compile_rollout, split
+from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.shooting import Shooting
 from swarmstart.tape import read_tape
