@@ -296,7 +296,6 @@ def test_key_tells_functions_and_settings_apart(
     "module",
     [
         "swarmstart.tape",
-        f"{simd.HERE}.formats",
         f"{simd.HERE}.vector_ir",
         f"{simd.HERE}.coefficients",
         f"{simd.HERE}.elementary",
