@@ -348,6 +348,6 @@ def _is_better_answer(one: Solution, other: Solution) -> bool:
     if one.status.is_confirmed != other.status.is_confirmed:
         return one.status.is_confirmed
     if one.status.is_confirmed:
-        return one.cost < other.cost
+        return one.plan.cost < other.plan.cost
     values = [(s.cost, s.verified_violation) for s in (one, other)]
     return is_better(*values, tolerance=one.problem.path_tolerance)

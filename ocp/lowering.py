@@ -6,6 +6,7 @@
     periodic state   and a copy of its start, which stays; at the end both are equal
     previous control a state that the end of an interval sets to the control
     time             t0 + T tau, with the parameter t0 and the signal tau in [0, 1]
+    maximised costs  times -1
 
 What is decided is then a free start of one of these states, which the search, the NLP
 and the verification know. The states of the stated problem come first, and keep their
@@ -41,8 +42,8 @@ class Lowered:
 
     Attributes:
         stated: The problem as the user states it.
-        core: The same without free end time, decided parameters, periodic states,
-            previous controls and time.
+        core: The same, minimised, without free end time, decided parameters, periodic
+            states, previous controls and time.
     """
 
     stated: OptimalControlProblem
@@ -171,6 +172,7 @@ def lowered(stated: OptimalControlProblem) -> Lowered:
     Raises:
         InvalidProblemError: If a discrete-time model has a free end time.
     """
+    given, stated = stated, _minimised(stated)
     free_end = isinstance(stated.horizon, Free)
     remembers = bool(stated.previous.numel())
     if not (
@@ -180,13 +182,27 @@ def lowered(stated: OptimalControlProblem) -> Lowered:
         or remembers
         or stated.model.time.numel()
     ):
-        return Lowered(stated, stated)
+        return Lowered(given, stated)
     if free_end and stated.model.is_discrete:
         raise InvalidProblemError(
             "a discrete-time model has no end time to decide: its horizon must be a "
             "number"
         )
-    return Lowered(stated, _core(stated))
+    return Lowered(given, _core(stated))
+
+
+def _minimised(stated: OptimalControlProblem) -> OptimalControlProblem:
+    """Return a problem whose costs are minimised."""
+    if not stated.maximize:
+        return stated
+    return replace(
+        stated,
+        stage_cost=-stated.stage_cost,
+        step_cost=-stated.step_cost,
+        initial_cost=-stated.initial_cost,
+        terminal_cost=-stated.terminal_cost,
+        maximize=False,
+    )
 
 
 def _core(stated: OptimalControlProblem) -> OptimalControlProblem:

@@ -34,7 +34,7 @@ class Path:
         times: Of the fine steps, shape (n,) [s].
         states: Shape (nx, n).
         controls: Held from each to the next, shape (nu, n - 1).
-        cost: Cost along it.
+        cost: Cost along it; times -1 where it is maximised.
         magnitude: Integral of |stage cost| plus |terminal cost|.
         outside: What the start breaks.
         broken: The worst excess of each constraint row, the worst first.

@@ -4,7 +4,7 @@ A planner is built once for a problem; planning rebuilds nothing.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from typing import TypedDict, Unpack
@@ -36,6 +36,7 @@ from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.progress import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.search_settings import (
     SearchGiven,
+    SearchSettings,
     search_settings,
 )
 from swarmstart.ocp.search_space import (
@@ -89,7 +90,7 @@ class Plan:
     Attributes:
         controls: Shape (nu, N).
         states: At the nodes, shape (nx, nodes).
-        cost: Cost on the problem's evaluator.
+        cost: Cost on the problem's evaluator, which is minimised.
         violation: Summed violation there.
         feasible: Whether the violation is within the problem's tolerance.
         source: Where the plan comes from.
@@ -126,6 +127,13 @@ class Plan:
             f"{self.controls.shape[1]} intervals, from {self.source.value}, "
             f"{self.evaluations} evaluations"
         )
+
+
+def _turned(search: SearchSettings) -> SearchSettings:
+    """Return a search whose target is of the costs times -1."""
+    if search.budget.target is None:
+        return search
+    return replace(search, budget=replace(search.budget, target=-search.budget.target))
 
 
 def start_of(problem: OptimalControlProblem, plan: Plan, x0: ArrayLike) -> ArrayLike:
@@ -210,6 +218,8 @@ class Planner:
         self.stated, self.problem = problem, self.lowered.core
         self._checker = Checker(self.fitness.shooting)
         search = search_settings(search)
+        if search is not None and problem.maximize:
+            search = _turned(search)
         self.search, self.polish = search, polish
         self._space: SearchSpace | None = None
         if search is not None:

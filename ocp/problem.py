@@ -97,6 +97,9 @@ class OptimalControlProblem:
             on the previous controls, too.
         initial_cost: Scalar in states, parameters, signals, at the start.
         terminal_cost: The same at the end.
+        maximize: Whether the costs are maximised: they are turned round on the way in,
+            and a `Solution` tells them as they are stated. Plans have what is
+            minimised.
         bounds: Bounds on controls and states.
         constraints: Path constraints: those of constraints.py, relations such as
             `x[0] <= 1`, or bare expressions, which mean expression = 0.
@@ -134,6 +137,7 @@ class OptimalControlProblem:
     step_cost: ca.SX = field(default_factory=lambda: ca.SX(0))
     initial_cost: ca.SX = field(default_factory=lambda: ca.SX(0))
     terminal_cost: ca.SX = field(default_factory=lambda: ca.SX(0))
+    maximize: bool = False
     bounds: Bounds = field(default_factory=Bounds)
     constraints: Sequence[Constraint | ca.SX] = ()
     terminal: Sequence[ca.SX | TerminalConstraint | tuple[ca.SX, Limit]] = ()
@@ -155,6 +159,10 @@ class OptimalControlProblem:
         if not isinstance(self.model, Model):
             raise InvalidProblemError(
                 f"model must be a swarmstart.Model, got {shortened(self.model)}"
+            )
+        if not isinstance(self.maximize, bool):
+            raise InvalidProblemError(
+                f"maximize must be True or False, got {shortened(self.maximize)}"
             )
         self._check_grid()
         self._bring_symbols_to_sx()
@@ -310,6 +318,11 @@ class OptimalControlProblem:
         }
 
     @property
+    def sense(self) -> float:
+        """1 of costs that are minimised, -1 of those that are maximised."""
+        return -1.0 if self.maximize else 1.0
+
+    @property
     def length(self) -> float:
         """Length of the horizon [s].
 
@@ -451,7 +464,8 @@ class OptimalControlProblem:
         lines = [
             f"OptimalControlProblem over {horizon}: {self.intervals} intervals"
             f", {self.checks} check(s) in each, "
-            f"{self.integrator} in {self.substeps} step(s) a check",
+            f"{self.integrator} in {self.substeps} step(s) a check"
+            + ("; its costs are maximised" if self.maximize else ""),
             f"  states: {', '.join(model.state_names)}",
             f"  controls: {', '.join(map(self._with_limits, range(model.nu)))}",
             f"  path constraints: {', '.join(map(label, kinds)) or 'none'}",

@@ -29,6 +29,7 @@ from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.presentation import Presented
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
+from swarmstart.ocp.shooting import Shooting
 from swarmstart.ocp.status import Found, SolutionStatus, advice_for
 from swarmstart.ocp.stiffness import fastest_mode
 
@@ -56,7 +57,7 @@ class Solution(Presented):
         controls: Shape (nu, N).
         decided: What is decided besides controls and start: parameters by their names,
             a free end time as "end time" [s].
-        cost: Cost on the problem's own grid.
+        cost: Cost on the problem's own grid, as the problem states it.
         violation: Summed violation on the problem's own grid, in parts of the scales.
         verified_cost: Cost on the finer path.
         verified_violation: Sum of the worst excess of each constraint row on the finer
@@ -159,12 +160,12 @@ def verified(
     signals = at_nodes(problem, flat)
     sizes = trace.shooting.sizing(state, parameters, signals, plan.controls)
     path = trace(plan.controls, state, parameters, signals, sizes)
-    found = _judged(problem, plan, path, sizes, tolerance=tolerance)
+    found = _judged(trace.shooting, plan, path, sizes, tolerance=tolerance)
     if found.status is SolutionStatus.FEASIBLE and path.kinks:
         for controls, start in _beside(problem, plan.controls, state, sizes):
             moved = trace(controls, start, parameters, signals, sizes)
             if found.status is SolutionStatus.FEASIBLE:
-                found = _same_beside(problem, path, moved, sizes, tolerance)
+                found = _same_beside(trace.shooting, path, moved, sizes, tolerance)
     if found.status is SolutionStatus.FEASIBLE:
         found = _ranked(plan, path, settled)
     status, reason = found.status, found.reason
@@ -175,6 +176,7 @@ def verified(
         fast = fastest_mode(trace.shooting, path, state, Known(parameters, signals))
     every = (path.times.size - 1) // (problem.nodes - 1)
     stated = trace.shooting.stated
+    sense = stated.sense
     return Solution(
         status=status,
         reason=reason,
@@ -184,9 +186,9 @@ def verified(
         states=path.states[: stated.model.nx, ::every],
         controls=plan.controls,
         decided=trace.shooting.lowered.decided(state),
-        cost=plan.cost,
+        cost=sense * plan.cost,
         violation=plan.violation,
-        verified_cost=path.cost,
+        verified_cost=sense * path.cost,
         verified_violation=sum(e.relative for e in path.broken),
         path=path,
         plan=plan,
@@ -194,7 +196,7 @@ def verified(
 
 
 def _judged(
-    problem: OptimalControlProblem,
+    shooting: Shooting,
     plan: Plan,
     path: Path,
     sizes: Sizes,
@@ -202,6 +204,7 @@ def _judged(
     tolerance: float,
 ) -> Found:
     """Return the status of a plan by its path: FEASIBLE if all agrees."""
+    problem = shooting.problem
     lost = path.not_finite or first_not_finite(problem, problem.times, plan.states)
     if lost is not None and not plan.feasible:
         time, name = lost
@@ -218,7 +221,7 @@ def _judged(
             f"on the finer path state {name} is not a finite number from {time:.4g} s "
             "on",
         )
-    differs = _differences(problem, plan, path, sizes, tolerance)
+    differs = _differences(shooting, plan, path, sizes, tolerance)
     if differs:
         return Found(SolutionStatus.MISMATCH, differs)
     broken = [e for e in path.broken if e.relative > problem.path_tolerance]
@@ -253,19 +256,21 @@ def _beside(
 
 
 def _same_beside(
-    problem: OptimalControlProblem,
+    shooting: Shooting,
     path: Path,
     moved: Path,
     sizes: Sizes,
     tolerance: float,
 ) -> Found:
     """Return MISMATCH if a neighbour's path is worth something else."""
+    problem, sense = shooting.problem, shooting.stated.sense
     allowed = tolerance * path.magnitude + _STEADY * _BESIDE * sizes.cost
     changes = not abs(moved.cost - path.cost) <= allowed
     broken = [e for e in moved.broken if e.relative > 2 * problem.path_tolerance]
     if not (changes or broken):
         return Found(SolutionStatus.FEASIBLE, "")
-    what = f"the cost is {moved.cost:.6g} instead of {path.cost:.6g}"
+    moved_cost, cost = sense * moved.cost, sense * path.cost
+    what = f"the cost is {moved_cost:.6g} instead of {cost:.6g}"
     if broken:
         what = str(broken[0])
     return Found(
@@ -294,13 +299,14 @@ def _infeasible(plan: Plan, path: Path) -> Found:
 
 
 def _differences(
-    problem: OptimalControlProblem,
+    shooting: Shooting,
     plan: Plan,
     path: Path,
     sizes: Sizes,
     tolerance: float,
 ) -> str:
     """Return what the finer path gives otherwise; empty if it agrees."""
+    problem, sense = shooting.problem, shooting.stated.sense
     if not np.isfinite(path.cost):
         return "the cost of the finer path is not a finite number"
     told = []
@@ -308,8 +314,9 @@ def _differences(
     if abs(path.cost - plan.cost) > allowed:
         share = abs(path.cost - plan.cost) / max(path.magnitude, 1e-300)
         told.append(
-            f"the cost is {path.cost:.6g} on the finer path, {plan.cost:.6g} on the "
-            f"problem's grid ({share:.2g} of its size; {tolerance:g} is allowed)"
+            f"the cost is {sense * path.cost:.6g} on the finer path, "
+            f"{sense * plan.cost:.6g} on the problem's grid ({share:.2g} of its "
+            f"size; {tolerance:g} is allowed)"
         )
     lower, upper = problem.state_limits
     width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)

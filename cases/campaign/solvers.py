@@ -192,7 +192,7 @@ def answered(posed: PlanningProblem, trial: Trial) -> dict[str, Any]:
     return {
         "claimed_cost": plan.cost,
         "claimed_violation": plan.violation,
-        "verified_cost": found.verified_cost,
+        "verified_cost": found.path.cost,  # The less, the better.
         "verified_violation": found.verified_violation,
         "feasible": found.status.is_confirmed,
         "status": found.status.value,

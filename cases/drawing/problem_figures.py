@@ -181,6 +181,7 @@ def labels_of(
         controls=problem.model.control_names,
         units=units or {},
         vehicles=vehicles,
+        maximize=problem.maximize,
     )
 
 

@@ -58,7 +58,6 @@ def measure(
             path_of(scenario, flight.posed, trajectory),
             scenario.tabled,
         ),
-        maximize=scenario.maximize,
     )
 
 
@@ -68,7 +67,6 @@ def measured(
     *,
     problem: OptimalControlProblem,
     own: Mapping[str, Measure],
-    maximize: bool = False,
 ) -> dict[str, Measure]:
     """Return own measures and those of any problem, null where one is not defined.
 
@@ -77,21 +75,20 @@ def measured(
         trajectory: Its path.
         problem: The planning problem, of all vehicles together.
         own: Own measures, as of `own_values`.
-        maximize: Whether the problem's cost is what is maximised, times -1.
     """
-    plans, sign = trajectory.decisions[0].plans, -1.0 if maximize else 1.0
+    plans, sense = trajectory.decisions[0].plans, problem.sense
     is_open = flight.posed.open_loop
     solution = flight.answer(trajectory) if is_open else None
     searched = sum(plan.search.cost for plan in plans)
     flown_cost, path_excess, terminal_excess = _flown(problem, flight, trajectory)
     measures: dict[str, Measure] = {
-        "cost": _finite(sign * sum(plan.cost for plan in plans)),
+        "cost": _finite(sense * sum(plan.cost for plan in plans)),
         "violation": sum(plan.violation for plan in plans),
-        "verified_cost": _finite(sign * solution.verified_cost) if solution else None,
+        "verified_cost": _finite(solution.verified_cost) if solution else None,
         "confirmed": int(solution.status.is_confirmed) if solution else None,
         "converged": int(all(p.polish_status is PolishStatus.CONVERGED for p in plans)),
-        "search_cost": _finite(sign * searched),
-        "flown_cost": _finite(sign * flown_cost),
+        "search_cost": _finite(sense * searched),
+        "flown_cost": _finite(flown_cost),
         "constraint_excess": _finite(path_excess),
         "terminal_excess": _finite(terminal_excess),
         "infeasible_steps": sum(

@@ -74,6 +74,7 @@ def planning_problem(
         model_of(scenario, members),
         stage_cost=_cost(scenario, members, "stage_cost"),
         terminal_cost=_cost(scenario, members, "terminal_cost"),
+        maximize=scenario.maximize,
         bounds=_bounds(scenario, members),
         constraints=[
             *(path_constraint(c, member) for member in members for c in scenario.path),
@@ -101,11 +102,10 @@ def positions_of(scenario: ProblemScenario) -> tuple[int, ...]:
 
 
 def _cost(scenario: ProblemScenario, members: Sequence[Member], place: str) -> ca.SX:
-    """Return the sum of all members' costs, to be minimised."""
+    """Return the sum of all members' costs."""
     text = getattr(scenario, place)
     first, *others = (member.scopes[place].symbol(text) for member in members)
-    total = sum(others, first)
-    return -total if scenario.maximize else total
+    return sum(others, first)
 
 
 def _bounds(scenario: ProblemScenario, members: Sequence[Member]) -> Bounds:
