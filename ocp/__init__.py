@@ -29,6 +29,7 @@ from swarmstart.ocp.guess import shifted_controls, zero_controls
 from swarmstart.ocp.integrators import INTEGRATORS, Integrator, held_step
 from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
+from swarmstart.ocp.multipliers import Multipliers
 from swarmstart.ocp.multistart import multistart
 from swarmstart.ocp.opti import warm_start
 from swarmstart.ocp.phases import Phases, phases
@@ -83,6 +84,7 @@ __all__ = [
     "LocalTeam",
     "Mode",
     "Model",
+    "Multipliers",
     "NlpOptions",
     "OpenLoop",
     "OptimalControlProblem",

@@ -417,7 +417,7 @@ class OptimalControlProblem:
     def path_constraints(self) -> tuple[Constraint, ...]:
         """The path constraints, with the state bounds as the last one."""
         lower, upper = self.state_limits
-        bounded = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
+        bounded = self.bounded_states
         if not bounded.size:
             return self.stated
         scale = self.bounds.state_scale
@@ -429,6 +429,12 @@ class OptimalControlProblem:
             name=STATE_BOUNDS,
         )
         return (*self.stated, on_states)
+
+    @property
+    def bounded_states(self) -> NDArray[np.int64]:
+        """Numbers of the states that have bounds."""
+        lower, upper = self.state_limits
+        return np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
 
     def row_scales(self) -> list[Array]:
         """Return the scale of each row of the path, then the terminal constraints.

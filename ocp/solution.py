@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.fitness import NOTHING, Known, at_nodes, shared_arguments
+from swarmstart.ocp.multipliers import Multipliers, multipliers_of
 from swarmstart.ocp.optimality import Curvature, curvature, is_stationary
 from swarmstart.ocp.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.planner import Plan, start_of
@@ -83,6 +84,15 @@ class Solution(Presented):
     path: Path
     plan: Plan
     compile_seconds: float = 0.0
+
+    @property
+    def multipliers(self) -> Multipliers | None:
+        """Costates and shadow prices of the polished answer; see multipliers.py.
+
+        None if no NLP solver has converged to it.
+        """
+        point = self.plan.point
+        return None if point is None else multipliers_of(point, self.problem)
 
     @property
     def state_names(self) -> tuple[str, ...]:
