@@ -22,7 +22,7 @@ Distances are in separation.py.
 
 import functools
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, Protocol, get_args
+from typing import Literal, NamedTuple, Protocol, cast, get_args
 
 import casadi as ca
 import numpy as np
@@ -129,6 +129,9 @@ class _Limited:
 class PathConstraint(_Limited):
     """lower <= expression <= upper at the start and at the end of every check.
 
+    With a weight it is soft, see soft.py: it may be broken at a cost, in each control
+    interval of dt (weight e + quadratic_weight e^2) for the largest excess e of a row.
+
     Attributes:
         expression: Column in the problem's symbols, shape (m, 1), or a list of
             scalars.
@@ -138,6 +141,9 @@ class PathConstraint(_Limited):
             automatically.
         measure: "excess" (how far) or "indicator" (1 for each row broken).
         name: Name in messages; empty: the expression.
+        weight: Of the excess, at least 0: a number, shape (m,), or expressions of
+            parameters and signals as an interval begins [cost / (s unit of the row)].
+        quadratic_weight: Of its square, likewise. None of both: not soft.
     """
 
     expression: ca.SX
@@ -146,11 +152,25 @@ class PathConstraint(_Limited):
     scale: Limit | None = None
     measure: Measure = "excess"
     name: str = ""
+    weight: Limit | ca.SX | None = None
+    quadratic_weight: Limit | ca.SX | None = None
 
     def __post_init__(self) -> None:
-        """Bring the limits into the shape of the expression."""
+        """Bring limits and weights into the shape of the expression."""
         _set_limits(self, "path constraint")
         require_choice("measure", self.measure, get_args(Measure))
+        if self.is_soft:
+            _set_weights(self)
+
+    @property
+    def is_soft(self) -> bool:
+        """Whether it may be broken at a cost."""
+        return self.weight is not None or self.quadratic_weight is not None
+
+    @property
+    def weights(self) -> tuple[ca.SX, ca.SX]:
+        """Weights of the excess and of its square, if it is soft; each (m, 1)."""
+        return cast(ca.SX, self.weight), cast(ca.SX, self.quadratic_weight)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -248,3 +268,29 @@ def _set_limits(constraint: PathConstraint | TerminalConstraint, role: str) -> N
     object.__setattr__(constraint, "lower", lower)
     object.__setattr__(constraint, "upper", upper)
     object.__setattr__(constraint, "scale", scales_given(role, constraint.scale, size))
+
+
+def _set_weights(constraint: PathConstraint) -> None:
+    """Bring the weights of a soft constraint to columns."""
+    size = constraint.expression.numel()
+    unlimited = ~np.isfinite(constraint.lower) & ~np.isfinite(constraint.upper)
+    if constraint.measure == "indicator" or np.any(unlimited):
+        raise InvalidProblemError(
+            "a soft constraint must have a limit in every row and the measure "
+            f"'excess', got {constraint.lower}, {constraint.upper} and "
+            f"{constraint.measure!r}"
+        )
+    for role in ("weight", "quadratic_weight"):
+        given = getattr(constraint, role)
+        column = as_column(role, ca.SX(0) if given is None else given)
+        if column.numel() not in (1, size):
+            raise InvalidProblemError(
+                f"{role} must be one or {size} of them, got {column.numel()}"
+            )
+        for i in range(column.numel()):
+            if column[i].is_constant() and not 0 <= float(column[i]) < np.inf:
+                raise InvalidProblemError(
+                    f"{role} must be at least 0 and finite, got {column[i]}"
+                )
+        column = ca.repmat(column, size // column.numel() if size else 1, 1)
+        object.__setattr__(constraint, role, column)

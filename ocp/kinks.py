@@ -92,7 +92,12 @@ def kinks_of(problem: OptimalControlProblem) -> Kinks:
         problem.terminal_cost,
     ]
     expressions += [
-        c.expression for c in (*problem.path_constraints, *problem.terminal_constraints)
+        c.expression
+        for c in (
+            *problem.path_constraints,
+            *problem.terminal_constraints,
+            *problem.soft,
+        )
     ]
     whole = ca.Function("whole", symbols, expressions)
     expressions = without_interpolants(whole).call(symbols)

@@ -268,8 +268,19 @@ def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
         initial_cost=timed(stated.initial_cost),
         terminal_cost=timed(stated.terminal_cost),
         constraints=[
-            replace(c, expression=timed(c.expression)) if model.time.numel() else c  # type: ignore[type-var]
-            for c in stated.stated
+            *[
+                replace(c, expression=timed(c.expression)) if model.time.numel() else c  # type: ignore[type-var]
+                for c in stated.stated
+            ],
+            *[
+                replace(
+                    c,
+                    expression=timed(c.expression),
+                    weight=scale * timed(c.weights[0]),
+                    quadratic_weight=scale * timed(c.weights[1]),
+                )
+                for c in stated.soft
+            ],
         ],
         terminal=[
             *[_timed_end(c, timed(c.expression)) for c in stated.terminal_constraints],

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from swarmstart.ocp.constraint_forms import label
 from swarmstart.ocp.constraints import Constraint
-from swarmstart.ocp.nlp_assembly import decided_states
+from swarmstart.ocp.nlp_assembly import decided_states, inputs_of
 from swarmstart.ocp.optimality import NlpPoint
 from swarmstart.ocp.problem import OptimalControlProblem
 
@@ -38,7 +38,8 @@ class Multipliers:
         costates: At the ends of the intervals, shape (nx, N) [cost / unit of a state].
         controls: Of the bounds of the controls, shape (nu, N).
         states: Of the bounds of the states, shape (nx, N).
-        path: Of each path constraint, by its name, shape (rows, N).
+        path: Of each path constraint, by its name, shape (rows, N); those that are soft
+            come last, and a row's is at most what its excess costs.
         terminal: Of each terminal constraint, by its name, shape (rows,).
         decided: Of the bounds of what is decided besides the controls: starts and
             parameters by their names, a free end time as "end time".
@@ -76,7 +77,7 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
             margins and more checks.
     """
     core, parts = point.program.problem, point.program.parts
-    nx, nu, N = core.model.nx, core.model.nu, core.intervals
+    nx, nu, N = core.model.nx, inputs_of(core), core.intervals
     splits = np.cumsum(parts.argument_sizes(core))[:-1]
     _, shared, *weights, _ = np.split(point.q, splits)
     sizes_x, sizes_u = np.split(shared[core.model.np : -1], [nx])
@@ -86,7 +87,7 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
     of_parts = _of_parts(point, cost)
     found = [
         np.zeros((c.rows(c.expression).lower.size, N))
-        for c in (*core.path_constraints, *core.terminal_constraints)
+        for c in (*core.path_constraints, *core.terminal_constraints, *core.soft)
     ]
     for part, lam, weight in zip(parts.present, of_parts, weights, strict=True):
         column = slice(None) if part is parts.interval else slice(0, 1)
@@ -96,18 +97,23 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
         ):
             found[number][row, column] += value * w
     own, last = stated.model.nx, len(core.path_constraints)
+    soft = len(found) - len(core.soft)
+    of_path = [*found[: len(core.stated)], *found[soft:]]
+    controls = (of_bounds[:nu] / sizes_u[:, None])[: core.model.nu]
     states = of_bounds[nu:] / sizes_x[:, None]
     if last > len(core.stated):  # Bounds at checks within an interval.
         states[core.bounded_states] += found[len(core.stated)]
     return Multipliers(
         costates=(of_parts[0][:nx] / sizes_x[:, None])[:own],
-        controls=of_bounds[:nu] / sizes_u[:, None],
+        controls=controls,
         states=states[:own],
-        path=_named(stated.stated, core.stated, found),
+        path=_named((*stated.stated, *stated.soft), (), of_path),
         terminal={
             name: values[:, 0]
             for name, values in _named(
-                stated.terminal_constraints, core.terminal_constraints, found[last:]
+                stated.terminal_constraints,
+                core.terminal_constraints,
+                found[last:soft],
             ).items()
         },
         decided=_of_starts(core, lam_start / sizes_x[decided_states(core)]),
@@ -133,7 +139,7 @@ def _named(
 ) -> dict[str, Array]:
     """Return multipliers by the names of their constraints, which are made unique."""
     named: dict[str, Array] = {}
-    for number, values in zip(range(len(core)), found, strict=False):
+    for number, values in enumerate(found):
         name = label((stated if number < len(stated) else core)[number])
         again = sum(1 for used in named if used == name or used.startswith(f"{name} ("))
         named[f"{name} ({again + 1})" if name in named else name] = values

@@ -85,6 +85,14 @@ class Parts(NamedTuple):
         return [problem.model.nx, shared, *weights, problem.ns * problem.nodes]
 
 
+def inputs_of(problem: OptimalControlProblem) -> int:
+    """Return the number of variables of an interval besides its state.
+
+    The controls, and the excess of each row of a soft constraint.
+    """
+    return int(problem.model.nu) + problem.slacks
+
+
 class Mapped:
     """Symbols of the NLP, and the functions of its parts applied to them."""
 
@@ -96,23 +104,23 @@ class Mapped:
             parts: The parts of its NLP.
         """
         model, N, checks = problem.model, problem.intervals, problem.checks
-        self.nx, self.nu, self.N, self.parts = model.nx, model.nu, N, parts
+        self.nx, self.nu, self.N, self.parts = model.nx, inputs_of(problem), N, parts
         self.rows = parts.interval.value.numel_out(0)
         self.free = decided_states(problem)
-        inner = (model.nu + model.nx) * N
+        inner = (self.nu + model.nx) * N
         self.w = ca.MX.sym("w", inner + len(self.free))
         sizes = parts.argument_sizes(problem)
         self.q = ca.MX.sym("q", sum(sizes))
         x0, known, *weights, flat = ca.vertsplit(
             self.q, [0, *np.cumsum(sizes).tolist()]
         )
-        both = ca.reshape(self.w[:inner], model.nu + model.nx, N)
-        self.x = both[model.nu :, :]
+        both = ca.reshape(self.w[:inner], self.nu + model.nx, N)
+        self.x = both[self.nu :, :]
         place = {i: inner + j for j, i in enumerate(self.free)}
         start = ca.vertcat(
             *[self.w[place[i]] if i in place else x0[i] for i in range(model.nx)]
         )
-        z = ca.vertcat(ca.horzcat(start, self.x[:, :-1]), both[: model.nu, :])
+        z = ca.vertcat(ca.horzcat(start, self.x[:, :-1]), both[: self.nu, :])
         signals = ca.reshape(flat, problem.ns, problem.nodes)
         columns = [k * checks + c for k in range(N) for c in range(checks + 1)]
         places = [

@@ -8,6 +8,7 @@ upper limit):
 Second order: the Hessian of the Lagrangian is positive on the directions that keep the
 dynamics and the active constraints. The dynamics are eliminated by the Riccati
 recursion of the linearised problem, interval by interval from the end, with z = (x, u),
+the excesses of soft constraints among the controls,
 
     M_k = H_k + [A B]' P_k+1 [A B] + rho C'C,    M_uu > 0 in every interval
     P_k = M_xx - M_xu M_uu^-1 M_ux
@@ -30,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.fitness import at_nodes
-from swarmstart.ocp.nlp_assembly import Part, decided_states
+from swarmstart.ocp.nlp_assembly import Part, decided_states, inputs_of
 from swarmstart.ocp.transcription import Limits, NonlinearProgram
 
 Array = NDArray[np.float64]
@@ -169,7 +170,7 @@ class _Stages:
     def __init__(self, point: NlpPoint) -> None:
         program = point.program
         problem = program.problem
-        nx, nu, N = problem.model.nx, problem.model.nu, problem.intervals
+        nx, nu, N = problem.model.nx, inputs_of(problem), problem.intervals
         interval = program.parts.interval
         rows = interval.value.numel_out(0)
         inner = (nu + nx) * N
@@ -212,13 +213,14 @@ class _Stages:
 
     def _hold(self, point: NlpPoint, inner: int) -> None:
         """Note which variables are held at a bound; the inner ones come first."""
-        model = point.program.problem.model
+        problem = point.program.problem
+        nx, nu = problem.model.nx, inputs_of(problem)
         room = _room(point.lam_x, point.w, point.limits.lbx, point.limits.ubx)
         fixed = point.limits.lbx == point.limits.ubx
         at_bound = fixed | (np.abs(point.lam_x) > room)
-        inside_bounds = at_bound[:inner].reshape((model.nu + model.nx, -1), order="F")
-        self.held_controls = inside_bounds[: model.nu].T
-        self.held_states = inside_bounds[model.nu :].T.astype(np.float64)
+        inside_bounds = at_bound[:inner].reshape((nu + nx, -1), order="F")
+        self.held_controls = inside_bounds[:nu].T
+        self.held_states = inside_bounds[nu:].T.astype(np.float64)
         self.held_start = at_bound[inner:]
 
 

@@ -19,6 +19,7 @@ from swarmstart.ocp.kinks import kinks_of
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.shooting import Shooting, shooting_of
+from swarmstart.ocp.soft import SoftRows
 
 Array = NDArray[np.float64]
 FINER = 10
@@ -121,6 +122,10 @@ class Tracer:
             side = slice(0, -1) if problem.quadrature == "left" else slice(1, None)
             rates = self._values(self._stage_cost, at, side, controls, p)
             sums = problem.dt * np.array([rates.sum(), np.abs(rates).sum()])
+        if self.shooting.soft is not None:
+            sums = sums + self._softened(
+                self.shooting.soft, states, before, (u, s, controls), p
+            )
         single = self._values(self._step_cost, at, slice(0, -1), controls, p)
         ends = (
             self._first_cost(x0, p, s[:, 0]),
@@ -179,6 +184,36 @@ class Tracer:
                 y[:nx] = both[:nx, -1] = np.array(jumped).ravel()
             found.append(both[:nx])
         return np.hstack(found), np.hstack(before), y[nx:]
+
+    def _softened(
+        self,
+        soft: SoftRows,
+        states: Array,
+        before: Array,
+        known: tuple[Array, Array, Array],
+        p: Array,
+    ) -> Array:
+        """Return the cost of what soft constraints are broken by, twice.
+
+        Args:
+            soft: The soft constraints.
+            states: Along the path, shape (nx, n).
+            before: States before each interval's end changes them, shape (nx, N).
+            known: Controls of each fine step, signals along the path, and controls of
+                each interval.
+            p: Parameters, shape (np,).
+        """
+        (u, s, controls), m = known, self._steps
+        many, each = (
+            np.tile(p[:, None], (1, n)) for n in (u.shape[1], before.shape[1])
+        )
+        e = soft.excesses_along(
+            (states[:, :-1], u, many, s[:, :-1]),
+            (before, controls, each, s[:, m::m]),
+            states[:, m::m],
+        )
+        rate = np.array(soft.price(states[:, :-1:m], each, s[:, :-1:m], e))
+        return np.full(2, self.problem.dt * rate.sum())
 
     def _touched(
         self, path: Points, before: Array, p: Array, sizes: Sizes

@@ -232,12 +232,12 @@ class Polisher:
         sizes = self._sizes(controls, states, x0, known)
         q = program.arguments(*shared_arguments(problem, x0, known), sizes)
         limits = program.limits(sizes)
+        first = program.variables(controls, ends, sizes)
+        first = program.with_slacks(first, q, limits)
         solver = self._near if near else self._far
         try:
             with heeded():
-                answer = solver(
-                    x0=program.variables(controls, ends, sizes), p=q, **limits._asdict()
-                )
+                answer = solver(x0=first, p=q, **limits._asdict())
         except RuntimeError as error:
             raise SolveError(
                 f"{self._options.plugin} could not be run: {_last_line(error)}"

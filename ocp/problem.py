@@ -71,6 +71,9 @@ Array = NDArray[np.float64]
 STATE_BOUNDS = "bounds of the states"
 """Name of the path constraint that bounds of the states are."""
 Quadrature = Literal["integral", "left", "right"]
+_WITHOUT_CONTROLS = (
+    "initial_cost", "terminal_cost", "a terminal constraint", "a weight",
+)  # fmt: skip
 _LARGEST_POWER = 1000
 """Of two: what is taken out of costs must itself be a number."""
 
@@ -182,10 +185,7 @@ class OptimalControlProblem:
         self._set("constraints", self._with_solved())
         self._set("bounds", self._array_bounds())
         self._set("start", dict(self.start))
-        for constraint in self.stated:
-            self._require_known("a path constraint", constraint.expression)
-        for end in self.terminal_constraints:
-            self._require_known("a terminal constraint", end.expression)
+        self._check_constraints()
         self._check_decisions()
 
     def _set(self, name: str, value: object) -> None:
@@ -238,6 +238,16 @@ class OptimalControlProblem:
                     f"{role} must be at least 0, got {getattr(self, role)}"
                 )
 
+    def _check_constraints(self) -> None:
+        """Refuse constraints that depend on what has no value where they hold."""
+        for constraint in (*self.stated, *self.soft):
+            self._require_known("a path constraint", constraint.expression)
+        for soft in self.soft:
+            for weight in soft.weights:
+                self._require_known("a weight", weight)
+        for end in self.terminal_constraints:
+            self._require_known("a terminal constraint", end.expression)
+
     def _check_decisions(self) -> None:
         """Refuse names of states and parameters that are unknown or come twice."""
         free_starts(self.start, self.model.state_names, self.state_limits)
@@ -273,7 +283,7 @@ class OptimalControlProblem:
     def _require_known(self, role: str, expression: ca.SX) -> None:
         """Refuse an expression that depends on what has no value where it is used."""
         known = self.symbols()
-        if role in ("initial_cost", "terminal_cost", "a terminal constraint"):
+        if role in _WITHOUT_CONTROLS:
             del known["controls"]
         elif role != "stage_cost" and self.previous.numel():
             known["previous"] = self.previous
@@ -410,8 +420,22 @@ class OptimalControlProblem:
 
     @cached_property
     def stated(self) -> tuple[Constraint, ...]:
-        """The path constraints as stated, all as such."""
-        return tuple(as_path(c) for c in self.constraints)
+        """The path constraints as stated, all as such, but those that are soft."""
+        every = map(as_path, self.constraints)
+        return tuple(
+            c for c in every if not (isinstance(c, PathConstraint) and c.is_soft)
+        )
+
+    @cached_property
+    def soft(self) -> tuple[PathConstraint, ...]:
+        """The soft constraints, whose excess is a cost; see soft.py."""
+        every = map(as_path, self.constraints)
+        return tuple(c for c in every if isinstance(c, PathConstraint) and c.is_soft)
+
+    @cached_property
+    def slacks(self) -> int:
+        """Number of the rows of soft constraints."""
+        return sum(int(c.expression.numel()) for c in self.soft)
 
     @cached_property
     def path_constraints(self) -> tuple[Constraint, ...]:
@@ -478,6 +502,8 @@ class OptimalControlProblem:
             "  terminal constraints: "
             f"{', '.join(map(label, self.terminal_constraints)) or 'none'}",
         ]
+        if self.soft:
+            lines.append(f"  soft constraints: {', '.join(map(label, self.soft))}")
         return "\n".join(lines)
 
     def _with_limits(self, j: int) -> str:

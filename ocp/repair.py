@@ -172,7 +172,7 @@ def tightened(
         state = bounded[excess.row]
         _move_limit(lower, upper, state, excess.above, margin)
     bounds = replace(problem.bounds, states=(lower, upper))
-    return replace(problem, constraints=constraints, bounds=bounds)
+    return replace(problem, constraints=[*constraints, *problem.soft], bounds=bounds)
 
 
 def finer_checks(problem: OptimalControlProblem, attempt: int) -> int:
@@ -213,7 +213,7 @@ def at_points(problem: OptimalControlProblem) -> OptimalControlProblem:
             replace(c, along="points", margin=c.smooth_margin)
             if isinstance(c, Separation)
             else c
-            for c in problem.stated
+            for c in (*problem.stated, *problem.soft)
         ],
     )
 

@@ -27,7 +27,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.ocp.constraint_forms import known_scales
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.soft import SoftRows
 
 Array = NDArray[np.float64]
 
@@ -47,8 +49,10 @@ class Sizes:
         states: Shape (nx,).
         controls: Shape (nu,).
         cost: Of the whole cost.
-        rows: Of the rows of each constraint, the path's and then the terminal ones.
-        weights: 1 / size of the rows whose scale the problem leaves open.
+        rows: Of the rows of each constraint, the path's, the terminal and the soft
+            ones.
+        weights: 1 / size of the rows whose scale the problem leaves open, but the soft
+            ones.
     """
 
     states: Array
@@ -68,15 +72,19 @@ class Sizing:
         f = _rate(problem)
         path = [c.rows(c.expression) for c in problem.path_constraints]
         ends = [c.rows(c.expression) for c in problem.terminal_constraints]
+        soft = [c.rows(c.expression) for c in problem.soft]
+        stage_cost = problem.stage_cost
+        if soft:
+            stage_cost += SoftRows(problem).rate()
         self._limits = [
             np.maximum(*(np.where(np.isfinite(b), np.abs(b), 0.0) for b in r[1:]))
-            for r in (*path, *ends)
+            for r in (*path, *ends, *soft)
         ]
         outputs = [
             f,
-            problem.stage_cost + problem.step_cost / problem.dt,
+            stage_cost + problem.step_cost / problem.dt,
             problem.terminal_cost + problem.initial_cost,
-            *[r.values for r in (*path, *ends)],
+            *[r.values for r in (*path, *ends, *soft)],
         ]
         self._at = ca.Function("at", symbols, [ca.vertcat(*outputs)])
         self._splits = np.cumsum([o.numel() for o in outputs])[:-1]
@@ -84,7 +92,8 @@ class Sizing:
             "slopes", symbols, [ca.jacobian(f, ca.vertcat(symbols[0], symbols[1]))]
         )
         self._target = _target_function(problem)
-        self._known = problem.row_scales()
+        self._known = [*problem.row_scales(), *map(known_scales, problem.soft)]
+        self._hard = len(path) + len(ends)
 
     def __call__(
         self,
@@ -145,7 +154,9 @@ class Sizing:
                     np.empty(0),
                     *[
                         1 / size[np.isnan(known)]
-                        for size, known in zip(rows, self._known, strict=True)
+                        for size, known in zip(
+                            rows[: self._hard], self._known, strict=False
+                        )
                     ],
                 ]
             ),

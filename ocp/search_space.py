@@ -50,6 +50,7 @@ from swarmstart.ocp.shooting import (
     row_weights,
     unless_finite,
 )
+from swarmstart.ocp.soft import SoftRows
 
 Array = NDArray[np.float64]
 
@@ -260,7 +261,10 @@ def _node_terms(problem: OptimalControlProblem) -> ca.Function:
     width = np.where(np.isfinite(upper - lower), upper - lower, 1.0)
     over = ca.fmax(ca.fmax(ca.DM(lower) - u, u - ca.DM(upper)), 0)
     broken = ca.sum1(over / ca.DM(width))
-    return ca.Function("node", [*symbols.values()], [problem.stage_cost, broken])
+    cost = problem.stage_cost
+    if problem.soft:
+        cost += SoftRows(problem).rate()
+    return ca.Function("node", [*symbols.values()], [cost, broken])
 
 
 def _check_violation(shooting: Shooting) -> ca.Function:

@@ -29,6 +29,7 @@ from swarmstart.ocp.lowering import Lowered, lowered
 from swarmstart.ocp.model import jump_of, rate_of
 from swarmstart.ocp.problem import Costs, OptimalControlProblem
 from swarmstart.ocp.scaling import Sizing
+from swarmstart.ocp.soft import SoftRows
 
 _UNROLLED = 20_000
 """Operations up to which a trajectory is one function without calls."""
@@ -143,6 +144,11 @@ class Shooting:
                 self.problem.path_constraints, self.rows_with_controls, strict=True
             )
         )
+
+    @cached_property
+    def soft(self) -> SoftRows | None:
+        """The rows of the soft constraints; None: there are none."""
+        return SoftRows(self.problem) if self.problem.soft else None
 
     @cached_property
     def stage(self) -> ca.Function:
@@ -288,6 +294,9 @@ def _stage(shooting: Shooting) -> ca.Function:
     weights = row_weights(problem, automatic)
     cost = shooting.cost_at_begin(x, u, parameters, signals[:, 0])
     violation, state, states = ca.SX(0), x, []
+    soft, e = shooting.soft, ca.SX(0, 1)
+    if soft is not None:
+        e = soft.excess(soft.values(x, u, parameters, signals[:, 0]))
     for k in range(problem.checks):
         ends = signals[:, k], signals[:, k + 1]
         reached, spent = shooting.check_step(
@@ -299,11 +308,15 @@ def _stage(shooting: Shooting) -> ca.Function:
         violation += _check_violation(
             shooting, (state, reached, after), (u, parameters, *ends), weights, k
         )
+        if soft is not None:
+            e = soft.grown(e, (reached, after), (u, parameters, ends[1]))
         cost, state = cost + spent, after
         states.append(after)
     if problem.quadrature == "right":
         cost += problem.dt * shooting.stage_cost(state, u, parameters, signals[:, -1])
     cost = shooting.costs[0] * cost
+    if soft is not None:
+        cost += problem.dt * soft.price(x, parameters, signals[:, 0], e)
     return ca.Function(
         "stage",
         [x, u, p, signals],

@@ -54,7 +54,7 @@ def smoothed(
         terminal_cost=end,
         constraints=[
             replace(c, expression=by_old[id(c)]) if isinstance(c, PathConstraint) else c
-            for c in problem.stated
+            for c in (*problem.stated, *problem.soft)
         ],
         terminal=[
             TerminalConstraint(
@@ -112,7 +112,8 @@ class _Kinked:
 
     def __init__(self, problem: OptimalControlProblem) -> None:
         self._symbols = [*problem.symbols().values()]
-        self.path = [c for c in problem.stated if isinstance(c, PathConstraint)]
+        every = (*problem.stated, *problem.soft)
+        self.path = [c for c in every if isinstance(c, PathConstraint)]
         self._expressions = [
             problem.model.ode,
             problem.model.next_state,

@@ -1,7 +1,8 @@
 """Direct multiple shooting: an optimal-control problem as a sparse NLP, without units.
 
     minimise  f(w, q)   subject to  lbg <= g(w, q) <= ubg,  lbw <= w <= ubw
-    w = (u_0, x_1, u_1, x_2, ... u_N-1, x_N, decided states of x_0), divided by sizes
+    w = (u_0, x_1, u_1, x_2, ... u_N-1, x_N, decided states of x_0), divided by sizes;
+        after each u_k the excesses e_k >= 0 of soft constraints (soft.py)
     g = (defects and rows of interval 0, of interval 1, ..., terminal rows, rows of x_0)
     q = (x0, shared, weights of an interval's, the end's and the start's rows, ca.vec of
     signals)
@@ -36,10 +37,12 @@ from swarmstart.ocp.nlp_assembly import (
     Parts,
     decided_states,
     derivatives_of,
+    inputs_of,
 )
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.shooting import Shooting, shooting_of
+from swarmstart.ocp.soft import SoftRows
 
 Array = NDArray[np.float64]
 
@@ -88,7 +91,8 @@ class NonlinearProgram:
             sizes: The sizes.
         """
         cost = [sizes.cost / self.unit]
-        shared = [parameters, sizes.states, sizes.controls, cost]
+        soft = _sizes_of_slacks(self.problem, sizes)
+        shared = [parameters, sizes.states, sizes.controls, soft, cost]
         weights = [_part_weights(part, sizes) for part in self.parts.present]
         return np.concatenate([x0 / sizes.states, *shared, *weights, signals])
 
@@ -101,13 +105,18 @@ class NonlinearProgram:
             np.array([getattr(value, side) for value in starts]) / sizes.states[free]
             for side in ("lower", "upper")
         ]
+        slacks = np.zeros(problem.slacks), np.full(problem.slacks, np.inf)
         bounds = [
             np.append(
-                np.tile(np.concatenate([u / sizes.controls, x / sizes.states]), N),
+                np.tile(np.concatenate([u / sizes.controls, e, x / sizes.states]), N),
                 start,
             )
-            for u, x, start in zip(
-                problem.control_limits, problem.state_limits, decided, strict=True
+            for u, e, x, start in zip(
+                problem.control_limits,
+                slacks,
+                problem.state_limits,
+                decided,
+                strict=True,
             )
         ]
         g = []
@@ -125,11 +134,38 @@ class NonlinearProgram:
         return Limits(bounds[0], bounds[1], g[0], g[1])
 
     def variables(self, controls: Array, states: Array, sizes: Sizes) -> Array:
-        """Return w of controls (nu, N) and the states between intervals (nx, N + 1)."""
+        """Return w of controls (nu, N) and the states between intervals (nx, N + 1).
+
+        Excesses of soft constraints are 0.
+        """
         scaled = states / sizes.states[:, None]
-        inner = np.vstack([controls / sizes.controls[:, None], scaled[:, 1:]])
+        slacks = np.zeros((self.problem.slacks, self.problem.intervals))
+        inner = np.vstack([controls / sizes.controls[:, None], slacks, scaled[:, 1:]])
         free = decided_states(self.problem)
         return np.concatenate([inner.ravel(order="F"), scaled[free, 0]])
+
+    def with_slacks(self, w: Array, q: Array, limits: Limits) -> Array:
+        """Return w with the excesses that soft constraints have there.
+
+        Args:
+            w: Variables whose excesses are 0.
+            q: Arguments.
+            limits: Of its variables and rows.
+        """
+        problem = self.problem
+        if not problem.slacks:
+            return w
+        g = np.array(self.derivatives["jac_g"](w, q)[0]).ravel()
+        beyond = np.maximum(g - limits.ubg, limits.lbg - g).clip(min=0.0)
+        N, nu, places = problem.intervals, problem.model.nu, self.parts.interval.rows[3]
+        height = self.parts.interval.value.numel_out(0)
+        rows = beyond[: height * N].reshape((height, N), order="F")[-len(places) :]
+        found, step = w.copy(), inputs_of(problem) + problem.model.nx
+        slacks = found[: step * N].reshape((N, step))[:, nu:]  # A view.
+        for number, place in enumerate(SoftRows(problem).places):
+            own = [i for i, other in enumerate(places) if other == place]
+            slacks[:, number] = rows[own].max(axis=0)
+        return found
 
     def split(self, w: Array, sizes: Sizes) -> tuple[Array, Array]:
         """Return controls (nu, N), and the decided states at the start, of w."""
@@ -139,6 +175,12 @@ class NonlinearProgram:
         return inner[:nu] * sizes.controls[:, None], w[w.size - len(free) :] * (
             sizes.states[free]
         )
+
+
+def _sizes_of_slacks(problem: OptimalControlProblem, sizes: Sizes) -> Array:
+    """Return the size of each soft row, as it is that of its excess."""
+    hard = len(sizes.rows) - len(problem.soft)
+    return np.concatenate([np.empty(0), *sizes.rows[hard:]])
 
 
 def _part_weights(part: Part, sizes: Sizes) -> Array:
@@ -210,28 +252,31 @@ def _shared_symbols(problem: OptimalControlProblem) -> _Shared:
     return _Shared(
         ca.SX.sym("p", model.np),
         ca.SX.sym("size_x", model.nx),
-        ca.SX.sym("size_u", model.nu),
+        ca.SX.sym("size_u", inputs_of(problem)),
         ca.SX.sym("size_f"),
     )
 
 
 def _interval_part(shooting: Shooting) -> Part:
-    """Return an interval: z = (x, u), g = (x after, constraint rows).
+    """Return an interval: z = (x, u, e), g = (x after, constraint rows).
 
     Args:
         shooting: The problem's functions.
     """
     problem = shooting.problem
     model, shared = problem.model, _shared_symbols(problem)
-    x_, u_ = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    x_, u_ = ca.SX.sym("x", model.nx), ca.SX.sym("u", inputs_of(problem))
     s = ca.SX.sym("s", problem.ns, problem.checks + 1)
-    state, u, p = x_ * shared.states, u_ * shared.controls, shared.parameters
+    state, inputs, p = x_ * shared.states, u_ * shared.controls, shared.parameters
+    u, e = ca.vertsplit(inputs, [0, model.nu, inputs.numel()])
+    points = [(state, s[:, 0], False)]
     cost = shooting.cost_at_begin(state, u, p, s[:, 0])
     parts = _rows_at(shooting, (state, u, p, s[:, 0]), shooting.rows_with_controls)
     for k in range(problem.checks):
         ends = s[:, k], s[:, k + 1]
         state, spent = shooting.check_step(state, u, p, ends, after_jump=k == 0)
         cost += spent
+        points.append((state, s[:, k + 1], False))
         if not model.is_discrete:
             # The states after an interval are variables, with bounds.
             last = k == problem.checks - 1
@@ -241,11 +286,43 @@ def _interval_part(shooting: Shooting) -> Part:
         state = shooting.jump(state, u, p, s[: model.ns, -1])
         at = (state, u, p, s[:, -1])
         parts += _rows_at(shooting, at, shooting.rows_that_jump, without_bounds=True)
+        points.append((state, s[:, -1], True))
     if problem.quadrature == "right":
         cost += problem.dt * shooting.stage_cost(state, u, p, s[:, -1])
+    if shooting.soft is not None:
+        parts += _soft_rows(shooting.soft, points, (u, e, p))
+        spent = shooting.soft.price(points[0][0], p, s[:, 0], e)
+        cost += problem.dt * spent / shooting.costs[0]
     limited = _joined(parts)
     g = ca.vertcat(state / shared.states, limited.values)
     return _part(ca.vertcat(x_, u_), shared, s, cost, g, limited)
+
+
+def _soft_rows(
+    soft: SoftRows,
+    points: Sequence[tuple[ca.SX, ca.SX, bool]],
+    held: tuple[ca.SX, ca.SX, ca.SX],
+) -> list[LimitedRows]:
+    """Return the rows that hold the excesses of soft constraints up.
+
+    Args:
+        soft: The soft constraints.
+        points: States and signals, and whether the end of the interval left them.
+        held: Controls, excesses and parameters.
+    """
+    u, e, p = held
+    found = []
+    for x, s, jumped in points:
+        values = soft.values(x, u, p, s)
+        chosen = soft.that_jump if jumped else range(soft.size)
+        for limits, sign in ((soft.lower, 1.0), (soft.upper, -1.0)):
+            rows = [i for i in chosen if np.isfinite(limits[i])]
+            none = np.full(len(rows), sign * np.inf)
+            lower, upper = (limits[rows], none) if sign > 0 else (none, limits[rows])
+            places = [soft.places[i] for i in rows]
+            value = (values + sign * e)[rows] if rows else ca.SX(0, 1)
+            found.append(LimitedRows(value, lower, upper, places))
+    return found
 
 
 def _rows_at(
