@@ -21,6 +21,7 @@ Distances are in separation.py.
 """
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, Protocol, cast, get_args
 
@@ -32,6 +33,8 @@ from swarmstart.ocp.expressions import as_column, as_symbolic_column
 from swarmstart.ocp.limits import Array, Limit, limits_of, require_choice, scales_given
 
 Measure = Literal["excess", "indicator"]
+MovingLimit = Limit | ca.SX | Sequence[float | ca.SX]
+"""Numbers, or expressions of parameters, signals and time."""
 
 
 class Rows(NamedTuple):
@@ -84,6 +87,9 @@ class Constraint(Protocol):
 class Bounds:
     """Box bounds on controls and states.
 
+    Where a bound is an expression of parameters, signals and time, it moves: a problem
+    makes a path constraint of it, and has numbers only.
+
     Attributes:
         controls: (lower, upper), each a number or shape (nu,); None = unbounded. A
             control with equal bounds is fixed.
@@ -95,8 +101,8 @@ class Bounds:
             None: found automatically.
     """
 
-    controls: tuple[Limit, Limit] | None = None
-    states: tuple[Limit, Limit] | None = None
+    controls: tuple[MovingLimit, MovingLimit] | None = None
+    states: tuple[MovingLimit, MovingLimit] | None = None
     search: tuple[Limit, Limit] | None = None
     state_scale: Limit | None = None
 
@@ -282,7 +288,7 @@ def _set_weights(constraint: PathConstraint) -> None:
         )
     for role in ("weight", "quadratic_weight"):
         given = getattr(constraint, role)
-        column = as_column(role, ca.SX(0) if given is None else given)
+        column = as_symbolic_column(role, ca.SX(0) if given is None else given)
         if column.numel() not in (1, size):
             raise InvalidProblemError(
                 f"{role} must be one or {size} of them, got {column.numel()}"

@@ -79,8 +79,8 @@ def phases(
     first only.
 
     Args:
-        stated: The phases in order, at least one, without signals, periodic states and
-            previous controls.
+        stated: The phases in order, at least one, without signals, periodic states,
+            previous controls and soft constraints, all minimised or all maximised.
         linkages: What the end of each phase but the last makes of its state: an entry
             for each; states that are not named go on under their name.
 
@@ -123,6 +123,7 @@ def phases(
         constraints=[c for one in joined for c in one.constraints],
         terminal=[*exits.terminal, *last.terminal],
         bounds=union.bounds(more=2 + exits.symbols.numel()),
+        maximize=first.maximize,
         start=first.start,
         decided=union.decided,
         clock=CLOCK,
@@ -398,6 +399,8 @@ def _require(
             "signals": phase.ns,
             "periodic states": len(phase.periodic),
             "previous controls": phase.previous.numel(),
+            "soft constraints": len(phase.soft),
+            "costs of another sense": phase.maximize != stated[0].maximize,
             "a discrete-time model": phase.model.is_discrete,
             "a state named time": CLOCK in phase.model.state_names,
         }

@@ -42,6 +42,7 @@ from swarmstart.ocp.constraint_forms import (
 from swarmstart.ocp.constraints import (
     Bounds,
     Constraint,
+    MovingLimit,
     PathConstraint,
     TerminalConstraint,
 )
@@ -64,6 +65,7 @@ from swarmstart.ocp.limits import (
     scales_given,
 )
 from swarmstart.ocp.model import Model
+from swarmstart.ocp.moving_bounds import fixed_and_moving
 from swarmstart.ocp.symbol_map import in_sx
 from swarmstart.ocp.units import without_power_of_two
 
@@ -298,8 +300,8 @@ class OptimalControlProblem:
                 f"got {shortened(self.bounds)}"
             )
         controls, states = (
-            (-np.inf, np.inf) if limits is None else limits
-            for limits in (self.bounds.controls, self.bounds.states)
+            self._fixed(role, in_sx(role, getattr(self.bounds, role), self.model.sx))
+            for role in ("controls", "states")
         )
         controls = limits_of("controls", controls, self.model.nu)
         search = self.bounds.search
@@ -317,6 +319,18 @@ class OptimalControlProblem:
             states=limits_of("states", states, self.model.nx),
             state_scale=scales_given("states", self.bounds.state_scale, self.model.nx),
         )
+
+    def _fixed(
+        self, role: str, limits: tuple[MovingLimit, MovingLimit] | None
+    ) -> tuple[Limit, Limit]:
+        """Return the bounds that are numbers; the others become path constraints."""
+        symbols = self.symbols()
+        known = {name: symbols[name] for name in ("parameters", "signals")}
+        if self.model.time.numel():
+            known["time"] = self.model.time
+        fixed, moving = fixed_and_moving(role, limits, symbols[role], known)
+        self._set("constraints", (*self.constraints, *moving))
+        return fixed
 
     def symbols(self) -> dict[str, ca.SX]:
         """Return the columns of symbols that expressions may use, by role."""

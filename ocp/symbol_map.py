@@ -22,6 +22,7 @@ from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
 
 T = TypeVar("T")
+_WEIGHTS = ("weight", "quadratic_weight")
 _TABLES = ("LinearInterpolant", "BSplineInterpolant")
 
 
@@ -159,7 +160,7 @@ def in_sx(role: str, entry: T, sx: Callable[[str, ca.SX | ca.MX], ca.SX]) -> T:
     elif is_dataclass(stated) and not isinstance(stated, type):
         changed = {
             attribute: sx(role, value)
-            for attribute in ("expression", "relative")
+            for attribute in ("expression", "relative", *_WEIGHTS)
             if attribute in {f.name for f in fields(stated)}
             and isinstance(value := getattr(stated, attribute), ca.SX | ca.MX)
         }

@@ -1,0 +1,81 @@
+"""Bounds that move with parameters, signals and time: path constraints in the end.
+
+    lower(p, s, t) <= x   ->   x - lower >= 0,        x <= upper   ->   x - upper <= 0
+
+What is a number stays a bound.
+"""
+
+import casadi as ca
+import numpy as np
+
+from swarmstart.ocp.constraints import MovingLimit, PathConstraint
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.limits import Limit
+from swarmstart.ocp.model import as_column, require_known
+
+MOVING = "moving bounds of the "
+"""Name of the path constraint that moving bounds are, before "controls" or "states"."""
+Limits = tuple[Limit, Limit]
+
+
+def fixed_and_moving(
+    role: str,
+    limits: tuple[MovingLimit, MovingLimit] | None,
+    symbols: ca.SX,
+    known: dict[str, ca.SX],
+) -> tuple[Limits, list[PathConstraint]]:
+    """Return the bounds that are numbers, and the others as a path constraint or none.
+
+    Args:
+        role: "controls" or "states".
+        limits: (lower, upper), each a number, an expression, or one of these for each
+            symbol; None: no bounds.
+        symbols: What is bounded, shape (n, 1).
+        known: Columns of what bounds may depend on, by what they are called.
+
+    Raises:
+        InvalidProblemError: If a bound depends on anything else, or their number is not
+            that of the symbols.
+    """
+    if limits is None:
+        return (-np.inf, np.inf), []
+    if not isinstance(limits, tuple | list) or not any(map(_is_moving, limits)):
+        return limits, []  # type: ignore[return-value] # Checked as numbers.
+    numbers, rows, sides = [], [], []
+    for given, none, side in zip(limits, (-np.inf, np.inf), (1, -1), strict=True):
+        column = _column(role, given, int(symbols.numel()))
+        require_known(f"bounds of the {role}", column, known)
+        fixed = np.full(column.numel(), none)
+        for i in range(column.numel()):
+            if column[i].is_constant():
+                fixed[i] = float(column[i])
+            else:
+                rows.append(symbols[i] - column[i])
+                sides.append(side)
+        numbers.append(fixed)
+    upward = np.array(sides) > 0
+    constraint = PathConstraint(
+        expression=ca.vertcat(*rows),
+        lower=np.where(upward, 0.0, -np.inf),
+        upper=np.where(upward, np.inf, 0.0),
+        name=f"{MOVING}{role}",
+    )
+    return (numbers[0], numbers[1]), [constraint]
+
+
+def _is_moving(limit: object) -> bool:
+    """Return whether a limit is an expression, or has one."""
+    if isinstance(limit, ca.SX):
+        return True
+    several = isinstance(limit, tuple | list)
+    return several and any(isinstance(one, ca.SX) for one in limit)  # type: ignore[attr-defined]
+
+
+def _column(role: str, given: object, size: int) -> ca.SX:
+    """Return limits as a column of a size."""
+    column = as_column(f"bounds of the {role}", given)  # type: ignore[arg-type]
+    if column.numel() not in (1, size):
+        raise InvalidProblemError(
+            f"bounds of the {role} must be one or {size} of them, got {column.numel()}"
+        )
+    return column if column.numel() == size else ca.repmat(column, size, 1)
