@@ -10,8 +10,8 @@ import numpy as np
 
 from swarmstart.ocp.constraints import MovingLimit, PathConstraint
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import as_column, require_known
 from swarmstart.ocp.limits import Limit
-from swarmstart.ocp.model import as_column, require_known
 
 MOVING = "moving bounds of the "
 """Name of the path constraint that moving bounds are, before "controls" or "states"."""
@@ -67,8 +67,8 @@ def _is_moving(limit: object) -> bool:
     """Return whether a limit is an expression, or has one."""
     if isinstance(limit, ca.SX):
         return True
-    several = isinstance(limit, tuple | list)
-    return several and any(isinstance(one, ca.SX) for one in limit)  # type: ignore[attr-defined]
+    several = limit if isinstance(limit, tuple | list) else ()
+    return any(isinstance(one, ca.SX) for one in several)
 
 
 def _column(role: str, given: object, size: int) -> ca.SX:
@@ -78,4 +78,4 @@ def _column(role: str, given: object, size: int) -> ca.SX:
         raise InvalidProblemError(
             f"bounds of the {role} must be one or {size} of them, got {column.numel()}"
         )
-    return column if column.numel() == size else ca.repmat(column, size, 1)
+    return ca.vertcat(*[column] * (size // column.numel()))

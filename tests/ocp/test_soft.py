@@ -1,6 +1,7 @@
 """Soft constraints: against closed forms, and CasADi's Opti with slacks by hand."""
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -22,6 +23,7 @@ from swarmstart.ocp import (
     PolishStatus,
     RecedingHorizon,
     SolutionStatus,
+    phases,
     simulate,
     solve,
 )
@@ -386,6 +388,45 @@ def test_refuses_weights_that_are_none(given: dict[str, object], said: str) -> N
     stated = {"expression": ca.SX.sym("x", 2), "upper": 1.0, **given}
     with pytest.raises(InvalidProblemError, match=said):
         PathConstraint(**stated)  # type: ignore[arg-type]
+
+
+def test_weights_and_limits_in_mx_are_those_in_sx() -> None:
+    costs = []
+    kinds: tuple[Any, ...] = (ca.SX, ca.MX)
+    for kind in kinds:
+        x, u, w = kind.sym("x"), kind.sym("u"), kind.sym("w")
+        problem = OptimalControlProblem(
+            Model(states=x, controls=u, ode=u, parameters=w),
+            horizon=1.0,
+            intervals=2,
+            stage_cost=u**2,
+            bounds=Bounds(controls=(-w, 5)),
+            constraints=[
+                PathConstraint(
+                    expression=u - x, lower=1.0, weight=0.1, quadratic_weight=w
+                )
+            ],
+        )
+        known = Known(parameters=[2.0])
+        costs.append(Fitness(problem).value(np.array([[0.1, -3.0]]), [0.0], known))
+    assert costs[0] == costs[1]
+    assert costs[0][1] > 0.1  # The moving bound is broken.
+
+
+def test_phases_take_gains_and_refuse_soft_constraints() -> None:
+    problem = mass()
+    with pytest.raises(InvalidProblemError, match="no soft constraints, phase 1 has"):
+        phases([problem, problem])
+    cost = replace(problem, constraints=[])
+    gain = replace(cost, stage_cost=-cost.stage_cost, maximize=True)
+    with pytest.raises(InvalidProblemError, match="no costs of another sense, phase 2"):
+        phases([cost, gain])
+    found = []
+    for one in (cost, gain):
+        both = phases([replace(one, terminal=[]), one])
+        start = both.start([0.0, 0.0])
+        found.append(solve(both.problem, start, search=None, seed=0).cost)
+    assert found[1] == pytest.approx(-found[0], rel=1e-6)
 
 
 def test_refuses_a_weight_of_controls() -> None:
