@@ -172,6 +172,11 @@ def _of_constraint(
         limit = getattr(given, key, None)
         if limit is not None:
             yield (*path, key), partial(number, limit, fixed)
+    soft = getattr(given, "soft", None)
+    for key in ("weight", "quadratic"):
+        weight = getattr(soft, key, None)
+        if weight is not None:
+            yield (*path, "soft", key), partial(number, weight, fixed)
     make = path_constraint if where == "path" else terminal_constraint
     yield path, partial(_made, make, given, members)
 

@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.kinds.problem.members import Member, column_of
-from swarmstart.cases.kinds.problem.scenario import Constraint, Distance, SeparationPart
+from swarmstart.cases.kinds.problem.scenario import (
+    Constraint,
+    Distance,
+    PathLimit,
+    SeparationPart,
+)
 from swarmstart.cases.kinds.problem.symbols import limits, number
 from swarmstart.ocp import Connection, PathConstraint, Separation, TerminalConstraint
 
@@ -19,15 +24,21 @@ Array = NDArray[np.float64]
 def path_constraint(given: Constraint | Distance, member: Member) -> Any:
     """Return a path constraint of a member."""
     name = f"{given.name}{member.suffix}" if given.name else ""
-    scope, scale = member.scopes["path"], _scale(given.scale, member)
+    scope, scale = member.scopes["path"], _optional(given.scale, member)
     if isinstance(given, Constraint):
         lower, upper = _limits(given, member)
+        soft = given.soft if isinstance(given, PathLimit) else None
+        weight, quadratic = (
+            (None, None) if soft is None else (soft.weight, soft.quadratic)
+        )
         return PathConstraint(
             expression=scope.symbol(given.expression),
             lower=lower,
             upper=upper,
             scale=scale,
             name=name or f"{given.expression}{member.suffix}",
+            weight=_optional(weight, member),
+            quadratic_weight=_optional(quadratic, member),
         )
     relative = column_of(scope.symbol(text) for text in given.distance)
     margin = number(given.margin, member.constants)
@@ -58,7 +69,7 @@ def terminal_constraint(given: Constraint, member: Member) -> TerminalConstraint
         expression=member.scopes["terminal"].symbol(given.expression),
         lower=lower,
         upper=upper,
-        scale=_scale(given.scale, member),
+        scale=_optional(given.scale, member),
         name=f"{given.name or given.expression}{member.suffix}",
     )
 
@@ -92,7 +103,7 @@ def separations(
             margin=margin,
             smooth_margin=margin,
             along=part.along,
-            scale=_scale(part.scale, members[0]),
+            scale=_optional(part.scale, members[0]),
             name=name,
         )
         for relative, name in pairs
@@ -109,5 +120,5 @@ def _limits(given: Constraint, member: Member) -> tuple[float, float]:
     return limits((given.lower, given.upper), member.constants)
 
 
-def _scale(text: str | None, member: Member) -> float | None:
+def _optional(text: str | None, member: Member) -> float | None:
     return None if text is None else number(text, member.constants)

@@ -165,6 +165,25 @@ class Constraint(Part):
         return self
 
 
+class Soft(Part):
+    """Weights of a soft constraint: of its excess, and of the square of that."""
+
+    weight: Quantity | None = None
+    quadratic: Quantity | None = None
+
+    @model_validator(mode="after")
+    def _has_weight(self) -> "Soft":
+        if (self.weight, self.quadratic) == (None, None):
+            raise ValueError("expected weight, quadratic or both; found neither")
+        return self
+
+
+class PathLimit(Constraint):
+    """A constraint along the path, which may be soft."""
+
+    soft: Soft | None = None
+
+
 class Distance(Part):
     """A distance to keep: of the origin from a point with these coordinates."""
 
@@ -185,7 +204,7 @@ class Distance(Part):
 
 
 PathPart = Annotated[
-    Annotated[Distance, Tag("distance")] | Annotated[Constraint, Tag("expression")],
+    Annotated[Distance, Tag("distance")] | Annotated[PathLimit, Tag("expression")],
     _chosen("distance", "expression"),
 ]
 

@@ -73,6 +73,9 @@ def test_what_is_wrong_is_said_where_it_stands(
         ("parameters: {p: {times: [0, 0], values: [1, 2]}}", "times that increase"),
         ("parameters: {p: {times: [0, 1], values: [1]}}", "as many values as times"),
         ("path: [{expression: angle, equals: 1, lower: 0}]", "found both"),
+        ("path: [{expression: angle, upper: 1, soft: {}}]", "found neither"),
+        ("path: [{expression: angle, upper: 1, soft: {weight: -1}}]", "at least 0"),
+        ("path: [{expression: angle, upper: 1, soft: {quadratic: kk}}]", "'kk'"),
         ("path: [{distance: [angle, speed]}]", "either at_least or at_most"),
         (
             "claims: [{id: a, text: a, source: a, measure: b, relation: <, bound: 1}]",

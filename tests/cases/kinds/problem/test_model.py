@@ -208,3 +208,14 @@ def test_a_path_constraint_holds_between_its_limits() -> None:
     (u, w), _ = planned(POINT.format(start=0, cost="(x - 5)**2 + u*w", more=path))
     assert (u + w).max() < 0.5 + 1e-6
     assert u.max() > 2.9
+
+
+def test_a_soft_limit_is_broken_as_far_as_that_pays() -> None:
+    """u^2 - 4 u with 1 e + 2 e^2 above 1: least where 2 u - 4 + 1 + 4 (u - 1) = 0."""
+    soft = "constants: {k: 2}\npath: [{expression: u, upper: 1, soft: SOFT}]\n"
+    text = POINT.format(start=0, cost="u**2 - 4*u + w**2", more=soft)
+    both = text.replace("SOFT", "{weight: 1, quadratic: k}")
+    np.testing.assert_allclose(planned(both)[0][0], 7 / 6, rtol=1e-6)
+    linear = text.replace("SOFT", "{weight: 1}")
+    np.testing.assert_allclose(planned(linear)[0][0], 1.5, rtol=1e-6)
+    assert not posed(both).stated and posed(both).slacks == 1
