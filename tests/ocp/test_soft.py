@@ -26,6 +26,7 @@ from swarmstart.ocp import (
     phases,
     simulate,
     solve,
+    transcription,
 )
 from swarmstart.ocp.fitness import NOTHING, replay
 from swarmstart.ocp.kinks import kinks_of
@@ -437,3 +438,31 @@ def test_refuses_a_weight_of_controls() -> None:
             problem,
             constraints=[PathConstraint(expression=u, upper=1.0, weight=u**2)],
         )
+
+
+def test_long_horizons_whose_program_is_not_written_out_agree(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(transcription, "_UNROLLED", 0)
+    answer = solve(mass(checks=2), [0, 0], search=None, seed=0)
+    assert answer.status is SolutionStatus.CONVERGED
+    assert answer.cost == pytest.approx(by_opti(2.0, 3.0, 2), rel=1e-6)
+
+
+def test_guess_of_the_polish_has_the_excesses_of_its_path() -> None:
+    """From an answer the solver has nothing left to do but to see that."""
+    problem = mass()
+    planner = Planner(problem, search=None, polish=IpoptOptions())
+    rng = np.random.default_rng(0)
+    first = planner.plan([0.0, 0.0], rng=rng)
+    again = planner.plan([0.0, 0.0], guess=first.controls, near=True, rng=rng)
+    assert again.cost == pytest.approx(first.cost, rel=1e-7)
+    fitness, program = planner.fitness, multiple_shooting(problem)
+    sizes = fitness.arguments.sizes_along(
+        first.controls, first.states, [0.0, 0.0], NOTHING
+    )
+    q = program.arguments(np.zeros(2), np.empty(0), np.empty(0), sizes)
+    w = program.variables(first.controls, first.states, sizes)
+    w = program.with_slacks(w, q, program.limits(sizes))
+    f, _ = program.derivatives["grad_f"](w, q)
+    assert float(f) * sizes.cost == pytest.approx(first.cost, rel=1e-9)
