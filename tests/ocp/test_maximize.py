@@ -164,3 +164,17 @@ def test_problem_that_is_minimised_has_the_functions_it_had(
 def test_refuses_a_sense_that_is_no_truth_value(lq: OptimalControlProblem) -> None:
     with pytest.raises(InvalidProblemError, match="maximize must be True or False"):
         replace(lq, maximize="yes")  # type: ignore[arg-type]
+
+
+def test_kinks_of_a_gain_are_followed_to_the_better_answer() -> None:
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    cost = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=2.0,
+        intervals=8,
+        stage_cost=ca.fabs(u) + 2 * (x - 1) ** 2 + ca.fabs(x - 0.5) / 3,
+        bounds=Bounds(controls=(-3, 3)),
+    )
+    answers = [solve(p, [0.0], search=None, seed=0) for p in (cost, turned(cost))]
+    assert answers[0].path.kinks
+    assert answers[1].cost == pytest.approx(-answers[0].cost, rel=1e-9)

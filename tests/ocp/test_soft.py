@@ -466,3 +466,17 @@ def test_guess_of_the_polish_has_the_excesses_of_its_path() -> None:
     w = program.with_slacks(w, q, program.limits(sizes))
     f, _ = program.derivatives["grad_f"](w, q)
     assert float(f) * sizes.cost == pytest.approx(first.cost, rel=1e-9)
+
+
+def test_other_units_of_cost_change_nothing() -> None:
+    problem, unit = mass(), 2.0**30
+    (soft,) = problem.soft
+    linear, quadratic = (unit * weight for weight in soft.weights)
+    scaled = replace(
+        problem,
+        stage_cost=unit * problem.stage_cost,
+        constraints=[replace(soft, weight=linear, quadratic_weight=quadratic)],
+    )
+    answer = solve(scaled, [0, 0], search=None, seed=0)
+    assert answer.status is SolutionStatus.CONVERGED
+    assert answer.cost == pytest.approx(unit * by_opti(2.0, 3.0, 1), rel=1e-6)
