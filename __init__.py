@@ -140,6 +140,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         WarmStartReport as WarmStartReport,
         compile_batch as compile_batch,
         disc as disc,
+        ensemble as ensemble,
         fly as fly,
         interpolate as interpolate,
         multistart as multistart,
@@ -219,8 +220,8 @@ _NAMES = {
         SearchSettings Separation Solution SolutionStatus SolveError
         SolveInterrupted Source Start StartOutcome Step SteppedPlant Table Team
         TerminalConstraint Trajectory TrajectoryFamily UncertifiedSetError
-        WarmStartReport WarmStartedSolver compile_batch disc fly interpolate multistart
-        phases simulate solve stack_models table terminal_set_of warm_start
+        WarmStartReport WarmStartedSolver compile_batch disc ensemble fly interpolate
+        multistart phases simulate solve stack_models table terminal_set_of warm_start
     """,
     "swarmstart.terminal_set": """
         AsymmetricMatrixError Certificate CoarseHoldError

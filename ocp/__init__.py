@@ -22,6 +22,7 @@ from swarmstart.ocp.controller import (
 from swarmstart.ocp.dense_output import DenseOutput, interpolate
 from swarmstart.ocp.distances import largest_distance, smallest_distance
 from swarmstart.ocp.dual_mode import DualMode, UncertifiedSetError
+from swarmstart.ocp.ensemble import ensemble
 from swarmstart.ocp.errors import DivergedError, InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import Fitness, Known
 from swarmstart.ocp.free import Free
@@ -126,6 +127,7 @@ __all__ = [
     "collected",
     "compile_batch",
     "disc",
+    "ensemble",
     "fly",
     "held_step",
     "interpolate",

@@ -99,12 +99,15 @@ class Bounds:
             are narrower or the controls have none; None: those of the controls.
         state_scale: The excess of a state is divided by it, a number or shape (nx,);
             None: found automatically.
+        integer: Numbers or names of the controls that take whole numbers only; their
+            bounds are whole, too.
     """
 
     controls: tuple[MovingLimit, MovingLimit] | None = None
     states: tuple[MovingLimit, MovingLimit] | None = None
     search: tuple[Limit, Limit] | None = None
     state_scale: Limit | None = None
+    integer: Sequence[int | str] = ()
 
 
 class _Limited:

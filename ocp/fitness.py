@@ -6,8 +6,10 @@ what is decided about the start, if anything is: one number for each of
 """
 
 from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -60,6 +62,31 @@ class Objective:
     def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
         """Bind to buffers; see `heuristics.CompiledObjective`."""
         return self._outputs.attach(asked, (cost, violation))
+
+
+class BlockObjective(Objective):
+    """The same of variables of which each stands for several decisions."""
+
+    def __init__(self, every: Objective, places: NDArray[np.intp], dim: int) -> None:
+        """Take the objective of all decisions.
+
+        Args:
+            every: The objective.
+            places: Of each decision, which variable it is.
+            dim: Number of variables.
+        """
+        super().__init__(every._outputs, dim)
+        self._places = places
+
+    def __call__(self, population: Array) -> tuple[Array, Array]:
+        """Return cost and violation, each (size,), of a population (dim, size)."""
+        values = self._outputs(np.ascontiguousarray(population[self._places]))
+        return values[0], values[1]
+
+    def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
+        """Return None: only the call from Python works."""
+        del asked, cost, violation
+        return None
 
 
 class Known(NamedTuple):
@@ -181,6 +208,39 @@ class Fitness:
         states, outside = self._trajectory(self.decision(controls, x0), *shared)
         return np.array(states), float(outside)
 
+    def with_threshold(
+        self, x0: ArrayLike, states: Array, known: Known
+    ) -> tuple[ArrayLike, Array]:
+        """Return start and states at the nodes with what makes the cost smooth there.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            states: At the nodes, shape (nx, nodes).
+            known: Parameters and signals.
+        """
+        epigraph = self.problem.epigraph
+        if epigraph is None:
+            return x0, states
+        x, p, flat = shared_arguments(self.problem, x0, known)
+        at_end = self._member_costs(
+            states[:, -1], p, flat[flat.size - self.problem.ns :]
+        )
+        values = epigraph.values(np.array(at_end).ravel())
+        states = np.array(states)
+        x[epigraph.states], states[epigraph.states] = values, values[:, None]
+        return x, states
+
+    @cached_property
+    def _member_costs(self) -> ca.Function:
+        """(x, p, s) at the end -> the members' costs."""
+        problem = self.problem
+        symbols, epigraph = problem.symbols(), problem.epigraph
+        return ca.Function(
+            "member_costs",
+            [symbols["states"], symbols["parameters"], symbols["signals"]],
+            [epigraph.costs if epigraph else ca.SX(0, 1)],
+        )
+
     def decision(self, controls: Array, x0: ArrayLike) -> Array:
         """Return the decision vector of controls, which need not be finite.
 
@@ -273,7 +333,7 @@ class Arguments:
         if problem.integrator == "stiff" and np.isfinite(states).all():
             reach = np.abs(states).max(axis=1)
             floor = LEAST_STATE * natural.states
-            decided = [i for one in problem.free_starts for i in one.states]
+            decided = [i for one in problem.nlp_starts for i in one.states]
             floor[decided] = natural.states[decided]
             natural = replace(natural, states=np.clip(reach, floor, natural.states))
         along = self._sizing.cost_along(states, controls, parameters, signals)

@@ -5,8 +5,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.ocp.blocks import averaged
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.whole_numbers import whole
 
 Array = NDArray[np.float64]
 
@@ -19,11 +21,12 @@ def zero_controls(problem: OptimalControlProblem) -> Array:
 
 
 def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
-    """Return a guess as controls within the bounds; a copy.
+    """Return a guess as controls within the bounds, the same in each block; a copy.
 
     Args:
         problem: The problem the guess is for.
-        guess: Controls, shape (nu, N), finite; clipped to the bounds.
+        guess: Controls, shape (nu, N), finite; clipped to the bounds. A block has the
+            mean of its intervals.
 
     Raises:
         InvalidProblemError: If the shape is another, or a value not finite.
@@ -37,7 +40,9 @@ def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
     if not np.isfinite(controls).all():
         raise InvalidProblemError(f"a guess must be finite, got {controls}")
     lower, upper = problem.control_limits
-    return np.clip(controls, lower[:, None], upper[:, None])
+    within = averaged(controls, problem.blocks)
+    within = np.clip(within, lower[:, None], upper[:, None])
+    return whole(within, problem.integer, problem.control_limits)
 
 
 Appended = Literal["zero", "last"]

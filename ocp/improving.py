@@ -340,6 +340,7 @@ def _judged_by(
         evaluations=plan.evaluations + (before.plan.evaluations if before else 0),
         polish_status=plan.polish_status,
         point=point,
+        relaxed_cost=before.plan.relaxed_cost if before else plan.relaxed_cost,
     )
 
 

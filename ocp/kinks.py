@@ -89,8 +89,10 @@ def kinks_of(problem: OptimalControlProblem) -> Kinks:
         problem.stage_cost,
         problem.step_cost,
         problem.initial_cost,
-        problem.terminal_cost,
+        problem.smooth_terminal_cost,
     ]
+    if problem.epigraph is not None:
+        expressions.append(problem.epigraph.costs)
     expressions += [
         c.expression
         for c in (

@@ -6,17 +6,20 @@
     periodic state   and a copy of its start, which stays; at the end both are equal
     previous control a state that the end of an interval sets to the control
     time             t0 + T tau, with the parameter t0 and the signal tau in [0, 1]
+    risk             a state that sums up the cost of each member, and what an NLP
+                     decides to have their worst or the mean of these without kinks
     maximised costs  times -1
 
 What is decided is then a free start of one of these states, which the search, the NLP
 and the verification know. The states of the stated problem come first, and keep their
 names, bounds and units.
 
-    stated: x, u, p, s   ->   core: (x, T, decided p, copies, previous u), u,
+    stated: x, u, p, s   ->   core: (x, T, decided p, copies, previous u, members'
+                                     costs, t, e, r of risk.py), u,
                                     (known p, t0), (the model's s, tau, other s)
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -30,6 +33,7 @@ from swarmstart.ocp.expressions import symbol_names, symbol_of
 from swarmstart.ocp.free import Free
 from swarmstart.ocp.model import Model
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.risk import Epigraph, Risk, epigraph_symbols
 
 Array = NDArray[np.float64]
 END_TIME = "end time"
@@ -64,6 +68,7 @@ class Lowered:
             "decided": len(self.stated.decided),
             "copies": len(self.stated.periodic),
             "previous": int(self.stated.previous.numel()),
+            "risk": _risk_states(self.stated),
         }
         ends = np.cumsum([0, *sizes.values()]).tolist()
         return {
@@ -91,6 +96,7 @@ class Lowered:
 
         Args:
             x0: Initial state, shape (nx,); NaN where it is decided and no guess known.
+                Of an ensemble, that of a member is one for all.
             previous: Control of the interval before, shape (nu,); None: the nearest to
                 zero that is allowed.
 
@@ -98,13 +104,15 @@ class Lowered:
             InvalidProblemError: If a shape is not the problem's, or a number missing.
         """
         given = _numbers("x0", x0)
+        if self.stated.risk is not None:
+            given = self.stated.risk.start(given, self.stated.model.nx)
         if given.size != self.stated.model.nx:
             raise InvalidProblemError(
                 f"x0 must have shape ({self.stated.model.nx},), got {np.shape(x0)}"
             )
         place = self.places
         state = np.full(self.core.model.nx, np.nan)
-        state[place["states"]] = given
+        state[place["states"]], state[place["risk"]] = given, 0.0
         if place["previous"]:
             lower, upper = self.stated.control_limits
             nearest = np.clip(np.zeros(lower.size), lower, upper)
@@ -181,6 +189,7 @@ def lowered(stated: OptimalControlProblem) -> Lowered:
         or stated.periodic
         or remembers
         or stated.model.time.numel()
+        or _risk_states(stated)
     ):
         return Lowered(given, stated)
     if free_end and stated.model.is_discrete:
@@ -201,6 +210,7 @@ def _minimised(stated: OptimalControlProblem) -> OptimalControlProblem:
         step_cost=-stated.step_cost,
         initial_cost=-stated.initial_cost,
         terminal_cost=-stated.terminal_cost,
+        risk=None if stated.risk is None else stated.risk.negated(),
         maximize=False,
     )
 
@@ -219,6 +229,8 @@ def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
     )
     states = ca.vertcat(model.states, T, decided, copies, stated.previous)
     constant = ca.vertcat(T, decided, copies)
+    accrued, epigraph = _risk_symbols(stated)
+    states = ca.vertcat(states, accrued, epigraph)
     length = T if free_end else ca.SX(stated.length)
     clock = _clock(model, length)
     scale = T if free_end else ca.SX(1)
@@ -228,17 +240,27 @@ def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
             return expression
         return ca.substitute(expression, model.time, clock.time)
 
-    jumps = model.jumps or bool(stated.previous.numel())
     after = timed(model.next_state) if model.jumps else model.states
+    accrual = _accrual(stated, length, scale, after)
+    rates, steps = (timed(costs) for costs in accrual)
+    jumps = model.jumps or bool(stated.previous.numel()) or not steps.is_zero()
     core_model = Model(
         states=states,
         controls=model.controls,
         ode=ca.vertcat(
             scale * timed(model.ode) if free_end else timed(model.ode),
-            ca.SX.zeros(states.numel() - model.nx),
+            ca.SX.zeros(constant.numel() + stated.previous.numel()),
+            rates,
+            ca.SX.zeros(epigraph.numel()),
         ),
         next_state=(
-            ca.vertcat(after, constant, model.controls[: stated.previous.numel(), 0])
+            ca.vertcat(
+                after,
+                constant,
+                model.controls[: stated.previous.numel(), 0],
+                accrued + steps,
+                epigraph,
+            )
             if jumps
             else ca.SX(0, 1)
         ),
@@ -254,11 +276,23 @@ def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
             *stated.decided,
             *symbol_names(copies),
             *[f"previous {n}" for n in model.control_names[: stated.previous.numel()]],
+            *symbol_names(ca.vertcat(accrued, epigraph)),
         ),
         control_names=model.control_names,
     )  # fmt: skip
     own = stated.signals[model.ns :, 0]
     stage = timed(stated.stage_cost)
+    risk = _timed_risk(stated.risk, timed, scale)
+    end = None
+    if risk is not None and epigraph.numel():
+        first = states.numel() - epigraph.numel()
+        end = Epigraph(
+            risk=risk,
+            costs=accrued + risk.terminal,
+            decided=epigraph,
+            first=first,
+            accrued=tuple(range(first - risk.members, first)),
+        )
     return replace(
         stated,
         model=core_model,
@@ -266,7 +300,11 @@ def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
         stage_cost=scale * stage if free_end else stage,
         step_cost=timed(stated.step_cost),
         initial_cost=timed(stated.initial_cost),
-        terminal_cost=timed(stated.terminal_cost),
+        terminal_cost=(
+            timed(stated.terminal_cost) if end is None else end.risk.of(end.costs)
+        ),
+        risk=risk,
+        epigraph=end,
         constraints=[
             *[
                 replace(c, expression=timed(c.expression)) if model.time.numel() else c  # type: ignore[type-var]
@@ -298,6 +336,62 @@ def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
         previous=ca.SX(0, 1),
         signals=ca.vertcat(core_model.signals, own),
         bounds=_bounds(stated, states.numel()),
+    )
+
+
+def _risk_states(stated: OptimalControlProblem) -> int:
+    """Return the number of states that the members' costs need."""
+    return sum(symbols.numel() for symbols in _risk_symbols(stated))
+
+
+def _risk_symbols(stated: OptimalControlProblem) -> tuple[ca.SX, ca.SX]:
+    """Return symbols of the members' costs so far, and of t, e, r; see risk.py."""
+    risk, none = stated.risk, ca.SX(0, 1)
+    if risk is None or stated.epigraph is not None:  # That of a core is made.
+        return none, none
+    epigraph = epigraph_symbols(risk)
+    if not epigraph.numel():
+        return none, none
+    costs = [ca.SX.sym(f"cost of member {m}") for m in range(risk.members)]
+    return ca.vertcat(*costs), epigraph
+
+
+def _accrual(
+    stated: OptimalControlProblem, length: ca.SX, scale: ca.SX, after: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Return the rates of the members' costs, and what an interval's end adds to them.
+
+    Args:
+        stated: The problem.
+        length: Of the horizon [s].
+        scale: What rates are multiplied with.
+        after: The states that an interval's end leaves.
+    """
+    risk, model = stated.risk, stated.model
+    if risk is None or not epigraph_symbols(risk).numel():
+        return ca.SX(0, 1), ca.SX(0, 1)
+    dt = length / stated.intervals
+    if stated.quadrature == "right":
+        ends = ca.substitute(risk.stage, model.states, after)
+        return ca.SX.zeros(risk.members), risk.step + dt * ends
+    if stated.quadrature == "left" or model.is_discrete:
+        # Held over the interval, and so the same at its end; see ensemble.py.
+        return ca.SX.zeros(risk.members), risk.step + dt * risk.stage
+    return scale * risk.stage, risk.step
+
+
+def _timed_risk(
+    risk: Risk | None, timed: Callable[[ca.SX], ca.SX], scale: ca.SX
+) -> Risk | None:
+    """Return the members' costs as the core has them."""
+    if risk is None:
+        return None
+    return replace(
+        risk,
+        stage=scale * timed(risk.stage),
+        step=timed(risk.step),
+        initial=timed(risk.initial),
+        terminal=timed(risk.terminal),
     )
 
 

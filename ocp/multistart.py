@@ -9,7 +9,7 @@ from swarmstart.heuristics import Budget
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING, Known
 from swarmstart.ocp.planner import Plan, Planner, PlanningInterrupted, Source
-from swarmstart.ocp.polish import Polished, is_better
+from swarmstart.ocp.polish import Polished, Polisher, is_better
 from swarmstart.ocp.progress import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.search_space import TrajectoryFamily, space_of
 
@@ -41,13 +41,11 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
             start; seconds where the budget has only these.
 
     Raises:
-        InvalidProblemError: If the planner has no polish, a control is unbounded, or
-            the family does not fit the problem.
+        InvalidProblemError: If the planner has no polish, a control is unbounded or
+            takes whole numbers, or the family does not fit the problem.
         PlanningInterrupted: On Ctrl-C after the first start, with the best so far.
     """
-    polish, tolerance = planner.polisher, planner.problem.tolerance
-    if polish is None:
-        raise InvalidProblemError("multistart needs a planner with a polish, got none")
+    polish, tolerance = _polisher_of(planner), planner.problem.tolerance
     space = space_of(planner.fitness, family)
     best, evaluations, since_better = None, 0, 0
     began = clock.perf_counter()
@@ -85,6 +83,16 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
             _planned(planner, best, evaluations, x0, known)
         ) from None
     return _planned(planner, best, evaluations, x0, known)
+
+
+def _polisher_of(planner: Planner) -> Polisher:
+    if planner.polisher is None:
+        raise InvalidProblemError("multistart needs a planner with a polish, got none")
+    if planner.problem.integer:
+        raise InvalidProblemError(
+            "multistart takes no controls of whole numbers: solve rounds them"
+        )
+    return planner.polisher
 
 
 def _planned(

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.blocks import tied_intervals
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
@@ -105,6 +106,8 @@ class Mapped:
         """
         model, N, checks = problem.model, problem.intervals, problem.checks
         self.nx, self.nu, self.N, self.parts = model.nx, inputs_of(problem), N, parts
+        self.tied = tied_intervals(problem.blocks, N)
+        self.controls = model.nu
         self.rows = parts.interval.value.numel_out(0)
         self.free = decided_states(problem)
         inner = (self.nu + model.nx) * N
@@ -160,7 +163,21 @@ class Mapped:
     def rows_of(self, g: list[ca.MX]) -> ca.MX:
         """Return the g of the NLP: defects and rows; one that is always 0 counts."""
         reached = ca.vertcat(self.x, ca.MX.zeros(self.rows - self.nx, self.N))
-        return ca.densify(ca.vertcat(ca.vec(g[0] - reached), *g[1:]))
+        first, second = self.ties()
+        ties = [self.w[first.tolist()] - self.w[second.tolist()]] if first.size else []
+        return ca.densify(ca.vertcat(ca.vec(g[0] - reached), *g[1:], *ties))
+
+    def ties(self) -> tuple[Index, Index]:
+        """Return the numbers in w of the controls of a block, and of those before."""
+        now, before = (
+            [
+                n
+                for k in self.tied
+                for n in self.place(k - shift)[self.nx :][: self.controls]
+            ]
+            for shift in (0, 1)
+        )
+        return np.array(now, dtype=np.int64), np.array(before, dtype=np.int64)
 
     def place(self, k: int) -> list[int]:
         """Return the numbers in w of an interval's z; -1 for a start that is given."""
@@ -188,7 +205,7 @@ def _several(found: ca.MX | tuple[ca.MX, ...] | list[ca.MX]) -> list[ca.MX]:
 
 def decided_states(problem: OptimalControlProblem) -> list[int]:
     """Return the numbers of the states whose start is decided, a variable each."""
-    return [i for one in problem.free_starts for i in one.states]
+    return [i for one in problem.nlp_starts for i in one.states]
 
 
 def derivatives_of(mapped: Mapped) -> dict[str, ca.Function]:
@@ -243,12 +260,17 @@ def _jacobian(mapped: Mapped, blocks: list[ca.MX], size: int) -> ca.MX:
         entries.append((end_rows + above, place[end_columns]))
         above += part.value.numel_out(0)
     entries += [(np.arange(nx) + k * mapped.rows, following[k]) for k in range(N)]
+    ties = mapped.ties()
+    count = ties[0].size
+    entries += [(above + np.arange(count), tie) for tie in ties]
     values = ca.vertcat(
         *[
             _nonzeros(part.slopes.sparsity_out(1), block, count)
             for part, block, count in zip(parts, blocks, (N, 1, 1), strict=False)
         ],
         -ca.MX.ones(nx * N),
+        ca.MX.ones(count),
+        -ca.MX.ones(count),
     )
     return _assembled((size, mapped.w.numel()), entries, values)
 
@@ -259,12 +281,13 @@ def _hessian(mapped: Mapped, multipliers: tuple[ca.MX, ca.MX]) -> ca.MX:
     lam_f, lam_g = multipliers
     inside = N * mapped.rows
     last = inside + parts[1].value.numel_out(0)
+    begin = sum(part.value.numel_out(0) for part in parts[2:])
     curved = mapped.applied(
         lambda part: part.curvature,
         (
             (lam_f, ca.reshape(lam_g[:inside], mapped.rows, N)),
             (lam_f, lam_g[inside:last]),
-            (lam_f, lam_g[last:]),
+            (lam_f, lam_g[last : last + begin]),
         ),
         same=(1, 3),
     )

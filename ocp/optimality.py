@@ -30,8 +30,10 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.blocks import tied_intervals
 from swarmstart.ocp.fitness import at_nodes
 from swarmstart.ocp.nlp_assembly import Part, decided_states, inputs_of
+from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.transcription import Limits, NonlinearProgram
 
 Array = NDArray[np.float64]
@@ -114,8 +116,10 @@ def _slack(lam: Array, value: Array, lower: Array, upper: Array) -> float:
 def curvature(point: NlpPoint) -> Curvature:
     """Return what the second derivatives say at a stationary point."""
     problem = point.program.problem
-    nx, N = problem.model.nx, problem.intervals
-    stages = _Stages(point)
+    stages, N = _Stages(point), problem.intervals
+    if problem.blocks:
+        stages.remember_controls(problem)
+    nx = stages.ends[0][0].shape[0]
     size = max(stages.largest, np.finfo(np.float64).tiny)
     flat, held = _FLAT * size, _HELD * size
     found = Curvature.POSITIVE
@@ -138,7 +142,8 @@ def curvature(point: NlpPoint) -> Curvature:
             P = M[:nx, :nx]
         if not np.isfinite(P).all():
             return Curvature.FLAT
-    return _with_start(stages, P, found, (flat, held))
+    nx = problem.model.nx
+    return _with_start(stages, P[:nx, :nx], found, (flat, held))
 
 
 def _with_start(
@@ -222,6 +227,30 @@ class _Stages:
         self.held_controls = inside_bounds[:nu].T
         self.held_states = inside_bounds[nu:].T.astype(np.float64)
         self.held_start = at_bound[inner:]
+
+    def remember_controls(self, problem: OptimalControlProblem) -> None:
+        """Have the controls before each interval among its states, for blocks.
+
+        z = (x, v, u) with v the controls of the interval before, which within a block
+        take the place of u.
+        """
+        nx, nu = problem.model.nx, problem.model.nu
+        x, v, u = np.split(np.eye(nu + self.dynamics[0].shape[1]), [nx, nx + nu])
+        tied = set(tied_intervals(problem.blocks, problem.intervals))
+        for k in range(problem.intervals):
+            used = u.copy()
+            if k in tied:
+                used[:nu] = v
+                self.held_controls[k, :nu] = True
+            T = np.vstack([x, used])
+            self.hessian[k] = T.T @ self.hessian[k] @ T
+            self.dynamics[k] = np.vstack([self.dynamics[k] @ T, used[:nu]])
+            self.active[k] = self.active[k] @ T
+        self.held_states = np.pad(self.held_states, ((0, 0), (0, nu)))
+        H, active = self.ends[0]
+        self.ends[0] = (
+            np.pad(H, (0, nu)), np.pad(active, ((0, 0), (0, nu)))
+        )  # fmt: skip
 
 
 def _derivatives(

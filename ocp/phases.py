@@ -402,6 +402,9 @@ def _require(
             "soft constraints": len(phase.soft),
             "costs of another sense": phase.maximize != stated[0].maximize,
             "a discrete-time model": phase.model.is_discrete,
+            "controls of whole numbers": len(phase.integer),
+            "blocks of intervals": len(phase.blocks),
+            "several members": phase.risk is not None,
             "a state named time": CLOCK in phase.model.state_names,
         }
         wrong = [name for name, count in has.items() if count]

@@ -28,6 +28,7 @@ from swarmstart.ocp.fitness import (
     shared_arguments,
 )
 from swarmstart.ocp.guess import bounded_controls, zero_controls
+from swarmstart.ocp.integer_polish import IntegerPolisher
 from swarmstart.ocp.optimality import NlpPoint
 from swarmstart.ocp.path import Tracer
 from swarmstart.ocp.polish import Polished, Polisher, better_of, polish_basins
@@ -100,6 +101,8 @@ class Plan:
         start_excess: By how much the start breaks bounds of states and path
             constraints that no control enters, in parts of their scales; 0: inside.
         point: The stationary point of the NLP that it is; None: not shown to be one.
+        relaxed_cost: Cost with any numbers where controls take whole numbers, from a
+            local solver; NaN: not known.
     """
 
     controls: Array
@@ -113,6 +116,7 @@ class Plan:
     polish_status: PolishStatus | None = None
     start_excess: float = 0.0
     point: NlpPoint | None = None
+    relaxed_cost: float = np.nan
 
     @property
     def x0(self) -> Array:
@@ -144,7 +148,7 @@ def start_of(problem: OptimalControlProblem, plan: Plan, x0: ArrayLike) -> Array
         plan: The plan.
         x0: Initial state as given, shape (nx,).
     """
-    return plan.x0 if problem.free_starts else x0
+    return plan.x0 if problem.nlp_starts else x0
 
 
 class Account(TypedDict, total=False):
@@ -154,6 +158,7 @@ class Account(TypedDict, total=False):
     evaluations: int
     polish_status: PolishStatus | None
     point: NlpPoint | None
+    relaxed_cost: float
 
 
 class PlanningInterrupted(KeyboardInterrupt):
@@ -184,7 +189,8 @@ class Planner:
         fitness: Its evaluator.
         search: The population search; None: none.
         polish: Options of the polish; None: none.
-        polisher: Its NLP solver; None without a polish.
+        polisher: Its NLP solver, of the relaxed problem where controls take whole
+            numbers; None without a polish.
     """
 
     def __init__(
@@ -226,7 +232,13 @@ class Planner:
             self._space = space_of(self.fitness, family)
             # Refused here, not at the first plan.
             first_size_of(search.algorithm, self._space.box, search.budget.evaluations)
-        self.polisher = Polisher(self.fitness, polish) if polish else None
+        self._rounding: IntegerPolisher | None = None
+        self.polisher: Polisher | None = None
+        if polish and self.problem.integer:
+            self._rounding = IntegerPolisher(self.fitness, polish)
+            self.polisher = self._rounding.relaxed
+        elif polish:
+            self.polisher = Polisher(self.fitness, polish)
 
     @cached_property
     def tracer(self) -> Tracer:
@@ -247,7 +259,8 @@ class Planner:
             InvalidProblemError: If a shape is not the problem's.
         """
         lowered = self.lowered
-        if lowered.core is self.stated and not self.problem.free_starts:
+        is_core = lowered.core is self.stated and self.stated.risk is None
+        if is_core and not self.problem.free_starts:
             return x0, known, guess
         start = lowered.start(x0, known.previous)
         core = Known(
@@ -305,11 +318,18 @@ class Planner:
             found = starts if self.search is not None else []
             starts = [*found, Start(controls, states)]
         progress(0, 0, "polishing")
+        relaxed_cost = np.nan
         try:
             with heeded():
-                polished, evaluations = self._polished(
-                    self.polisher, starts, x0, known, near=near
-                )
+                if self._rounding is None:
+                    polished, evaluations = self._polished(
+                        self.polisher, starts, x0, known, near=near
+                    )
+                else:
+                    near = near or self.search is not None
+                    rounded = self._rounding(starts, x0, known, near=near)
+                    polished, evaluations = rounded.polished, rounded.evaluations
+                    relaxed_cost = rounded.relaxed_cost
         except KeyboardInterrupt:
             raise PlanningInterrupted(plan) from None
         return self.evaluated(
@@ -322,6 +342,7 @@ class Planner:
             evaluations=plan.evaluations + evaluations,
             polish_status=polished.status,
             point=polished.point,
+            relaxed_cost=relaxed_cost,
         )
 
     def _polished(

@@ -18,13 +18,14 @@ each is a guess for the NLP solver.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics.interrupts import heeded
+from swarmstart.ocp.blocks import averaged
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls
@@ -47,6 +48,13 @@ GOOD_START = 1e-3
 """Largest violation of a start that is near enough to be kept near."""
 _STEEP = 1e3
 """What the cost is at its own size, in the NLP's numbers."""
+
+
+class _How(NamedTuple):
+    """Whether the solver stays near the guess, and the controls that it leaves."""
+
+    near: bool
+    held: Sequence[int]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -130,6 +138,7 @@ class Polisher:
         *,
         states: Array | None = None,
         near: bool = False,
+        held: Sequence[int] = (),
     ) -> Polished:
         """Return the better of a guess and the local optimum found from it.
 
@@ -141,6 +150,7 @@ class Polisher:
                 not be those that the controls lead to. None means they are.
             near: Whether the guess is an answer of a search or a solver, worth staying
                 near if it is feasible to 1e-3.
+            held: Numbers of the controls that stay as they are.
 
         Raises:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
@@ -156,10 +166,11 @@ class Polisher:
             raise InvalidProblemError(
                 f"states must have shape {shape}, got {np.shape(states)}"
             )
+        x0, states = fitness.with_threshold(x0, states, known)
         near = near and before[1] <= GOOD_START
-        found = self._tried(controls, states, x0, known, before, near=near)
+        found = self._tried(controls, states, x0, known, before, _How(near, held))
         if near and found.status is not PolishStatus.CONVERGED:
-            again = self._tried(controls, states, x0, known, before, near=False)
+            again = self._tried(controls, states, x0, known, before, _How(False, held))
             found = better_of(found, again, tolerance=problem.tolerance)
         return found
 
@@ -170,14 +181,14 @@ class Polisher:
         x0: ArrayLike,
         known: Known,
         before: tuple[float, float],
-        *,
-        near: bool,
+        how: "_How",
     ) -> Polished:
         """Return the better of a guess of known value and the solver's answer."""
         problem, fitness = self._fitness.problem, self._fitness
         given = np.asarray(x0, dtype=np.float64).ravel()
-        point, stats, found = self._solve(controls, states, given, known, near=near)
+        point, stats, found = self._solve(controls, states, given, known, how)
         better, start = _within(problem, given, *found)
+        better[list(how.held)] = controls[list(how.held)]
         after = (
             fitness.value(better, start, known)
             if np.isfinite(better).all() and np.isfinite(start).all()
@@ -220,8 +231,7 @@ class Polisher:
         states: Array,
         x0: Array,
         known: Known,
-        *,
-        near: bool,
+        how: "_How",
     ) -> tuple[NlpPoint, dict[str, Any], tuple[Array, Array]]:
         """Return the solver's answer, its statistics, and what it says in our units.
 
@@ -234,7 +244,8 @@ class Polisher:
         limits = program.limits(sizes)
         first = program.variables(controls, ends, sizes)
         first = program.with_slacks(first, q, limits)
-        solver = self._near if near else self._far
+        program.hold(limits, first, how.held)
+        solver = self._near if how.near else self._far
         try:
             with heeded():
                 answer = solver(x0=first, p=q, **limits._asdict())
@@ -324,14 +335,14 @@ def better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
 def _within(
     problem: OptimalControlProblem, x0: Array, controls: Array, decided: Array
 ) -> tuple[Array, Array]:
-    """Return controls and the initial state within their bounds."""
+    """Return controls, the same in each block, and the initial state within bounds."""
     lower, upper = (limit[:, None] for limit in problem.control_limits)
     start, place = x0.copy(), 0
-    for one in problem.free_starts:
+    for one in problem.nlp_starts:
         value = np.clip(decided[place], one.value.lower, one.value.upper)
         start[list(one.states)] = value
         place += len(one.states)
-    return np.clip(controls, lower, upper), start
+    return np.clip(averaged(controls, problem.blocks), lower, upper), start
 
 
 def _last_line(error: Exception) -> str:

@@ -33,6 +33,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.blocks import block_lengths
 from swarmstart.ocp.constraint_forms import (
     as_path,
     as_terminal,
@@ -66,8 +67,10 @@ from swarmstart.ocp.limits import (
 )
 from swarmstart.ocp.model import Model
 from swarmstart.ocp.moving_bounds import fixed_and_moving
+from swarmstart.ocp.risk import Epigraph, Risk
 from swarmstart.ocp.symbol_map import in_sx
 from swarmstart.ocp.units import without_power_of_two
+from swarmstart.ocp.whole_numbers import integer_numbers
 
 Array = NDArray[np.float64]
 STATE_BOUNDS = "bounds of the states"
@@ -119,6 +122,8 @@ class OptimalControlProblem:
             the step cost and the path constraints may depend on.
         clock: Name of the state that is the time of an answer [s]; empty: the time goes
             evenly over the horizon.
+        blocks: Lengths of blocks of intervals that have one control each, in order
+            (blocks.py); empty: each interval has its own.
         signals: Symbols of the known signals, shape (ns, 1); those of the model come
             first, and are added where they are missing.
         quadrature: "integral", "left" or "right".
@@ -129,6 +134,8 @@ class OptimalControlProblem:
             constraints' scales.
         path_tolerance: Largest excess of a constraint on the finely integrated path, in
             parts of its scale, for an answer to be confirmed.
+        risk: The members' costs of an ensemble (ensemble.py); None: not an ensemble.
+        epigraph: How an NLP has a terminal cost with kinks; made by lowering.py.
 
     Raises:
         InvalidProblemError: With the name, the value given and what is allowed.
@@ -152,12 +159,15 @@ class OptimalControlProblem:
     previous: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     clock: str = ""
     signals: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    blocks: Sequence[int] = ()
     quadrature: Quadrature = "integral"
     integrator: str = "rk4"
     substeps: int = 4
     checks: int = 1
     tolerance: float = 1e-6
     path_tolerance: float = 1e-4
+    risk: Risk | None = None
+    epigraph: Epigraph | None = None
 
     def __post_init__(self) -> None:
         """Check everything; bring sequences to tuples and bounds to arrays."""
@@ -231,6 +241,7 @@ class OptimalControlProblem:
             )
         for role in ("intervals", "checks"):
             require_count(role, getattr(self, role))
+        self._set("blocks", block_lengths(self.blocks, self.intervals))
         require_integrator(self.integrator, self.substeps)
         require_choice("quadrature", self.quadrature, get_args(Quadrature))
         for role in ("tolerance", "path_tolerance"):
@@ -318,6 +329,11 @@ class OptimalControlProblem:
             search=search,
             states=limits_of("states", states, self.model.nx),
             state_scale=scales_given("states", self.bounds.state_scale, self.model.nx),
+            integer=integer_numbers(
+                self.bounds.integer,
+                self.model.control_names,
+                {"bounds": controls, "bounds in the search": search},
+            ),
         )
 
     def _fixed(
@@ -414,6 +430,11 @@ class OptimalControlProblem:
         return np.asarray(lower), np.asarray(upper)
 
     @property
+    def integer(self) -> tuple[int, ...]:
+        """Numbers of the controls that take whole numbers only."""
+        return tuple(j for j in self.bounds.integer if isinstance(j, int))
+
+    @property
     def search_limits(self) -> tuple[Array, Array]:
         """Lower and upper bounds of the controls in a search, each (nu,)."""
         if self.bounds.search is None:
@@ -488,6 +509,17 @@ class OptimalControlProblem:
     def free_starts(self) -> tuple[FreeStart, ...]:
         """The decisions about the state at the start."""
         return free_starts(self.start, self.model.state_names, self.state_limits)
+
+    @property
+    def nlp_starts(self) -> tuple[FreeStart, ...]:
+        """The same of an NLP, which decides what makes a cost smooth, too."""
+        more = () if self.epigraph is None else self.epigraph.starts
+        return (*self.free_starts, *more)
+
+    @property
+    def smooth_terminal_cost(self) -> ca.SX:
+        """The terminal cost as an NLP has it."""
+        return self.terminal_cost if self.epigraph is None else self.epigraph.cost
 
     @property
     def decisions(self) -> int:

@@ -134,6 +134,7 @@ class Sizing:
             controls = np.where((controls > 0) | tiny, controls, guessed)
             states = self._without_tiny(at, states, controls, guess)
         filled = self._filled(at, states, controls, guess)
+        self._fill_costs(at, *filled, guess)
         states, controls = (np.where(sizes > 0, sizes, 1.0) for sizes in filled)
         for one in self._problem.free_starts:
             together = list(one.states)
@@ -170,6 +171,21 @@ class Sizing:
             signals: At the end, shape (ns,).
         """
         return np.array(self._target(parameters, signals)).ravel()
+
+    def _fill_costs(
+        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+    ) -> None:
+        """Give one size to all states that are costs, in place; see risk.py."""
+        epigraph = self._problem.epigraph
+        if epigraph is None:
+            return
+        ours = [*epigraph.accrued, *epigraph.states]
+        states[ours] = states[ours].max()
+        known = [np.where(sizes > 0, sizes, 1.0) for sizes in (states, controls)]
+        known[0][ours] = states[ours]
+        end = np.abs(self._around(at, known[0], known[1], guess)[2])
+        largest = float(np.nan_to_num(end, nan=0, posinf=0).max())
+        states[ours] = np.maximum(states[ours], largest)
 
     def cost_along(
         self, states: Array, controls: Array, parameters: Array, signals: Array

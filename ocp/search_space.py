@@ -38,9 +38,17 @@ from swarmstart.heuristics import (
     SearchResult,
 )
 from swarmstart.heuristics.algorithm import first_size_of
+from swarmstart.ocp.blocks import block_numbers, first_intervals
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import Fitness, Known, Objective, started, unflatten
+from swarmstart.ocp.fitness import (
+    BlockObjective,
+    Fitness,
+    Known,
+    Objective,
+    started,
+    unflatten,
+)
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_settings import SearchSettings
 from swarmstart.ocp.shooting import (
@@ -51,8 +59,10 @@ from swarmstart.ocp.shooting import (
     unless_finite,
 )
 from swarmstart.ocp.soft import SoftRows
+from swarmstart.ocp.whole_numbers import whole, widened
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 
 class Start(NamedTuple):
@@ -91,7 +101,7 @@ class SearchSpace(Protocol):
 
 
 class ControlSpace:
-    """All control sequences within the bounds; ca.vec of (nu, N).
+    """All control sequences within the bounds; ca.vec of (nu, blocks).
 
     Attributes:
         box: The box of all control sequences.
@@ -105,26 +115,50 @@ class ControlSpace:
         """
         self._fitness = fitness
         self.box = _control_box(fitness)
+        problem = fitness.problem
+        self._first, self._coordinates = _block_coordinates(problem)
 
     def objective(self, x0: ArrayLike, known: Known) -> Objective:
         """Return population -> cost and violation; see SearchSpace."""
+        if self._fitness.problem.blocks:
+            return BlockObjective(
+                self._fitness.objective(x0, known), self._coordinates, self.box.dim
+            )
         return self._fitness.objective(x0, known)
 
     def decoded(self, x: Array, x0: ArrayLike, known: Known) -> Start:
         """Return the controls, and the start where it is decided; see SearchSpace."""
         del known
         problem = self._fitness.problem
+        x = x[self._coordinates]
         inputs = problem.model.nu * problem.intervals
-        controls = unflatten(x[:inputs], problem.model.nu)
+        controls = whole(
+            unflatten(x[:inputs], problem.model.nu),
+            problem.integer,
+            problem.control_limits,
+        )
         if not problem.free_starts:
             return Start(controls)
         return Start(controls, x0=started(problem, x0, x[inputs:]))
 
     def encoded(self, controls: Array, x0: ArrayLike) -> Array:
         """Return the decision vector of controls; see SearchSpace."""
-        return np.clip(
-            self._fitness.decision(controls, x0), self.box.lower, self.box.upper
-        )
+        decisions = self._fitness.decision(controls, x0)[self._first]
+        return np.clip(decisions, self.box.lower, self.box.upper)
+
+
+def _block_coordinates(problem: OptimalControlProblem) -> tuple[Index, Index]:
+    """Return which decisions a search has, and which of these each decision is."""
+    nu, N, blocks = problem.model.nu, problem.intervals, problem.blocks
+    rows = np.arange(nu)
+    more = np.arange(len(problem.free_starts))
+    of_blocks = first_intervals(blocks, N)
+    first = (of_blocks[:, None] * nu + rows).ravel()
+    place = (block_numbers(blocks, N)[:, None] * nu + rows).ravel()
+    return (
+        np.concatenate([first, nu * N + more]),
+        np.concatenate([place, nu * of_blocks.size + more]),
+    )
 
 
 def _control_box(fitness: Fitness) -> Box:
@@ -150,13 +184,11 @@ def _control_box(fitness: Fitness) -> Box:
                 f"{name} in [{one.value.lower:g}, {one.value.upper:g}]: give its Free "
                 "both bounds"
             )
+    lower, upper = widened((lower, upper), problem.integer)
+    steps = len(problem.blocks) or problem.intervals
     return Box(
-        lower=np.append(
-            np.tile(lower, problem.intervals), [one.value.lower for one in starts]
-        ),
-        upper=np.append(
-            np.tile(upper, problem.intervals), [one.value.upper for one in starts]
-        ),
+        lower=np.append(np.tile(lower, steps), [one.value.lower for one in starts]),
+        upper=np.append(np.tile(upper, steps), [one.value.upper for one in starts]),
         per_step=problem.model.nu,
         constant=len(starts),
     )

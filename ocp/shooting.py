@@ -30,6 +30,7 @@ from swarmstart.ocp.model import jump_of, rate_of
 from swarmstart.ocp.problem import Costs, OptimalControlProblem
 from swarmstart.ocp.scaling import Sizing
 from swarmstart.ocp.soft import SoftRows
+from swarmstart.ocp.whole_numbers import whole_symbols
 
 _UNROLLED = 20_000
 """Operations up to which a trajectory is one function without calls."""
@@ -152,7 +153,7 @@ class Shooting:
 
     @cached_property
     def stage(self) -> ca.Function:
-        """The function of one control interval.
+        """The function of one control interval; whole numbers are rounded in it.
 
         (x, u, p, S) -> (states, cost, violation), with p as in the module's head, the
         signals S at the nodes of the interval, shape (ns, checks + 1), and the states
@@ -285,7 +286,8 @@ def shooting_of(problem: OptimalControlProblem | Shooting) -> Shooting:
 def _stage(shooting: Shooting) -> ca.Function:
     problem = shooting.problem
     model = problem.model
-    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    x, given = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    u = whole_symbols(given, problem.integer, problem.control_limits)
     p, signals = (
         ca.SX.sym("p", model.np + problem.automatic),
         ca.SX.sym("s", problem.ns, problem.checks + 1),
@@ -319,7 +321,7 @@ def _stage(shooting: Shooting) -> ca.Function:
         cost += problem.dt * soft.price(x, parameters, signals[:, 0], e)
     return ca.Function(
         "stage",
-        [x, u, p, signals],
+        [x, given, p, signals],
         ca.cse([ca.horzcat(*states), cost, violation]),
         ["x", "u", "p", "signals"],
         ["states", "cost", "violation"],

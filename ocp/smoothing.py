@@ -51,7 +51,7 @@ def smoothed(
         stage_cost=stage,
         step_cost=step,
         initial_cost=begin,
-        terminal_cost=end,
+        terminal_cost=end if problem.epigraph is None else problem.terminal_cost,
         constraints=[
             replace(c, expression=by_old[id(c)]) if isinstance(c, PathConstraint) else c
             for c in (*problem.stated, *problem.soft)
@@ -120,7 +120,7 @@ class _Kinked:
             problem.stage_cost,
             problem.step_cost,
             problem.initial_cost,
-            problem.terminal_cost,
+            problem.smooth_terminal_cost,
         ]
         self._expressions += [c.expression for c in self.path]
         self._expressions += [c.expression for c in problem.terminal_constraints]

@@ -16,16 +16,18 @@ the path touches no kink or jump of the problem's expressions.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.fitness import NOTHING, Known, at_nodes, shared_arguments
+from swarmstart.ocp.member_costs import member_costs
 from swarmstart.ocp.multipliers import Multipliers, multipliers_of
 from swarmstart.ocp.optimality import Curvature, curvature, is_stationary
 from swarmstart.ocp.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.planner import Plan, start_of
+from swarmstart.ocp.polish import SAME_COST
 from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.presentation import Presented
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -67,6 +69,8 @@ class Solution(Presented):
         plan: The plan, with its source and what it took.
         compile_seconds: Wall time of `solve` spent on loading and compiling machine
             code [s].
+        member_costs: Costs of the members of an ensemble on the problem's own grid,
+            shape (M,); empty of any other problem.
     """
 
     status: SolutionStatus
@@ -84,6 +88,7 @@ class Solution(Presented):
     path: Path
     plan: Plan
     compile_seconds: float = 0.0
+    member_costs: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def multipliers(self) -> Multipliers | None:
@@ -124,11 +129,21 @@ class Solution(Presented):
         if self.decided:
             values = [f"{name} {value:.9g}" for name, value in self.decided.items()]
             lines.insert(-2, f"  decided     {', '.join(values)}")
+        if self.member_costs.size:
+            lines.insert(4, f"  members     {_spread(self.member_costs)}")
         return "\n".join(lines)
 
 
 SHOWN = 6
 """Rows of states or controls that a summary shows."""
+
+
+def _spread(costs: Array) -> str:
+    """Return how the costs of the members of an ensemble are spread."""
+    return (
+        f"{costs.size}, costs from {costs.min():.6g} (number {costs.argmin()}) to "
+        f"{costs.max():.6g} (number {costs.argmax()})"
+    )
 
 
 def _ranges(names: tuple[str, ...], rows: Array) -> str:
@@ -177,7 +192,13 @@ def verified(
             if found.status is SolutionStatus.FEASIBLE:
                 found = _same_beside(trace.shooting, path, moved, sizes, tolerance)
     if found.status is SolutionStatus.FEASIBLE:
-        found = _ranked(plan, path, settled)
+        found = (
+            _ranked(plan, path, settled)
+            if not problem.integer
+            else Found(
+                SolutionStatus.FEASIBLE, _whole(plan, trace.shooting.stated.sense)
+            )
+        )
     status, reason = found.status, found.reason
     if path.outside:
         reason = f"the start is outside: {path.outside[0]}; {reason}"
@@ -202,6 +223,8 @@ def verified(
         verified_violation=sum(e.relative for e in path.broken),
         path=path,
         plan=plan,
+        member_costs=sense
+        * member_costs(trace.shooting, plan.controls, state, parameters, signals),
     )
 
 
@@ -351,6 +374,21 @@ def _differences(
     if at_end:
         told.append(f"on the finer path {at_end[0]}")
     return "; ".join(told)
+
+
+def _whole(plan: Plan, sense: float) -> str:
+    """Return how far whole numbers are from the relaxed problem."""
+    cost, relaxed = sense * plan.cost, sense * plan.relaxed_cost
+    if not np.isfinite(relaxed):
+        why = "the relaxed problem was not solved"
+        if plan.polish_status is None:
+            why = "searched, not polished, so that no relaxed cost is known"
+        return f"whole numbers cost {cost:.6g}; {why}"
+    told = f"whole numbers cost {cost:.6g}, relaxed {relaxed:.6g}"
+    apart, size = sense * (cost - relaxed), abs(relaxed)
+    if apart <= SAME_COST * size:
+        return f"{told}: the same"
+    return f"{told}: {100 * apart / size:.2g} % apart" if size else told
 
 
 def _ranked(plan: Plan, path: Path, settled: bool) -> Found:

@@ -3,7 +3,8 @@
     minimise  f(w, q)   subject to  lbg <= g(w, q) <= ubg,  lbw <= w <= ubw
     w = (u_0, x_1, u_1, x_2, ... u_N-1, x_N, decided states of x_0), divided by sizes;
         after each u_k the excesses e_k >= 0 of soft constraints (soft.py)
-    g = (defects and rows of interval 0, of interval 1, ..., terminal rows, rows of x_0)
+    g = (defects and rows of interval 0, of interval 1, ..., terminal rows, rows of x_0,
+         u_k - u_k-1 within blocks)
     q = (x0, shared, weights of an interval's, the end's and the start's rows, ca.vec of
     signals)
 
@@ -29,6 +30,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.blocks import first_intervals, tied_intervals
 from swarmstart.ocp.constraints import Rows
 from swarmstart.ocp.nlp_assembly import (
     LimitedRows,
@@ -97,10 +99,14 @@ class NonlinearProgram:
         return np.concatenate([x0 / sizes.states, *shared, *weights, signals])
 
     def limits(self, sizes: Sizes) -> Limits:
-        """Return the bounds of variables and constraints, divided by the sizes."""
+        """Return the bounds of variables and constraints, divided by the sizes.
+
+        Of the controls of a block the first has the bounds, which would else be there
+        several times.
+        """
         problem, N = self.problem, self.problem.intervals
         free = decided_states(problem)
-        starts = [one.value for one in problem.free_starts for _ in one.states]
+        starts = [one.value for one in problem.nlp_starts for _ in one.states]
         decided = [
             np.array([getattr(value, side) for value in starts]) / sizes.states[free]
             for side in ("lower", "upper")
@@ -119,6 +125,10 @@ class NonlinearProgram:
                 strict=True,
             )
         ]
+        size = (bounds[0].size - len(free)) // N
+        for k in tied_intervals(problem.blocks, N):
+            for values, none in zip(bounds, (-np.inf, np.inf), strict=True):
+                values[k * size : k * size + problem.model.nu] = none
         g = []
         for side in (1, 2):
             inside, *ends = (
@@ -130,7 +140,8 @@ class NonlinearProgram:
                 )
                 for part in self.parts.present
             )
-            g.append(np.concatenate([np.tile(inside, N), *ends]))
+            ties = np.zeros(problem.model.nu * len(tied_intervals(problem.blocks, N)))
+            g.append(np.concatenate([np.tile(inside, N), *ends, ties]))
         return Limits(bounds[0], bounds[1], g[0], g[1])
 
     def variables(self, controls: Array, states: Array, sizes: Sizes) -> Array:
@@ -143,6 +154,16 @@ class NonlinearProgram:
         inner = np.vstack([controls / sizes.controls[:, None], slacks, scaled[:, 1:]])
         free = decided_states(self.problem)
         return np.concatenate([inner.ravel(order="F"), scaled[free, 0]])
+
+    def hold(self, limits: Limits, w: Array, controls: Sequence[int]) -> None:
+        """Bring the bounds of some controls to their values in w."""
+        problem = self.problem
+        inner = w.size - len(decided_states(problem))
+        columns = np.arange(inner).reshape((problem.intervals, -1))
+        first = first_intervals(problem.blocks, problem.intervals)
+        for j in controls:
+            row = columns[first, j]
+            limits.lbx[row] = limits.ubx[row] = w[row]
 
     def with_slacks(self, w: Array, q: Array, limits: Limits) -> Array:
         """Return w with the excesses that soft constraints have there.
@@ -200,7 +221,7 @@ def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearPro
     parts = Parts(
         _interval_part(shooting),
         _end_part(shooting),
-        _begin_part(shooting) if problem.free_starts else None,
+        _begin_part(shooting) if problem.nlp_starts else None,
     )
     mapped = Mapped(problem, parts)
     (cost,), *ends = mapped.applied(lambda part: part.cost)
@@ -350,7 +371,7 @@ def _rows_at(
 
 
 def _end_part(shooting: Shooting) -> Part:
-    """Return the end of the horizon: z = x, g = terminal rows.
+    """Return the end of the horizon: z = x, g = equations of a risk, terminal rows.
 
     Args:
         shooting: The problem's functions.
@@ -368,11 +389,22 @@ def _end_part(shooting: Shooting) -> Part:
     at_end = ca.Function(
         "end",
         [symbols["states"], symbols["parameters"], symbols["signals"]],
-        [shooting.costs[1].terminal, rows.values],
+        [*_end_terms(shooting), rows.values],
     )
     s = ca.SX.sym("s", problem.ns)
-    cost, values = at_end(x_ * shared.states, shared.parameters, s)
-    return _part(x_, shared, s, cost, values, rows)
+    cost, equations, values = at_end(x_ * shared.states, shared.parameters, s)
+    if problem.epigraph is not None:
+        equations = equations / shared.states[problem.epigraph.first]
+    return _part(x_, shared, s, cost, ca.vertcat(equations, values), rows)
+
+
+def _end_terms(shooting: Shooting) -> tuple[ca.SX, ca.SX]:
+    """Return the smooth terminal cost / unit, and the equations that belong to it."""
+    unit, costs = shooting.costs
+    epigraph = shooting.problem.epigraph
+    if epigraph is None:
+        return costs.terminal, ca.SX(0, 1)
+    return epigraph.cost / unit, epigraph.equations
 
 
 def _begin_part(shooting: Shooting) -> Part:

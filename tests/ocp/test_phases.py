@@ -154,6 +154,11 @@ def test_constraints_and_bounds_hold_in_their_phase_only() -> None:
         ([leg(1.0, 1), leg(1.0, 1)], [{"w": X[0]}], "linkages must name states"),
         ([leg(1.0, 1, signals=ca.SX.sym("s"))], [], "no signals, phase 1 has"),
         (
+            [leg(1.0, 1, bounds=Bounds(controls=(0, 1), integer=[0]))],
+            [],
+            "no controls of whole numbers, phase 1 has",
+        ),
+        (
             [
                 leg(1.0, 1),
                 OptimalControlProblem(

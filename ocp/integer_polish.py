@@ -1,0 +1,165 @@
+"""A polish where some controls take whole numbers: relax, round, descend, polish.
+
+    relaxed   the NLP solver on the problem without the demand, from the starts given
+    rounded   its answer by sum-up rounding, and the starts themselves, each
+              descended by single steps of the whole numbers
+    held      the NLP solver on what is not whole, with the whole numbers held
+
+The best by (violation, cost) is kept. The relaxed cost is a lower bound as far as the
+solver's local optimum is the global one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.blocks import block_numbers, first_intervals
+from swarmstart.ocp.fitness import Fitness, Known
+from swarmstart.ocp.polish import Polished, Polisher, is_better, polish_basins
+from swarmstart.ocp.polish_options import PolishOptions, PolishStatus
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.whole_numbers import neighbours, sum_up_rounded, whole
+
+Array = NDArray[np.float64]
+_ROUNDS = 500
+"""Steps of a descent at most."""
+_POLISHES = 10
+"""Times at most that a descent goes on after what is not whole was polished."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class WholePolished:
+    """What an integer polish found.
+
+    Attributes:
+        polished: The best, with whole numbers.
+        relaxed_cost: Cost of the relaxed problem's best answer; NaN: not solved.
+        evaluations: Evaluations of all.
+    """
+
+    polished: Polished
+    relaxed_cost: float
+    evaluations: int
+
+
+def relaxation(problem: OptimalControlProblem) -> OptimalControlProblem:
+    """Return a problem whose controls may all be any number."""
+    return replace(problem, bounds=replace(problem.bounds, integer=()))
+
+
+class IntegerPolisher:
+    """Rounds and polishes one problem with controls that take whole numbers."""
+
+    def __init__(self, fitness: Fitness, options: PolishOptions) -> None:
+        """Build the solver of the relaxed problem.
+
+        Args:
+            fitness: The problem's evaluator.
+            options: What the NLP solver is told.
+        """
+        self._fitness, problem = fitness, fitness.problem
+        self.relaxed = Polisher(Fitness(relaxation(problem), backend="casadi"), options)
+        self._integer, self._limits = problem.integer, problem.control_limits
+        self._block = block_numbers(problem.blocks, problem.intervals)
+        self._first = first_intervals(problem.blocks, problem.intervals)
+        self._decides_more = (
+            len(self._integer) < problem.model.nu or bool(problem.free_starts)
+        )  # fmt: skip
+
+    def __call__(
+        self, starts: Sequence[Start], x0: ArrayLike, known: Known, *, near: bool
+    ) -> WholePolished:
+        """Return the best whole answer from some starts.
+
+        Args:
+            starts: At least one, the best first.
+            x0: Initial state, shape (nx,), with the guess of what is decided about it.
+            known: Parameters and signals.
+            near: Whether the starts are answers, worth staying near; see Polisher.
+        """
+        tolerance = self._fitness.problem.tolerance
+        relaxed, evaluations = polish_basins(
+            self.relaxed, starts, x0, known, tolerance=tolerance, near=near
+        )
+        rounded = sum_up_rounded(
+            relaxed.controls[:, self._first],
+            self._integer,
+            self._limits,
+            np.bincount(self._block).tolist(),
+        )[:, self._block]
+        firsts: list[tuple[Array, ArrayLike]] = [(rounded, relaxed.x0)]
+        firsts += [(s.controls, x0 if s.x0 is None else s.x0) for s in starts]
+        best, *others = [self._descended(*first, known) for first in firsts]
+        evaluations += best.evaluations
+        for one in others:
+            evaluations += one.evaluations
+            best = one if _beats(one, best, tolerance) else best
+        # No bound lies above an answer: from there the relaxed problem leads down.
+        again = self.relaxed(best.controls, best.x0, known, near=True)
+        if _beats(again, relaxed, tolerance):
+            relaxed = again
+        solved = relaxed.violation <= tolerance
+        return WholePolished(
+            polished=replace(best, status=relaxed.status, point=None),
+            relaxed_cost=relaxed.cost if solved else np.nan,
+            evaluations=evaluations + again.evaluations,
+        )
+
+    def _descended(self, controls: Array, x0: ArrayLike, known: Known) -> Polished:
+        """Return where steps of whole numbers lead, what else is decided polished."""
+        best = self._held(whole(controls, self._integer, self._limits), x0, known)
+        evaluations = best.evaluations
+        for _ in range(_POLISHES):
+            stepped, spent = self._stepped(best, known)
+            evaluations += spent
+            if stepped is None:
+                break
+            best = self._held(stepped, best.x0, known)
+            evaluations += best.evaluations
+            if not self._decides_more:
+                break
+        return replace(best, evaluations=evaluations)
+
+    def _stepped(self, found: Polished, known: Known) -> tuple[Array | None, int]:
+        """Return the controls that single steps lead to, if they lead down."""
+        fitness, x0 = self._fitness, found.x0
+        objective = fitness.objective(x0, known)
+        controls, value, moved = found.controls, (found.cost, found.violation), False
+        spent, tolerance = 0, fitness.problem.tolerance
+        for _ in range(_ROUNDS):
+            blocks = neighbours(controls[:, self._first], self._integer, self._limits)
+            others = blocks[:, :, self._block]
+            population = np.stack([fitness.decision(c, x0) for c in others], axis=1)
+            cost, violation = objective(population)
+            spent += cost.size
+            broken = np.where(violation > tolerance, violation, 0.0)
+            i = int(np.lexsort((cost, broken))[0])
+            reached = float(cost[i]), float(violation[i])
+            if not is_better(reached, value, tolerance=tolerance):
+                break
+            controls, value, moved = others[i], reached, True
+        return (controls if moved else None), spent
+
+    def _held(self, controls: Array, x0: ArrayLike, known: Known) -> Polished:
+        """Return whole numbers with the best of what else is decided."""
+        if self._decides_more:
+            return self.relaxed(controls, x0, known, held=self._integer, near=True)
+        cost, violation = self._fitness.value(controls, x0, known)
+        return Polished(
+            controls=controls,
+            x0=np.asarray(x0, dtype=np.float64).ravel(),
+            cost=cost,
+            violation=violation,
+            improved=True,
+            status=PolishStatus.CONVERGED,
+            iterations=0,
+            evaluations=1,
+        )
+
+
+def _beats(one: Polished, other: Polished, tolerance: float) -> bool:
+    values = [(p.cost, p.violation) for p in (one, other)]
+    return is_better(*values, tolerance=tolerance)
