@@ -123,6 +123,8 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         DivergedError: If the plant leaves the finite numbers.
     """
     plant, state = _checked(plant, controller, x0)
+    if previous is not None and previous.is_last:
+        return
     before = previous.dt if previous else None
     for number in range(done, steps):
         time = number * (before or plant.dt)
@@ -133,6 +135,8 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
             state = decision.start
         if decision.dt is not None and decision.dt != plant.dt:
             plant = plant.with_interval(decision.dt)
+        if decision.decided and isinstance(plant, Plant):
+            plant = plant.with_decided(decision.decided)
         before = decision.dt
         dense = plant(state, _held(decision, plant), time)
         if not np.isfinite(dense).all():

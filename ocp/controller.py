@@ -12,8 +12,8 @@ plan, by (violation, cost), is flown, and the plan says so. (Always flying the s
 plan can stall: one that never was feasible is then repeated for ever.)
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
@@ -89,6 +89,7 @@ class Decision:
         is_last: Whether the flight ends with the coming interval.
         profile: Controls held one after another over the interval, where the plan's
             intervals are other ones; None: the control is held.
+        decided: What the plan decides about parameters, by name.
     """
 
     control: Array
@@ -98,6 +99,7 @@ class Decision:
     dt: float | None = None
     is_last: bool = False
     profile: Profile | None = None
+    decided: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Return mode, control and number of plans in one line."""
@@ -169,6 +171,8 @@ class RecedingHorizon:
         period: Time from one plan to the next [s], of a problem whose end time is free:
             the horizon shrinks, with the same number of intervals, and the flight ends
             when it is at most one period. None: one control interval.
+        previous: Control of the interval before the flight, shape (nu,); None: the
+            nearest to zero that is allowed.
 
     Raises:
         InvalidProblemError: If the end time is free and there is no period, or it may
@@ -183,6 +187,7 @@ class RecedingHorizon:
     shift: bool = True
     first: Array | Start | None = None
     period: float | None = None
+    previous: Array | None = None
 
     def __post_init__(self) -> None:
         """Check that a free end time can be followed to its end."""
@@ -238,8 +243,9 @@ class RecedingHorizon:
         last = previous.plans[0] if previous else None
         plan = self.plan(time, state, last, rng=rng)
         first = plan.controls[:, 0]
+        decided = self.planner.lowered.decided_parameters(plan.x0)
         if self.period is None:
-            return Decision(control=first, plans=(plan,))
+            return Decision(control=first, plans=(plan,), decided=decided)
         length = self._length(plan)
         ends = length <= self.period * (1 + _ROUNDING)
         return Decision(
@@ -248,6 +254,7 @@ class RecedingHorizon:
             dt=length if ends else None,
             is_last=ends,
             profile=_profile(plan, length),
+            decided=decided,
         )
 
     def _length(self, plan: Plan) -> float:
@@ -262,7 +269,8 @@ class RecedingHorizon:
             seen: Rows that follow the reference's, each (k, nodes): plans of others.
         """
         stated = self.planner.stated
-        return known_at(stated, time, self.reference, self.parameters, seen)
+        known = known_at(stated, time, self.reference, self.parameters, seen)
+        return known._replace(previous=self.previous)
 
     def plan(
         self,
@@ -284,7 +292,7 @@ class RecedingHorizon:
         """
         problem, known = self.planner.problem, self.known(time, seen)
         if last is not None:
-            known = known._replace(previous=last.controls[:, 0])
+            known = known._replace(previous=self._last_held(last))
         start, known, first = self.planner.posed(state, known, self.first)
         state = np.asarray(start, dtype=np.float64)
         guess = first if last is None else last.controls
@@ -304,6 +312,14 @@ class RecedingHorizon:
         if plan.feasible or shifted is None:
             return plan
         return self._fallback(plan, shifted, state, known)
+
+    def _last_held(self, last: Plan) -> Array:
+        """Return the control at the end of what was flown of the last plan."""
+        if self.period is None:
+            return last.controls[:, 0]
+        N = last.controls.shape[1]
+        intervals = self.period / (self._length(last) / N)
+        return last.controls[:, min(max(int(np.ceil(intervals - _ROUNDING)), 1), N) - 1]
 
     def _shrunk(self, state: Array, last: Plan, period: float) -> tuple[Array, Array]:
         """Return where the next plan starts and the controls that are left of the last.
@@ -398,6 +414,7 @@ class OpenLoop:
             start=plans[0].x0[: state.size] if planner.stated.start else None,
             dt=length if decided else None,
             is_last=decided and number == intervals - 1,
+            decided=lowered.decided_parameters(plans[0].x0),
         )
 
     def _planned(self, state: Array, rng: np.random.Generator) -> Plan:

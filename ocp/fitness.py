@@ -25,6 +25,7 @@ from swarmstart.ocp.compiled.simd import compile_rollout
 from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
+from swarmstart.ocp.lowering import Lowered
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.shooting import Shooting, shooting_of
@@ -358,6 +359,19 @@ def shared_arguments(
         _shaped("x0", x0, (problem.model.nx,)),
         _shaped("parameters", known.parameters, (problem.model.np,)),
         flatten(_shaped("signals", signals, (problem.ns, problem.nodes))),
+    )
+
+
+def core_known(lowered: Lowered, known: Known) -> Known:
+    """Return what a stated problem knows as its core knows it.
+
+    Args:
+        lowered: The problem with its core.
+        known: What the stated problem knows.
+    """
+    return Known(
+        lowered.parameters(known.parameters, known.time),
+        lowered.signals(known.signals),
     )
 
 

@@ -27,7 +27,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.constraints import Bounds, TerminalConstraint
+from swarmstart.ocp.constraints import Bounds, Constraint, TerminalConstraint
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import symbol_names, symbol_of
 from swarmstart.ocp.free import Free
@@ -90,6 +90,10 @@ class Lowered:
         names = [*([END_TIME] if self.places[END_TIME] else []), *self.stated.decided]
         places = [*self.places[END_TIME], *self.places["decided"]]
         return {name: float(x0[i]) for name, i in zip(names, places, strict=True)}
+
+    def decided_parameters(self, x0: Array) -> dict[str, float]:
+        """Return what an answer decides about parameters, by name."""
+        return {name: self.decided(x0)[name] for name in self.stated.decided}
 
     def start(self, x0: ArrayLike, previous: ArrayLike | None = None) -> Array:
         """Return the core's initial state, with the guesses of what is decided.
@@ -307,7 +311,7 @@ def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
         epigraph=end,
         constraints=[
             *[
-                replace(c, expression=timed(c.expression)) if model.time.numel() else c  # type: ignore[type-var]
+                _with_expression(c, timed(c.expression)) if model.time.numel() else c
                 for c in stated.stated
             ],
             *[
@@ -408,6 +412,13 @@ def _clock(model: Model, length: ca.SX) -> _Clock:
     count = int(model.time.numel())
     begin, tau = ca.SX.sym("t0", count), ca.SX.sym("tau", count)
     return _Clock(begin + length * tau if count else ca.SX(0, 1), begin, tau)
+
+
+def _with_expression(constraint: Constraint, expression: ca.SX) -> Constraint:
+    """Return a path constraint, a distance or another, on another expression."""
+    field = "relative" if hasattr(constraint, "relative") else "expression"
+    changed: Constraint = replace(constraint, **{field: expression})  # type: ignore[type-var]
+    return changed
 
 
 def _timed_end(constraint: TerminalConstraint, expression: ca.SX) -> TerminalConstraint:

@@ -303,7 +303,7 @@ def _side_by_side(models: Sequence[Model]) -> dict[str, list[ca.SX]]:
             role: ca.SX.sym(f"{letter}{number}", getattr(model, role).numel())
             for role, letter in zip(_ROLES, "xups", strict=True)
         }
-        s = ca.vertcat(copies["signals"], time[: model.time.numel()])
+        s = ca.vertcat(copies["signals"], time if model.time.numel() else ca.SX(0, 1))
         arguments = [*[*copies.values()][:3], s]
         copies["ode"] = rate_of(model)(*arguments)
         if jumping:

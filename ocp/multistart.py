@@ -65,7 +65,8 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
         while best is None or goes_on(best):
             x = space.box.lower + space.box.width * rng.random(space.box.dim)
             start = space.decoded(x, x0, known)
-            one = polish(start.controls, x0, known, states=start.states)
+            at = x0 if start.x0 is None else start.x0
+            one = polish(start.controls, at, known, states=start.states)
             evaluations += max(one.evaluations, 1)
             since_better += 1
             if best is None or is_better(
@@ -79,10 +80,8 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
     except KeyboardInterrupt:
         if best is None:
             raise
-        raise PlanningInterrupted(
-            _planned(planner, best, evaluations, x0, known)
-        ) from None
-    return _planned(planner, best, evaluations, x0, known)
+        raise PlanningInterrupted(_planned(planner, best, evaluations, known)) from None
+    return _planned(planner, best, evaluations, known)
 
 
 def _polisher_of(planner: Planner) -> Polisher:
@@ -95,12 +94,10 @@ def _polisher_of(planner: Planner) -> Polisher:
     return planner.polisher
 
 
-def _planned(
-    planner: Planner, best: Polished, evaluations: int, x0: ArrayLike, known: Known
-) -> Plan:
+def _planned(planner: Planner, best: Polished, evaluations: int, known: Known) -> Plan:
     return planner.evaluated(
         best.controls,
-        x0,
+        best.x0,
         known=known,
         source=Source.POLISH,
         evaluations=evaluations,

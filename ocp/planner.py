@@ -25,6 +25,7 @@ from swarmstart.ocp.fitness import (
     Fitness,
     Known,
     at_nodes,
+    core_known,
     shared_arguments,
 )
 from swarmstart.ocp.guess import bounded_controls, zero_controls
@@ -103,6 +104,7 @@ class Plan:
         point: The stationary point of the NLP that it is; None: not shown to be one.
         relaxed_cost: Cost with any numbers where controls take whole numbers, from a
             local solver; NaN: not known.
+        start: Initial state of a plan whose states are not kept; None: they are.
     """
 
     controls: Array
@@ -117,10 +119,13 @@ class Plan:
     start_excess: float = 0.0
     point: NlpPoint | None = None
     relaxed_cost: float = np.nan
+    start: Array | None = None
 
     @property
     def x0(self) -> Array:
         """Initial state, with what was decided about it, shape (nx,)."""
+        if self.start is not None and not self.states.size:
+            return self.start
         return self.states[:, 0]
 
     def __repr__(self) -> str:
@@ -262,11 +267,7 @@ class Planner:
         is_core = lowered.core is self.stated and self.stated.risk is None
         if is_core and not self.problem.free_starts:
             return x0, known, guess
-        start = lowered.start(x0, known.previous)
-        core = Known(
-            lowered.parameters(known.parameters, known.time),
-            lowered.signals(known.signals),
-        )
+        start, core = lowered.start(x0, known.previous), core_known(lowered, known)
         if isinstance(guess, Start) and guess.states is not None:
             guess = guess._replace(states=lowered.states(guess.states, start))
         return start, core, guess

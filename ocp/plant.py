@@ -5,20 +5,23 @@ with `step(x, u, dt)` is known at the control instants only: a flight of it has 
 between them, so nothing is checked, interpolated or measured there.
 """
 
-from collections.abc import Callable
+import copy
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.expressions import shortened
+from swarmstart.ocp.expressions import shortened, symbol_names
 from swarmstart.ocp.fitness import numbers_of
 from swarmstart.ocp.integrators import held_step
 from swarmstart.ocp.limits import require_count
 from swarmstart.ocp.model import Model, jump_of
 
 Array = NDArray[np.float64]
+NOTHING_DECIDED: Mapping[str, float] = MappingProxyType({})
 
 
 class Plant:
@@ -30,7 +33,7 @@ class Plant:
         substeps: Steps of the integrator in it.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - a model and what drives it
         self,
         model: Model,
         *,
@@ -39,6 +42,7 @@ class Plant:
         parameters: Callable[[Array], Array] | None = None,
         signals: Callable[[Array], Array] | None = None,
         integrator: str = "rk4",
+        decided: Mapping[str, float] = NOTHING_DECIDED,
     ) -> None:
         """Compile the plant.
 
@@ -46,31 +50,40 @@ class Plant:
             model: The model.
             dt: Length of a control interval [s].
             substeps: Steps of the integrator in it, at least 1.
-            parameters: Times (n,) [s] -> the model's parameters (np, n), each held over
-                one step of the integrator; None where the model has none.
+            parameters: Times (n,) [s] -> the model's parameters (np, n) that are not
+                decided, each held over one step of the integrator; None where there are
+                none.
             signals: Times (n,) [s] -> the model's signals (ns, n), linear over one step
                 of the integrator; None where the model has none.
             integrator: A key of INTEGRATORS; "stiff" for a stiff model.
+            decided: Name of a parameter that plans decide -> its value until one does.
 
         Raises:
             InvalidProblemError: If the model has parameters or signals that are not
-                given, or a number is out of range.
+                given, or not those that are decided, or a number is out of range.
         """
         if model.ns and signals is None:
             raise InvalidProblemError(
                 f"the model of a plant has {model.ns} signals: expected a function of "
                 "time for them, got none"
             )
-        if model.np and parameters is None:
+        names = symbol_names(model.parameters)
+        if unknown := [name for name in decided if name not in names]:
             raise InvalidProblemError(
-                f"the model of a plant has {model.np} parameters: expected a function "
-                "of time for them, got none"
+                f"decided must name parameters of a plant, some of "
+                f"{', '.join(names) or 'nothing'}, got {unknown}"
+            )
+        if model.np > len(decided) and parameters is None:
+            raise InvalidProblemError(
+                f"the model of a plant has {model.np - len(decided)} parameters: "
+                "expected a function of time for them, got none"
             )
         require_count("substeps", substeps)
         if not dt > 0:
             raise InvalidProblemError(f"dt must be positive, got {dt}")
         self.model, self.dt, self.substeps = model, dt, substeps
         self._parameters, self._signals = parameters, signals
+        self._decided, self._integrator = dict(decided), integrator
         step = held_step(model, dt / substeps, method=integrator)
         self._interval = step.mapaccum("plant", substeps)
         self._jump = jump_of(model)
@@ -84,22 +97,38 @@ class Plant:
                 equal parts of it, shape (nu, m), m a divisor of the steps.
             time: Of its beginning [s].
         """
+        states = self.until_end(state, control, time)
+        if not self.model.jumps:
+            return states
+        end = np.array([time + self.dt])
+        begin = time + self.dt * ((self.substeps - 1) / self.substeps)
+        last = control if control.ndim == 1 else control[:, -1]
+        jumped = self._jump(
+            states[:, -1],
+            last,
+            self.parameters(np.array([begin]))[:, 0],
+            self.varying(end)[:, 0],
+        )
+        states[:, -1] = np.array(jumped).ravel()
+        return states
+
+    def until_end(self, state: Array, control: Array, time: float = 0.0) -> Array:
+        """Return the same, but for what the end of the interval changes.
+
+        Args:
+            state: At its beginning, shape (nx,).
+            control: Held over it, shape (nu,); or several, as above.
+            time: Of its beginning [s].
+        """
         held = control[:, None] if control.ndim == 1 else control
         held = np.repeat(held, self.substeps // held.shape[1], axis=1)
         begins = time + self.dt * (np.arange(self.substeps) / self.substeps)
         arguments = [state, held, self.parameters(begins)]
-        if not (self.model.jumps or self.model.varying.numel()):
-            return np.array(self._interval(*arguments))
-        known = self.varying(np.append(begins, time + self.dt))
-        if known.size:
+        if self.model.varying.numel():
+            known = self.varying(np.append(begins, time + self.dt))
             # Both ends of each step, side by side.
             arguments.append(np.repeat(known, 2, axis=1)[:, 1:-1])
-        states = np.array(self._interval(*arguments))
-        p = arguments[2][:, -1]
-        states[:, -1] = np.array(
-            self._jump(states[:, -1], held[:, -1], p, known[:, -1])
-        ).ravel()
-        return states
+        return np.array(self._interval(*arguments))
 
     def with_interval(self, dt: float) -> "Plant":
         """Return the same plant with control intervals of another length.
@@ -113,7 +142,19 @@ class Plant:
             substeps=self.substeps,
             parameters=self._parameters,
             signals=self._signals,
+            integrator=self._integrator,
+            decided=self._decided,
         )
+
+    def with_decided(self, values: Mapping[str, float]) -> "Plant":
+        """Return the same plant with what a plan decides about its parameters.
+
+        Args:
+            values: By name; what the plant does not leave to plans is ignored.
+        """
+        again = copy.copy(self)
+        again._decided = {n: values.get(n, old) for n, old in self._decided.items()}
+        return again
 
     def varying(self, times: Array) -> Array:
         """Return the model's signals and time at some times, shape (ns, n).
@@ -141,9 +182,20 @@ class Plant:
         Args:
             times: Beginnings of the steps, shape (n,) [s].
         """
-        if self._parameters is None:
-            return np.empty((0, times.size))
-        return self._parameters(times)
+        given = np.empty((0, times.size))
+        if self._parameters is not None:
+            given = self._parameters(times)
+        if not self._decided:
+            return given
+        rows = iter(given)
+        return np.stack(
+            [
+                np.full(times.size, self._decided[name])
+                if name in self._decided
+                else next(rows)
+                for name in symbol_names(self.model.parameters)
+            ]
+        )
 
 
 @runtime_checkable

@@ -15,10 +15,11 @@ from swarmstart.cases.drawing.panels import (
     name_lines,
     panels_figure,
 )
-from swarmstart.cases.drawing.slack import KnownAt, made_at
+from swarmstart.cases.drawing.slack import KnownAt, arguments_of, made_at
 from swarmstart.cases.record.trajectory_arrays import new_plans
 from swarmstart.ocp import Fitness, Known, OptimalControlProblem, Trajectory
 from swarmstart.ocp.fitness import NOTHING
+from swarmstart.ocp.shooting import Shooting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -106,19 +107,20 @@ def plan_paths(flown: Flown) -> list[PlanPath]:
     paths = []
     for problem, flight, known in flown.parts():
         again: Fitness | None = None
-        made = made_at(flight)
+        made, shooting = made_at(flight), Shooting(problem)
+        lowered, nx = shooting.lowered, problem.model.nx
         for step in steps:
             plan = flight.decisions[step].plans[0]
             if made[step] != step:
                 continue
             states = plan.states
             if not states.size:  # A record keeps none.
-                again = again or Fitness(problem, backend="casadi")
-                states = again.states(
-                    plan.controls, flight.states[:, step], known(int(step))
-                )
-            times = flight.times[step] + problem.times
-            paths.append(PlanPath(times=times, states=states))
+                again = again or Fitness(shooting, backend="casadi")
+                start, at = arguments_of(lowered, plan, flight, int(step), known)
+                states = again.states(plan.controls, start, at)
+            end = lowered.end_time(states[:, 0])
+            times = flight.times[step] + np.linspace(0.0, end, states.shape[1])
+            paths.append(PlanPath(times=times, states=states[:nx]))
     return paths
 
 

@@ -37,6 +37,7 @@ from swarmstart.cases.drawing.plan_figures import (
     step_time_figure,
 )
 from swarmstart.cases.drawing.slack import Slack, slacks
+from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import OptimalControlProblem, Solution, Trajectory
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def _figures(flown: Flown) -> "Iterator[tuple[str, Figure]]":
     )
     yield "a_states", panels_figure({"states": states}, labels)
     controls = panels_of(
-        labels.controls, labels, trajectory.times, trajectory.controls, on_controls
+        labels.controls, labels, *held_controls(trajectory), on_controls
     )
     if controls:
         yield "b_controls", panels_figure({"controls": controls}, labels)
@@ -137,7 +138,7 @@ def draw_solution(
     """
     problem, path = solution.problem, solution.path
     labels = labels_of(problem, units=units)
-    instants = np.linspace(0.0, problem.length, problem.intervals + 1)
+    instants = np.linspace(0.0, solution.times[-1], problem.intervals + 1)
     on_states, on_controls = stacked_limits([problem])
     blocks = {
         "states": panels_of(labels.states, labels, path.times, path.states, on_states),
@@ -161,10 +162,10 @@ def draw_trajectory(
         labels = Labels(
             states=trajectory.state_names, controls=trajectory.control_names
         )
-    times, instants = trajectory.dense_times, trajectory.times
+    times = trajectory.dense_times
     blocks = {
         "states": panels_of(labels.states, labels, times, trajectory.dense_states),
-        "controls": panels_of(labels.controls, labels, instants, trajectory.controls),
+        "controls": panels_of(labels.controls, labels, *held_controls(trajectory)),
     }
     return panels_figure(blocks, labels)
 

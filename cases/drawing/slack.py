@@ -14,10 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.record.trajectory_arrays import new_plans
-from swarmstart.ocp import Constraint, Known, OptimalControlProblem, Trajectory
+from swarmstart.cases.record.trajectory_arrays import held_controls, new_plans
+from swarmstart.ocp import Constraint, Known, OptimalControlProblem, Plan, Trajectory
 from swarmstart.ocp.checking import ConstraintRows
-from swarmstart.ocp.fitness import Arguments, at_nodes, shared_arguments
+from swarmstart.ocp.fitness import (
+    Arguments,
+    at_nodes,
+    core_known,
+    shared_arguments,
+)
+from swarmstart.ocp.lowering import Lowered
 from swarmstart.ocp.path import signals_between
 from swarmstart.ocp.shooting import Shooting
 
@@ -57,11 +63,15 @@ def slacks(
         trajectory: States and controls of this problem's model.
         known: Parameters and signals of each plan.
     """
+    shooting = Shooting(problem)
+    lowered, problem = shooting.lowered, shooting.problem
     stated, ends = problem.stated, problem.terminal_constraints
     if not (stated or ends):
         return []
-    times, arguments = _along(problem, trajectory, known)
-    sizes = Arguments(Shooting(problem)).sizes(trajectory.states[:, 0], known(0))
+    times, arguments = _along(lowered, trajectory, known)
+    plan = trajectory.decisions[0].plans[0] if trajectory.decisions else None
+    begin = arguments_of(lowered, plan, trajectory, 0, known)
+    sizes = Arguments(shooting).sizes(*begin)
     groups: list[tuple[tuple[Constraint, ...], int]] = [
         (stated, 0),
         (ends, len(problem.path_constraints)),
@@ -86,24 +96,59 @@ def slacks(
     return found
 
 
+def arguments_of(
+    lowered: Lowered,
+    plan: Plan | None,
+    trajectory: Trajectory,
+    step: int,
+    known: KnownAt,
+) -> tuple[Array, Known]:
+    """Return initial state and what is known of a plan, as the core has them.
+
+    Args:
+        lowered: The problem with its core.
+        plan: What was planned; None: nothing.
+        trajectory: Its flight.
+        step: At which it was made.
+        known: Parameters and signals of each plan.
+    """
+    given = known(step)
+    start = lowered.start(trajectory.states[:, step], given.previous)
+    if plan is not None and (plan.states.size or plan.start is not None):
+        start = plan.x0
+    return start, core_known(lowered, given)
+
+
 def _along(
-    problem: OptimalControlProblem, trajectory: Trajectory, known: KnownAt
+    lowered: Lowered, trajectory: Trajectory, known: KnownAt
 ) -> tuple[Array, tuple[Array, Array, Array, Array]]:
-    """Return times, and states, controls, parameters and signals at each."""
+    """Return times, and states, controls, parameters and signals of the core there."""
+    core, held = lowered.core, held_controls(trajectory)[1]
     steps = trajectory.controls.shape[1]
     m = (trajectory.dense_times.size - 1) // steps
     columns = np.arange(steps)[:, None] * m + np.arange(m + 1)
-    times, parameters, signals = trajectory.dense_times[columns], [], []
+    times, parameters, signals, states = trajectory.dense_times[columns], [], [], []
+    if lowered.stated.model.jumps and m > 1:
+        columns[:-1, -1] -= 1  # What the end changes begins the next interval.
+    every = held.shape[1] // steps  # 1, or m: each of the plant's steps its own.
+    controls = np.repeat(held.reshape(len(held), steps, every), m // every, axis=2)
+    controls = np.concatenate([controls, controls[:, :, -1:]], axis=2)
+    before = lowered.places["previous"]
     for step, made in enumerate(made_at(trajectory)):
-        _, p, flat = shared_arguments(
-            problem, trajectory.states[:, 0], known(int(made))
-        )
+        decisions = trajectory.decisions
+        plan = decisions[made].plans[0] if decisions else None
+        start, given = arguments_of(lowered, plan, trajectory, int(made), known)
+        _, p, flat = shared_arguments(core, start, given)
         since = times[step] - trajectory.times[made]
-        signals.append(signals_between(problem, at_nodes(problem, flat), since))
+        since = since * (core.length / lowered.end_time(start))
+        signals.append(signals_between(core, at_nodes(core, flat), since))
         parameters.append(np.tile(p[:, None], (1, m + 1)))
+        states.append(lowered.states(trajectory.dense_states[:, columns[step]], start))
+        if before and step > 0:
+            states[-1][before] = controls[:, step - 1, -1:]
     return times.ravel(), (
-        trajectory.dense_states[:, columns.ravel()],
-        np.repeat(trajectory.controls, m + 1, axis=1),
+        np.hstack(states),
+        controls.reshape(len(controls), -1),
         np.hstack(parameters),
         np.hstack(signals),
     )

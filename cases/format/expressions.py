@@ -57,6 +57,8 @@ FUNCTIONS: Mapping[str, int] = MappingProxyType(  # number of arguments
 REDUCTIONS: Mapping[str, int] = MappingProxyType(  # of a path to a number
     {"integral": 1, "mean": 1, "settling": 3, "overshoot": 2}
 )
+PREVIOUS = "previous"
+"""A function of one name, of a control: its value in the interval before."""
 ENDS = ("start", "end")
 """Of a path, written behind it: `x.end`."""
 FLOAT_OPERATIONS: Mapping[str, Callable[..., float]] = MappingProxyType(
@@ -87,6 +89,11 @@ _TOKEN = re.compile(
 )
 _TOKEN_OF_PATHS = re.compile(_TOKEN.pattern + r"|\.(?:start|end)(?![A-Za-z0-9_])")
 _ALLOWED = "numbers, names, pi, + - * / **, parentheses and " + ", ".join(FUNCTIONS)
+
+
+def previous_of(control: str) -> str:
+    """Return the name that the value of a control in the interval before has."""
+    return f"{PREVIOUS}({control})"
 
 
 class ExpressionError(SwarmstartError, ValueError):
@@ -344,7 +351,7 @@ class _Converter:
             self._refuse(node, f"{what}, found {value}")
         return Number(value)
 
-    def _call(self, node: ast.Call | ast.Attribute, depth: int) -> Operation:
+    def _call(self, node: ast.Call | ast.Attribute, depth: int) -> Operation | Name:
         if isinstance(node, ast.Attribute):
             if self._of_paths and node.attr in ENDS:
                 return self._operation(node.attr, [node.value], node, depth)
@@ -352,8 +359,11 @@ class _Converter:
         if not isinstance(node.func, ast.Name):
             self._refuse(node, f"found {self._source(node)!r}; allowed are {_ALLOWED}")
         name = node.func.id
+        if name == PREVIOUS:
+            return self._previous(node)
         if name not in self._functions and not self._any:
-            what = f"unknown function {name!r}{_suggested(name, self._functions)}"
+            known = [*self._functions, PREVIOUS]
+            what = f"unknown function {name!r}{_suggested(name, known)}"
             self._refuse(node, what)
         given = len(node.args)
         wanted = self._functions.get(name, given)
@@ -365,6 +375,13 @@ class _Converter:
             what = f"expected {name} with {wanted} plain argument(s)"
             self._refuse(node, f"{what}, found {given + len(node.keywords)}")
         return self._operation(name, node.args, node, depth)
+
+    def _previous(self, node: ast.Call) -> Name:
+        """Convert what is the value of one name before to a name of its own."""
+        match node:
+            case ast.Call(args=[ast.Name(id=control)], keywords=[]):
+                return Name(previous_of(control), self._column(node))
+        self._refuse(node, f"expected {PREVIOUS} of the name of one control")
 
     def _column(self, node: ast.expr) -> int:
         return self._offset + node.col_offset + 1

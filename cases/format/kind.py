@@ -27,6 +27,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.controller import ReferenceSignals
 from swarmstart.ocp.guess import Appended
+from swarmstart.ocp.planner import start_of
 from swarmstart.terminal_set import TerminalSet
 
 Array = NDArray[np.float64]
@@ -56,6 +57,8 @@ class PosedAgent:
             polished; None: the agent plans.
         watches: Numbers of the agents whose plans it sees; each plans before it.
         shows: Rows of its own states that others see: its position.
+        previous: Control of the interval before the flight, shape (nu,); None: the
+            nearest to zero that is allowed.
     """
 
     problem: OptimalControlProblem
@@ -69,6 +72,7 @@ class PosedAgent:
     given: Array | None = None
     watches: tuple[int, ...] = ()
     shows: tuple[int, ...] = ()
+    previous: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -78,13 +82,18 @@ class PosedPlant:
     Attributes:
         model: The model.
         substeps: Steps of the integrator in a control interval.
-        parameters: Times (n,) [s] -> the model's parameters (np, n); None: none.
+        parameters: Times (n,) [s] -> the model's parameters (np, n) that are not
+            decided; None: none.
+        signals: Times (n,) [s] -> the model's signals (ns, n); None: none.
+        decided: Name of a parameter that plans decide -> its value until one does.
         differs: Whether it is another system than the planning problems', on purpose.
     """
 
     model: Model
     substeps: int
     parameters: Callable[[Array], Array] | None = None
+    signals: Callable[[Array], Array] | None = None
+    decided: Mapping[str, float] = field(default_factory=dict)
     differs: bool = False
 
 
@@ -141,6 +150,8 @@ class Posed:
         repair: Of an open loop: whether a plan that breaks a constraint between its
             checks is made again with a margin.
         dual_mode: What takes over inside the terminal sets; None: nothing does.
+        period: Time from one plan to the next [s] where the end time is decided and
+            the loop is not open; else None.
         documents: What else belongs into a run's folder: name of a file -> its text.
     """
 
@@ -152,6 +163,7 @@ class Posed:
     open_loop: bool = False
     repair: bool = False
     dual_mode: LinearLaws | None = None
+    period: float | None = None
     documents: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -212,12 +224,14 @@ class Flight(Generic[P_co]):
         Raises:
             SeveralPlansError: If several agents plan.
         """
-        planner, known = self.loop.planner, self.loop.known(0.0)
+        planner = self.loop.planner
+        given, known, _ = planner.posed(self.x0, self.loop.known(0.0))
         plan = trajectory.decisions[0].plans[0]
+        x0 = start_of(planner.problem, plan, given)
         if not plan.states.size:  # A record keeps none.
-            states = planner.fitness.states(plan.controls, self.x0, known)
+            states = planner.fitness.states(plan.controls, x0, known)
             plan = replace(plan, states=states)
-        return verified(planner.tracer, plan, self.x0, known)
+        return verified(planner.tracer, plan, x0, known)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -535,6 +535,7 @@ def _resolved(schema: Any, node: Any, data: Any) -> Any:
     if "discriminator" in node and isinstance(data, dict):
         node = {"$ref": node["discriminator"]["mapping"].get(data.get("name"), "")}
     choices = [*node.get("anyOf", ()), *node.get("oneOf", ()), node]
+    choices += [inner for choice in choices for inner in choice.get("oneOf", ())]
     parts = [
         schema["$defs"].get(choice["$ref"].rpartition("/")[2], {})
         for choice in choices

@@ -1,5 +1,6 @@
 """Planners, controller and plant for any kind of scenario, made of what it poses."""
 
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from swarmstart.ocp import (
     Agent,
     Controller,
     DualMode,
+    Free,
     Known,
     LocalAgent,
     LocalTeam,
@@ -45,16 +47,20 @@ def flight_of(posed: P, scenario: Scenario) -> Flight[P]:
         scenario: The scenario: its search, polish and backend.
     """
     plant, problem = posed.plant, posed.agents[0].problem
+    is_decided = isinstance(problem.horizon, Free)
+    controller = _controller(posed, scenario)
     return Flight(
         posed=posed,
         plant=Plant(
             plant.model,
-            dt=problem.dt,
+            dt=controller.dt if is_decided else problem.dt,
             substeps=plant.substeps,
             parameters=plant.parameters,
+            signals=plant.signals,
+            decided=plant.decided,
             integrator=verifying_integrator(problem.integrator),
         ),
-        controller=_controller(posed, scenario),
+        controller=controller,
     )
 
 
@@ -96,7 +102,7 @@ def _controller(posed: Posed, scenario: Scenario) -> Controller:
     agents = posed.agents
     if posed.order is None:
         (agent,) = agents
-        loop = _receding_horizon(agent, scenario)
+        loop = replace(_receding_horizon(agent, scenario), period=posed.period)
         return OpenLoop(loop=loop, repair=posed.repair) if posed.open_loop else loop
     team = Team(
         [
@@ -149,6 +155,7 @@ def _receding_horizon(agent: PosedAgent, scenario: Scenario) -> RecedingHorizon:
         append=agent.append,
         shift=agent.shift,
         first=agent.first if agent.given is None else agent.given,
+        previous=agent.previous,
     )
 
 
@@ -165,4 +172,5 @@ def _planner(agent: PosedAgent, scenario: Scenario) -> Planner:
 
 def _known(agent: PosedAgent, seen: tuple[Array, ...] = ()) -> Known:
     """Return parameters and signals of an agent's first plan."""
-    return known_at(agent.problem, 0.0, agent.reference, agent.parameters, seen)
+    known = known_at(agent.problem, 0.0, agent.reference, agent.parameters, seen)
+    return known._replace(previous=agent.previous)

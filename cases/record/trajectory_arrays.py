@@ -17,13 +17,15 @@ from swarmstart.ocp import (
     Step,
     Trajectory,
 )
+from swarmstart.ocp.controller import Profile
 
 Array = NDArray[np.float64]
 
 
 def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
     """Return the arrays of trajectory.npz by name; docs/record.md describes them."""
-    plans = [list(decision.plans) for decision in trajectory.decisions]
+    decisions = trajectory.decisions
+    plans = [list(decision.plans) for decision in decisions]
     linear = [d.mode is Mode.LINEAR for d in trajectory.decisions]
     return {
         "times": trajectory.times,
@@ -46,6 +48,8 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "plan_is_new": new_plans(trajectory.decisions),
         "search_history": _histories(plans, lambda search: search.history),
         "search_evaluations": _histories(plans, lambda search: search.evaluations),
+        "plan_start": _padded(plans, _start_of),
+        **_lengths(decisions),
         "state_names": np.array(trajectory.state_names),
         "control_names": np.array(trajectory.control_names),
     }
@@ -87,15 +91,30 @@ def steps_of(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
         mode = Mode.LINEAR if arrays["linear"][number] else Mode.PLANNED
         control = arrays["controls"][:, number]
         first = number * substeps
+        length, piece = (
+            _number(arrays, name, number) for name in ("interval_s", "profile_s")
+        )
+        is_last = bool(arrays["is_last"][number]) if "is_last" in arrays else False
+        profile = None
+        if piece is not None:
+            profile = Profile(controls=plans[0].controls, piece=piece)
         steps.append(
             Step(
                 number=number,
                 state=arrays["states"][:, number],
-                decision=Decision(control=control, plans=plans, mode=mode),
+                decision=Decision(
+                    control=control,
+                    plans=plans,
+                    mode=mode,
+                    dt=length,
+                    is_last=is_last,
+                    profile=profile,
+                ),
                 dense_states=arrays["dense_states"][
                     :, first + 1 : first + substeps + 1
                 ],
                 seconds=float(seconds),
+                dt=length,
             )
         )
     return steps
@@ -110,13 +129,64 @@ def _histories(
     plans: Sequence[Sequence[Plan]], history: Callable[[SearchReport], Array]
 ) -> Array:
     """Return the searches' histories, shape (T, agents, longest), NaN at the end."""
-    sizes = [history(plan.search).size for row in plans for plan in row]
+    return _padded(plans, lambda plan: history(plan.search))
+
+
+def _padded(
+    plans: Sequence[Sequence[Plan]], values_of: Callable[[Plan], Array]
+) -> Array:
+    """Return values of the plans, shape (T, agents, most), NaN at the end."""
+    sizes = [values_of(plan).size for row in plans for plan in row]
     padded = np.full((len(plans), len(plans[0]), max(sizes, default=0)), np.nan)
     for k, row in enumerate(plans):
         for agent, plan in enumerate(row):
-            values = history(plan.search)
+            values = values_of(plan)
             padded[k, agent, : values.size] = values
     return padded
+
+
+def _lengths(decisions: Sequence[Decision]) -> dict[str, Array]:
+    """Return what a decided end time makes of the intervals; empty without one."""
+    if not any(d.dt is not None or d.profile or d.is_last for d in decisions):
+        return {}
+    return {
+        "interval_s": np.array([np.nan if d.dt is None else d.dt for d in decisions]),
+        "profile_s": np.array(
+            [np.nan if d.profile is None else d.profile.piece for d in decisions]
+        ),
+        "is_last": np.array([d.is_last for d in decisions]),
+    }
+
+
+def _start_of(plan: Plan) -> Array:
+    """Return a plan's initial state; empty where an old record keeps none."""
+    is_kept = plan.states.size or plan.start is not None
+    return plan.x0 if is_kept else np.empty(0)
+
+
+def _number(arrays: Mapping[str, NDArray[Any]], name: str, place: int) -> float | None:
+    """Return an entry of an array; None where it is NaN or the array is missing."""
+    value = float(arrays[name][place]) if name in arrays else np.nan
+    return None if np.isnan(value) else value
+
+
+def held_controls(trajectory: Trajectory) -> tuple[Array, Array]:
+    """Return times (n + 1,) [s], and the controls held between them, (nu, n).
+
+    They are the control instants, unless a plan's intervals are other ones: then the
+    plant's steps.
+    """
+    decisions, steps = trajectory.decisions, trajectory.controls.shape[1]
+    if not any(decision.profile for decision in decisions):
+        return trajectory.times, trajectory.controls
+    m = (trajectory.dense_times.size - 1) // steps
+    held = [
+        np.repeat(decision.control[:, None], m, axis=1)
+        if decision.profile is None
+        else decision.profile.sampled(0.0, float(length), m)
+        for decision, length in zip(decisions, np.diff(trajectory.times), strict=True)
+    ]
+    return trajectory.dense_times, np.hstack(held)
 
 
 def _of_plans(plans: Sequence[Sequence[Plan]], value: Callable[[Plan], float]) -> Array:
@@ -141,6 +211,9 @@ def _plan(arrays: Mapping[str, NDArray[Any]], number: int, agent: int) -> Plan:
         evaluations=int(arrays["plan_evaluations"][number, agent]),
         polish_status=_polish_status(str(arrays["plan_polish"][number, agent])),
         start_excess=float(arrays["plan_start_excess"][number, agent]),
+        start=_unpadded(arrays["plan_start"][number, agent])
+        if "plan_start" in arrays
+        else None,
     )
 
 

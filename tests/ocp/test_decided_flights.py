@@ -17,6 +17,7 @@ from swarmstart.ocp import (
     Planner,
     Plant,
     RecedingHorizon,
+    fly,
     phases,
     simulate,
     solve,
@@ -155,3 +156,79 @@ def test_last_flown_control_is_the_previous_one_of_the_next_plan() -> None:
     flight = simulate(Plant(model, dt=0.2, substeps=2), loop, [0.0], steps=6, seed=0)
     moves = np.diff(flight.controls[0], prepend=0.0)
     np.testing.assert_allclose(moves, 0.25, atol=1e-4)
+
+
+def test_plant_has_the_parameters_that_a_plan_decides() -> None:
+    x, u, gain, drag = (ca.SX.sym(n) for n in ("x", "u", "gain", "drag"))
+    model = Model(
+        states=x, controls=u, ode=gain * u - drag * x,
+        parameters=ca.vertcat(gain, drag),
+    )  # fmt: skip
+    problem = OptimalControlProblem(
+        model,
+        horizon=1.0,
+        intervals=4,
+        stage_cost=u**2 + (gain - 2) ** 2,
+        decided={"gain": Free(1.0, 3.0)},
+        terminal=[x - 1],
+    )
+    loop = RecedingHorizon(
+        planner=Planner(problem, search=None, polish=IpoptOptions()),
+        parameters=lambda time: np.array([0.5]),
+    )
+    plant = Plant(
+        model, dt=0.25, substeps=20, decided={"gain": 9.0},
+        parameters=lambda times: np.full((1, times.size), 0.5),
+    )  # fmt: skip
+    flight = simulate(plant, OpenLoop(loop=loop), [0.0], steps=4, seed=0)
+    assert flight.states[0, -1] == pytest.approx(1.0, abs=1e-5)
+    assert 2.0 < flight.decisions[0].decided["gain"] < 3.0
+    np.testing.assert_array_equal(
+        plant.with_decided({"gain": 2.0, "drag": 7.0}).parameters(np.zeros(2)),
+        [[2.0, 2.0], [0.5, 0.5]],
+    )
+    with pytest.raises(InvalidProblemError, match=r"some of gain, drag, got \['u'\]"):
+        Plant(model, dt=0.25, substeps=1, decided={"u": 1.0})
+    with pytest.raises(InvalidProblemError, match="has 1 parameters: expected a func"):
+        Plant(model, dt=0.25, substeps=1, decided={"gain": 1.0})
+
+
+def test_flight_that_has_ended_does_not_go_on() -> None:
+    planner = Planner(fastest(), search=None, polish=IpoptOptions())
+    loop = RecedingHorizon(planner=planner, period=0.5)
+    plant = Plant(double_integrator(), dt=0.5, substeps=2)
+    rng = np.random.default_rng(0)
+    flown = list(fly(plant, loop, [1.0, 0.0], steps=9, rng=rng))
+    last = flown[-1]
+    assert last.decision.is_last and last.number < 8
+    more = fly(
+        plant, loop, last.dense_states[:, -1], steps=9, rng=rng, done=len(flown),
+        previous=last.decision,
+    )  # fmt: skip
+    assert not list(more)
+
+
+def test_control_before_a_flight_and_after_a_period_is_the_previous_one() -> None:
+    """Moves of at most 0.1 an interval; a period is many intervals."""
+    x, u, before = (ca.SX.sym(n) for n in ("x", "u", "before"))
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=Free(0.1, 3.0, guess=2.0),
+        intervals=20,
+        stage_cost=ca.SX(1),
+        terminal=[x - 1],
+        constraints=[u - before <= 0.1, before - u <= 0.1],
+        previous=before,
+        bounds=Bounds(controls=(-9, 9)),
+    )
+    planner = Planner(problem, search=None, polish=IpoptOptions())
+    loop = RecedingHorizon(planner=planner, period=0.4, previous=np.array([0.5]))
+    plant = Plant(problem.model, dt=0.4, substeps=40)
+    flight = simulate(plant, loop, [0.0], steps=2, seed=0)
+    profiles = [decision.profile for decision in flight.decisions]
+    assert profiles[0] is not None and profiles[1] is not None
+    assert profiles[0].controls[0, 0] == pytest.approx(0.6, abs=1e-6)
+    held = int(np.ceil(0.4 / profiles[0].piece)) - 1
+    assert held > 2
+    expected = profiles[0].controls[0, held] + 0.1
+    assert profiles[1].controls[0, 0] == pytest.approx(expected, abs=1e-6)

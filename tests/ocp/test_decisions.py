@@ -15,6 +15,7 @@ from swarmstart.ocp import (
     Model,
     OptimalControlProblem,
     Planner,
+    Separation,
     Solution,
     SolutionStatus,
     solve,
@@ -342,3 +343,30 @@ def test_what_is_known_must_fit_the_stated_problem(
     )  # fmt: skip
     with pytest.raises(InvalidProblemError, match=message):
         solve(problem, x0, search=None, known=known, seed=0)
+
+
+def test_time_may_stand_beside_signals_and_in_distances() -> None:
+    x, u, t, wind = (ca.SX.sym(n) for n in ("x", "u", "t", "wind"))
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=wind + t, signals=wind, time=t),
+        horizon=2.0,
+        intervals=4,
+        terminal_cost=x,
+        constraints=[Separation(relative=ca.vertcat(x + t + 1, 0), distance=0.5)],
+    )
+    signals = 2 * np.linspace(0, 2, 5)[None, :]
+    answer = solve(problem, [0.0], search=None, known=Known((), signals), seed=0)
+    assert answer.cost == pytest.approx(6.0)
+
+
+def test_discrete_time_model_of_one_control_may_have_a_decided_parameter() -> None:
+    x, u, gain = (ca.SX.sym(n) for n in ("x", "u", "gain"))
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, next_state=gain * x, parameters=gain),
+        horizon=2,
+        intervals=2,
+        terminal_cost=(x - 4) ** 2,
+        decided={"gain": Free(0.5, 3.0)},
+    )
+    answer = solve(problem, [1.0], search=None, seed=0)
+    assert answer.decided["gain"] == pytest.approx(2.0, rel=1e-5)

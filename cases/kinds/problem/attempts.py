@@ -17,14 +17,22 @@ from swarmstart.cases.kinds.problem.members import (
     members_of,
     shared_of,
 )
+from swarmstart.cases.kinds.problem.model import COSTS
 from swarmstart.cases.kinds.problem.scenario import (
     Constraint,
+    Decided,
     Distance,
     Noise,
     OverTime,
     ProblemScenario,
 )
-from swarmstart.cases.kinds.problem.symbols import constants_of, number, over_time
+from swarmstart.cases.kinds.problem.symbols import (
+    constants_of,
+    free,
+    known_parameters,
+    number,
+    over_time,
+)
 from swarmstart.errors import SwarmstartError
 
 Place = tuple[str | int, ...]
@@ -71,6 +79,46 @@ def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
         yield place, partial(members_of, part, shared)
 
 
+def starts(scenario: ProblemScenario) -> Iterator[Attempt]:
+    """Yield how starts, and what else is decided, get their bounds and guesses."""
+    fixed = constants_of(scenario)
+    vehicles = scenario.vehicles.members if scenario.vehicles else []
+    owned = [constants_of(scenario, one.constants) for one in vehicles]
+    places: list[tuple[Place, object, Mapping[str, float]]] = [
+        (("prediction", "horizon_s"), scenario.prediction.horizon_s, fixed),
+        *((("parameters", n), one, fixed) for n, one in scenario.parameters.items()),
+    ]
+    for name, state in scenario.states.items():
+        pairs = zip(vehicles, owned, strict=True)
+        users = [own for one, own in pairs if name not in one.start]
+        place: Place = ("states", name, "start")
+        places += [
+            (place, state.start, own) for own in (users if vehicles else [fixed])
+        ]
+    for index, (one, own) in enumerate(zip(vehicles, owned, strict=True)):
+        place = ("vehicles", "members", index, "start")
+        places += [((*place, n), given, own) for n, given in one.start.items()]
+    for name, control in scenario.controls.items():
+        places.append((("controls", name, "previous"), control.previous, fixed))
+    for place, given, names in places:
+        if isinstance(given, Decided):
+            yield from _of_decided(place, given, names)
+        elif isinstance(given, str) and place[0] != "parameters":
+            yield place, partial(number, given, names)
+
+
+def _of_decided(
+    place: Place, given: Decided, names: Mapping[str, float]
+) -> Iterator[Attempt]:
+    """Yield how bounds and guess of what is decided get their values, then both."""
+    for index, text in enumerate(given.free):
+        if text is not None:
+            yield (*place, "free", index), partial(number, text, names)
+    if given.guess is not None:
+        yield (*place, "guess"), partial(number, given.guess, names)
+    yield place, partial(free, given, names)
+
+
 def expressions(scenario: ProblemScenario) -> Iterator[Attempt]:
     """Yield how every other expression gets its value."""
     members, fixed = members_of(scenario, shared_of(scenario)), constants_of(scenario)
@@ -103,8 +151,11 @@ def _in_time(
 def _symbolic(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
     """Yield (place, scope, text) of rates, costs and positions."""
     for name, state in scenario.states.items():
-        yield ("states", name, "rate"), "rate", state.rate
-    for cost in ("stage_cost", "terminal_cost"):
+        for change in ("rate", "next"):
+            text = getattr(state, change)
+            if text is not None:
+                yield ("states", name, change), change, text
+    for cost in COSTS:
         yield (cost,), cost, getattr(scenario, cost)
     separation = scenario.vehicles.separation if scenario.vehicles else None
     for index, text in enumerate(separation.of if separation else ()):
@@ -114,7 +165,7 @@ def _symbolic(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
 def _over_time(scenario: ProblemScenario) -> Iterator[tuple[Place, OverTime | Noise]]:
     """Yield everything that has values over time."""
     parts: dict[Place, Mapping[str, OverTime | Noise]] = {
-        ("parameters",): scenario.parameters,
+        ("parameters",): known_parameters(scenario),
         ("signals",): scenario.signals,
         ("guess", "controls"): scenario.guess.controls,
         ("guess", "states"): scenario.guess.states,

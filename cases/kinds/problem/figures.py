@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.panels import Labels
 from swarmstart.cases.drawing.problem_figures import draw_problem
-from swarmstart.cases.format.kind import Flight
+from swarmstart.cases.format.kind import Flight, PosedAgent
 from swarmstart.cases.kinds.problem.pose import ProblemPosed
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.symbols import TIMING_S
+from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import Known, Trajectory
 from swarmstart.ocp.controller import known_at
 from swarmstart.ocp.fitness import replay
@@ -28,9 +30,18 @@ def draw(
     vehicles = scenario.vehicles.members if scenario.vehicles else []
 
     def known(step: int, number: int) -> Known:
-        agent, time = agents[number], step * flight.plant.dt
+        agent, time = agents[number], float(trajectory.times[step])
         seen = tuple(_shown(step, other) for other in agent.watches)
-        return known_at(agent.problem, time, agent.reference, agent.parameters, seen)
+        found = known_at(agent.problem, time, agent.reference, agent.parameters, seen)
+        return found._replace(previous=_held_before(step, agent))
+
+    def _held_before(step: int, agent: PosedAgent) -> Array | None:
+        """Return the controls of the interval before a step, where they count."""
+        if not (step and agent.problem.previous.numel()):
+            return agent.previous
+        times, held = held_controls(trajectory)
+        before = np.searchsorted(times, trajectory.times[step] - TIMING_S) - 1
+        return held[:, before]
 
     def _shown(step: int, number: int) -> Array:
         """Return where an agent's plan leads; a record keeps none of its states."""

@@ -5,7 +5,7 @@ as the library takes it.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
 import casadi as ca
 
@@ -13,11 +13,26 @@ from swarmstart.cases.format.document import meant
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem import attempts
 from swarmstart.cases.kinds.problem.attempts import Place, tried
+from swarmstart.cases.kinds.problem.decided_flaws import (
+    bounded_start_flaws,
+    combination_flaws,
+    decided_flaws,
+    end_time_flaws,
+    interval_text,
+    start_flaws,
+)
 from swarmstart.cases.kinds.problem.measures import measure_flaws
 from swarmstart.cases.kinds.problem.members import Member, members_of, shared_of
-from swarmstart.cases.kinds.problem.model import planning_problem
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario, Vehicle
-from swarmstart.cases.kinds.problem.symbols import RESERVED, limits
+from swarmstart.cases.kinds.problem.model import COSTS, planning_problem
+from swarmstart.cases.kinds.problem.scenario import (
+    Control,
+    ProblemScenario,
+    Vehicle,
+)
+from swarmstart.cases.kinds.problem.symbols import (
+    RESERVED,
+    limits,
+)
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import OptimalControlProblem, held_step
 from swarmstart.ocp.integrators import PARTS
@@ -40,6 +55,7 @@ def flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     stages: list[Callable[[ProblemScenario], Iterable[LocatedFlaw]]] = [
         _of_parts,
         lambda s: tried(attempts.constants(s)),
+        lambda s: tried(attempts.starts(s)),
         lambda s: tried(attempts.definitions(s)),
         lambda s: tried(attempts.expressions(s)),
         _of_numbers,
@@ -70,13 +86,16 @@ def _of_whole(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     except SwarmstartError as error:
         yield (), error
         return
-    grid, symbols = scenario.prediction, [*problem.symbols().values()]
-    rates = ca.Function("rates", symbols, [problem.model.ode, problem.stage_cost])
+    yield from combination_flaws(scenario, problem)
+    grid, model = scenario.prediction, problem.model
+    symbols = [*problem.symbols().values(), model.time]
+    rates = ca.Function("rates", symbols, [model.ode, problem.stage_cost])
     evaluations = {"rk4": 4, "euler": 1, "stiff": 6}[grid.integrator]
     steps = grid.substeps * grid.checks
     found = rates.n_instructions() * evaluations * steps
     if grid.integrator == "stiff" and found <= MOST_OPERATIONS:  # And linear equations.
-        first = held_step(problem.model, problem.dt, method="stiff")
+        dt = float(problem.expected_times[-1]) / grid.intervals
+        first = held_step(model, dt, method="stiff")
         parts = len(PARTS)
         found = int(first.n_instructions() / parts * (steps + parts - 1))
     if found > MOST_OPERATIONS:
@@ -99,6 +118,7 @@ def _of_parts(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     yield from _missing_keys(scenario)
     yield from _of_vehicles(scenario)
     yield from _of_feedback(scenario)
+    yield from end_time_flaws(scenario)
 
 
 def _names_given_twice(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
@@ -137,13 +157,19 @@ def _vehicles(scenario: ProblemScenario) -> list[Vehicle]:
 
 def _missing_keys(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield keys that other parts of the scenario make necessary."""
-    if not {"stage_cost", "terminal_cost"} & scenario.model_fields_set:
-        yield (), "expected stage_cost, terminal_cost or both; found neither"
+    if not {*COSTS} & scenario.model_fields_set:
+        yield (), f"expected a cost, one of {', '.join(COSTS)}; found none"
     vehicles = _vehicles(scenario)
     for name, state in scenario.states.items():
         elsewhere = vehicles and all(name in vehicle.start for vehicle in vehicles)
         if state.start is None and not elsewhere:
             yield ("states", name), "expected the key 'start'"
+        if state.rate is None and state.next is None:
+            yield (
+                ("states", name),
+                "expected the key 'rate', or 'next' of a state that changes at the "
+                "end of each interval",
+            )
     complete: list[tuple[Place, Mapping[str, object], Collection[str]]] = [
         (("candidates", index), one, scenario.controls)
         for index, one in enumerate(scenario.candidates)
@@ -173,8 +199,9 @@ def _of_vehicles(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _of_feedback(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield what does not go with one plan that is flown to its end."""
+    """Yield what does not go with one plan that is flown to its end, or with many."""
     if scenario.feedback.law != "open_loop":
+        yield from start_flaws(scenario)
         return
     intervals = scenario.prediction.intervals
     if scenario.steps > intervals:
@@ -198,6 +225,7 @@ def _unknown(name: str, known: Collection[str], what: str) -> str:
 def _of_numbers(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield starts and bounds that are invalid, or do not fit each other; once each."""
     seen: set[Place] = set()
+    yield from decided_flaws(scenario)
     for member in members_of(scenario, shared_of(scenario)):
         for place, what in _of_member(scenario, member):
             if place not in seen:
@@ -206,30 +234,67 @@ def _of_numbers(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _of_member(scenario: ProblemScenario, member: Member) -> Iterator[LocatedFlaw]:
-    is_searched = scenario.search.name != "none"
     starts = dict(zip(scenario.states, member.start, strict=True))
-    for part in ("states", "controls"):
-        for name, one in getattr(scenario, part).items():
-            place: Place = (part, name, "bounds")
-            try:
-                lower, upper = limits(one.bounds, member.constants)
-            except SwarmstartError as error:
-                yield place, error
-                continue
-            found = f"[{lower:g}, {upper:g}]"
-            if lower > upper:
-                yield place, f"expected lower <= upper, found {found}"
-            elif part == "states" and not lower <= starts[name] <= upper:
+    for name, state in scenario.states.items():
+        for place, found in _ordered(("states", name, "bounds"), state.bounds, member):
+            if not isinstance(found, tuple):
+                yield place, found
+            elif name in member.decided:
+                yield from bounded_start_flaws(
+                    scenario, name, found, member.decided[name]
+                )
+            elif not found[0] <= starts[name] <= found[1]:
                 yield (
-                    (part, name, "start"),
-                    f"expected a start within the bounds {found}, "
+                    ("states", name, "start"),
+                    f"expected a start within the bounds {interval_text(found)}, "
                     f"found {starts[name]:g}",
                 )
-            is_bounded = math.isfinite(lower) and math.isfinite(upper)
-            if part == "controls" and is_searched and not is_bounded:
-                yield (
-                    place if one.bounds is not None else place[:-1],
-                    "expected bounds of the control, [lower, upper]: the search draws "
-                    "between them; without a search (search: {name: none}) it may be "
-                    "unbounded",
-                )
+    for name, control in scenario.controls.items():
+        yield from _of_control(scenario, name, control, member)
+
+
+def _ordered(
+    place: Place, pair: Sequence[str | None] | None, member: Member
+) -> Iterator[tuple[Place, tuple[float, float] | str | SwarmstartError]]:
+    """Yield a place with its bounds, or with what is wrong there."""
+    try:
+        lower, upper = limits(pair, member.constants)
+    except SwarmstartError as error:
+        yield place, error
+        return
+    if lower > upper:
+        yield place, f"expected lower <= upper, found {interval_text((lower, upper))}"
+    else:
+        yield place, (lower, upper)
+
+
+def _of_control(
+    scenario: ProblemScenario, name: str, control: Control, member: Member
+) -> Iterator[LocatedFlaw]:
+    """Yield bounds of a control that are invalid, or leave a search nothing."""
+    place: Place = ("controls", name, "bounds")
+    ((_, bounds),) = _ordered(place, control.bounds, member)
+    if not isinstance(bounds, tuple):
+        yield place, bounds
+        return
+    lower, upper = bounds
+    if control.search_bounds is not None:
+        inner: Place = ("controls", name, "search_bounds")
+        ((_, within),) = _ordered(inner, control.search_bounds, member)
+        if not isinstance(within, tuple):
+            yield inner, within
+            return
+        lower, upper = max(within[0], lower), min(within[1], upper)
+        if lower > upper:
+            yield (
+                inner,
+                f"expected bounds for the search within {interval_text(bounds)}, found "
+                f"{interval_text(within)}",
+            )
+    is_bounded = math.isfinite(lower) and math.isfinite(upper)
+    if scenario.search.name != "none" and not is_bounded:
+        yield (
+            place if control.bounds is not None else place[:-1],
+            "expected bounds of the control, [lower, upper]: the search draws between "
+            "them; without a search (search: {name: none}) it may be unbounded",
+        )

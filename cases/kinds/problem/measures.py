@@ -8,10 +8,8 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import simpson
 
 from swarmstart.cases.format.expressions import (
     FLOAT_OPERATIONS,
@@ -24,10 +22,20 @@ from swarmstart.cases.format.expressions import (
 )
 from swarmstart.cases.format.kind import NEVER, Flight, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.cases.kinds.problem.flown_path import (
+    decided_rows,
+    flown_values,
+    integrated,
+    rows_of,
+)
 from swarmstart.cases.kinds.problem.model import planning_problem
-from swarmstart.cases.kinds.problem.names import MEASURES
+from swarmstart.cases.kinds.problem.names import END_TIME_MEASURE, MEASURES
 from swarmstart.cases.kinds.problem.pose import ProblemPosed
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario, UserScenario
+from swarmstart.cases.kinds.problem.scenario import (
+    Decided,
+    ProblemScenario,
+    UserScenario,
+)
 from swarmstart.cases.kinds.problem.symbols import ARRAYS, TIME, constants_of
 from swarmstart.cases.kinds.problem.tables import (
     NO_TABLES,
@@ -35,9 +43,19 @@ from swarmstart.cases.kinds.problem.tables import (
     inputs_of,
     operations_of,
 )
-from swarmstart.cases.record.trajectory_arrays import effort, found_plans, planned
-from swarmstart.ocp import Mode, OptimalControlProblem, PolishStatus, Trajectory
-from swarmstart.ocp.constraints import row_excess
+from swarmstart.cases.record.trajectory_arrays import (
+    effort,
+    found_plans,
+    planned,
+)
+from swarmstart.ocp import (
+    Free,
+    Mode,
+    OptimalControlProblem,
+    PolishStatus,
+    Trajectory,
+)
+from swarmstart.ocp.lowering import END_TIME, lowered
 
 Array = NDArray[np.float64]
 P = TypeVar("P", bound=Posed)
@@ -55,7 +73,7 @@ def measure(
         problem=planning_problem(scenario, flight.posed.members),
         own=own_values(
             scenario.measures,
-            path_of(scenario, flight.posed, trajectory),
+            path_of(scenario, flight, trajectory),
             scenario.tabled,
         ),
     )
@@ -80,7 +98,7 @@ def measured(
     is_open = flight.posed.open_loop
     solution = flight.answer(trajectory) if is_open else None
     searched = sum(plan.search.cost for plan in plans)
-    flown_cost, path_excess, terminal_excess = _flown(problem, flight, trajectory)
+    flown_cost, path_excess, terminal_excess = flown_values(problem, flight, trajectory)
     measures: dict[str, Measure] = {
         "cost": _finite(sense * sum(plan.cost for plan in plans)),
         "violation": sum(plan.violation for plan in plans),
@@ -97,7 +115,8 @@ def measured(
         "linear_steps": sum(d.mode is Mode.LINEAR for d in trajectory.decisions),
         **effort(trajectory),
     }
-    return {**own, **{name: measures[name] for name in MEASURES}}
+    decided = decided_values(problem, plans[0].x0) if is_decided(problem) else {}
+    return {**own, **decided, **{name: measures[name] for name in MEASURES}}
 
 
 def own_values(
@@ -113,17 +132,58 @@ def own_values(
     return {name: _own(text, path, tables) for name, text in own.items()}
 
 
+def is_decided(problem: OptimalControlProblem) -> bool:
+    """Return whether a problem decides more than controls."""
+    is_free = isinstance(problem.horizon, Free)
+    return is_free or bool(problem.decided or problem.start)
+
+
+def decided_values(problem: OptimalControlProblem, x0: Array) -> dict[str, float]:
+    """Return what a plan decides besides controls, by the names of its measures.
+
+    Args:
+        problem: The problem.
+        x0: The plan's initial state, as the problem's core has it.
+    """
+    whole, names = lowered(problem), problem.model.state_names
+    found = {
+        END_TIME_MEASURE if name == END_TIME else f"decided_{name}": value
+        for name, value in whole.decided(x0).items()
+    }
+    states = [names[i] for one in problem.free_starts for i in one.states]
+    return found | {f"decided_{n}": float(x0[names.index(n)]) for n in states}
+
+
+def decided_measures(scenario: ProblemScenario) -> dict[str, str]:
+    """Return the measures of what is decided: name -> why it is null; it never is."""
+    members = scenario.vehicles.members if scenario.vehicles else []
+    names = [n for n, one in scenario.parameters.items() if isinstance(one, Decided)]
+    for name, state in scenario.states.items():
+        starts = {f"_{one.name}": one.start.get(name, state.start) for one in members}
+        names += [
+            f"{name}{end}"
+            for end, one in (starts or {"": state.start}).items()
+            if isinstance(one, Decided)
+        ]
+    is_free = isinstance(scenario.prediction.horizon_s, Decided)
+    found = [END_TIME_MEASURE] if is_free else []
+    return dict.fromkeys([*found, *(f"decided_{name}" for name in names)], "")
+
+
 def own_measures(scenario: UserScenario) -> dict[str, str]:
     """Return the scenario's own measures: name -> why it is null, where it is.
 
     Only a settling time itself is above every bound where it is null, and not what is
     computed of one: `9 - settling(...)`.
     """
+    decided = (
+        decided_measures(scenario) if isinstance(scenario, ProblemScenario) else {}
+    )
     trees = {
         name: parse(text, of_paths=True, functions=None).tree
         for name, text in scenario.measures.items()
     }
-    return {
+    return decided | {
         name: NEVER
         if isinstance(tree, Operation) and tree.name == "settling"
         else "its value is not a finite number"
@@ -144,6 +204,11 @@ def measure_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         **{f"{n}{end}": 0.0 for end in owners for n in scenario.constants},
         **{f"{name}{end}": PATH for name in paths for end in owners},
     }
+    for name in scenario.measures.keys() & decided_measures(scenario).keys():
+        yield (
+            ("measures", name),
+            f"expected a new name, found {name!r}, a measure of what is decided",
+        )
     yield from wrong_measures(scenario.measures, known, scenario.tabled)
 
 
@@ -183,19 +248,19 @@ def wrong_measures(
 
 
 def path_of(
-    scenario: ProblemScenario, posed: ProblemPosed, trajectory: Trajectory
+    scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
 ) -> dict[str, Value]:
     """Return name -> number or values along the simulated path, shape (T, m + 1).
 
     Names of states, controls, definitions and a vehicle's constants end with the
     vehicle's suffix; the file's constants are known without one, too.
     """
-    times = times_of(trajectory)
+    posed, (times, states, controls) = flight.posed, rows_of(flight, trajectory)
     flat = times.reshape(-1)
     shared = {n: f(flat).reshape(times.shape) for n, f in posed.known.items()}
+    shared |= decided_rows(flight, trajectory, times.shape)
     shared[TIME] = times
     together: dict[str, Value] = {**constants_of(scenario), **shared}
-    states, controls = rows_of(trajectory)
     nx, nu = len(scenario.states), len(scenario.controls)
     for number, member in enumerate(posed.members):
         own: dict[str, Value] = {
@@ -212,27 +277,6 @@ def path_of(
             if name not in shared
         }
     return together
-
-
-def times_of(trajectory: Trajectory) -> Array:
-    """Return the times of the simulated path, shape (T, m + 1) [s]."""
-    (times,) = _by_interval(trajectory.dense_times[None], trajectory)
-    return np.asarray(times)
-
-
-def rows_of(trajectory: Trajectory) -> tuple[Array, Array]:
-    """Return states (nx, T, m + 1) and controls (nu, T, m + 1) on that path."""
-    states = _by_interval(trajectory.dense_states, trajectory)
-    controls = np.repeat(trajectory.controls[:, :, None], states.shape[2], axis=2)
-    return states, controls
-
-
-def _by_interval(dense: Array, trajectory: Trajectory) -> Array:
-    """Return dense rows (n, T * m + 1) as (n, T, m + 1), ends of intervals twice."""
-    count = trajectory.controls.shape[1]
-    steps = (dense.shape[1] - 1) // count
-    starts = np.arange(count)[:, None] * steps
-    return dense[:, starts + np.arange(steps + 1)]
 
 
 def _along(text: str, names: Mapping[str, Value], tables: Tables) -> Value:
@@ -263,7 +307,7 @@ def _reductions(times: Array) -> dict[str, Callable[..., float]]:
         return np.broadcast_to(np.asarray(x, dtype=np.float64), times.shape)
 
     def integral(x: Value) -> float:
-        return float(simpson(full(x), x=times, axis=1).sum())
+        return integrated(full(x), times)
 
     def settling(x: Value, target: Value, band: Value) -> float:
         # A value that is not a number is outside.
@@ -302,36 +346,6 @@ _SHAPES: Mapping[str, Callable[..., Any]] = {
     **dict.fromkeys((*REDUCTIONS, "start", "end"), lambda *_: 0.0),
     **dict.fromkeys(("min", "max"), lambda *x: 0.0 if len(x) == 1 else _of_shape(*x)),
 }
-
-
-def _flown(
-    problem: OptimalControlProblem, flight: Flight[P], trajectory: Trajectory
-) -> tuple[float, float, float]:
-    """Return cost, and largest excess of path and terminal constraints, 0 if all hold.
-
-    Parameters are the plant's, whose own may follow them; signals those of an agent.
-    """
-    times, (states, controls) = times_of(trajectory), rows_of(trajectory)
-    at, (agent, *_) = times.reshape(-1), flight.posed.agents
-    arguments = [states.reshape(len(states), -1), controls.reshape(len(controls), -1)]
-    for rows, symbols in (
-        (flight.posed.plant.parameters, problem.model.parameters),
-        (agent.reference, problem.signals),
-    ):
-        size = symbols.numel()
-        arguments.append(rows(at)[:size] if rows and size else np.empty((0, at.size)))
-    excesses = [
-        ca.vertcat(ca.SX(0, 1), *[row_excess(c.rows(c.expression)) for c in some])
-        for some in (problem.path_constraints, problem.terminal_constraints)
-    ]
-    over = ca.Function(
-        "along",
-        list(problem.symbols().values()),
-        [problem.stage_cost, problem.terminal_cost, *excesses],
-    )
-    stage, terminal, path, end = map(np.array, over.map(at.size)(*arguments))
-    cost = simpson(stage.reshape(times.shape), x=times, axis=1).sum() + terminal[0, -1]
-    return cost, path.max(initial=0.0), end[:, -1].max(initial=0.0)
 
 
 def _finite(value: float) -> float | None:

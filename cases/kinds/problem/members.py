@@ -11,16 +11,19 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.expressions import parse
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario, Vehicle
+from swarmstart.cases.format.expressions import parse, previous_of
+from swarmstart.cases.kinds.problem.scenario import Decided, ProblemScenario, Vehicle
 from swarmstart.cases.kinds.problem.symbols import (
     TIME,
     Scope,
     constants_of,
+    free,
+    known_parameters,
     number,
     over_time,
 )
 from swarmstart.cases.kinds.problem.tables import inputs_of
+from swarmstart.ocp import Free
 
 Array = NDArray[np.float64]
 
@@ -32,10 +35,12 @@ class Shared:
     Attributes:
         parameters: Name -> symbol.
         signals: Name -> symbol.
+        time: Symbol of the time.
     """
 
     parameters: Mapping[str, ca.SX]
     signals: Mapping[str, ca.SX]
+    time: ca.SX
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -45,9 +50,11 @@ class Member:
     Attributes:
         suffix: Follows the names of its states and controls in the results.
         constants: Name -> number.
-        start: Its states at the start, shape (nx,).
+        start: Its states at the start, shape (nx,); guessed where decided.
+        decided: Name of a state whose start is decided -> within what.
         states: Name -> symbol.
         controls: Name -> symbol.
+        previous: Name of a control -> symbol of its value in the interval before.
         shared: Symbols of all.
         scopes: Where an expression stands -> the names that it may use.
     """
@@ -55,8 +62,10 @@ class Member:
     suffix: str
     constants: Mapping[str, float]
     start: Array
+    decided: Mapping[str, Free]
     states: Mapping[str, ca.SX]
     controls: Mapping[str, ca.SX]
+    previous: Mapping[str, ca.SX]
     shared: Shared
     scopes: Mapping[str, Scope]
 
@@ -68,7 +77,9 @@ class Member:
 def shared_of(scenario: ProblemScenario) -> Shared:
     """Return new symbols for parameters and signals."""
     return Shared(
-        parameters=_symbols(scenario.parameters), signals=_symbols(scenario.signals)
+        parameters=_symbols(scenario.parameters),
+        signals=_symbols(scenario.signals),
+        time=ca.SX.sym(TIME),
     )
 
 
@@ -99,10 +110,13 @@ def candidate_scopes(
     """
     values = {
         name: float(over_time(given, constants)(np.array([time]))[0])
-        for name, given in scenario.parameters.items()
+        for name, given in known_parameters(scenario).items()
     }
+    others = dict.fromkeys(scenario.parameters, "decided parameter")
     return [
-        Scope({**m.constants, **values, TIME: time}, {}, "candidates", scenario.tabled)
+        Scope(
+            {**m.constants, **values, TIME: time}, others, "candidates", scenario.tabled
+        )
         for m in members
     ]
 
@@ -117,21 +131,43 @@ def _member(
 ) -> Member:
     suffix = "" if vehicle is None else f"_{vehicle.name}"
     constants = constants_of(scenario, vehicle.constants if vehicle else None)
-    given = vehicle.start if vehicle else {}
+    own = vehicle.start if vehicle else {}
+    given = {n: own.get(n, s.start or "0") for n, s in scenario.states.items()}
+    decided = {
+        n: free(one, constants) for n, one in given.items() if isinstance(one, Decided)
+    }
     start = [
-        number(given.get(name, state.start or "0"), constants)
-        for name, state in scenario.states.items()
+        free(one, constants).first
+        if isinstance(one, Decided)
+        else number(one, constants)
+        for one in given.values()
     ]
     states = _symbols(scenario.states, suffix)
     controls = _symbols(scenario.controls, suffix)
+    previous = {
+        name: ca.SX.sym(f"previous_{name}{suffix}") for name in scenario.controls
+    }
     return Member(
         suffix=suffix,
         constants=constants,
         start=np.array(start),
+        decided=decided,
         states=states,
         controls=controls,
+        previous=previous,
         shared=shared,
-        scopes=_scopes(scenario, shared, constants, (states, controls)),
+        scopes=_scopes(
+            scenario,
+            {
+                "constant": constants,
+                "state": states,
+                "control": controls,
+                "previous control": {previous_of(n): v for n, v in previous.items()},
+                "parameter": shared.parameters,
+                "signal": shared.signals,
+                "time": {TIME: shared.time},
+            },
+        ),
     )
 
 
@@ -140,30 +176,27 @@ def _symbols(names: Mapping[str, object], suffix: str = "") -> dict[str, ca.SX]:
 
 
 def _scopes(
-    scenario: ProblemScenario,
-    shared: Shared,
-    constants: Mapping[str, float],
-    own: tuple[Mapping[str, ca.SX], Mapping[str, ca.SX]],
+    scenario: ProblemScenario, roles: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Scope]:
-    """Return what may stand where: rates know no signals, ends no controls.
+    """Return what may stand where: ends know no controls, most no previous ones.
 
     A definition may stand where all that it uses may.
+
+    Args:
+        scenario: The scenario.
+        roles: What names are -> names with their values.
     """
-    states, controls = own
-    roles: dict[str, Mapping[str, Any]] = {
-        "constant": constants,
-        "state": states,
-        "control": controls,
-        "parameter": shared.parameters,
-        "signal": shared.signals,
-    }
     kinds = {name: role for role, names in roles.items() for name in names}
-    barred = {
-        "rate": ("signal",),
-        "stage_cost": (),
+    ends = ("control", "previous control")
+    barred: dict[str, tuple[str, ...]] = {
+        "rate": ("previous control",),
+        "next": ("previous control",),
+        "stage_cost": ("previous control",),
+        "step_cost": (),
         "path": (),
-        "terminal_cost": ("control",),
-        "terminal": ("control",),
+        "initial_cost": ends,
+        "terminal_cost": ends,
+        "terminal": ends,
     }
     everything = {name: v for names in roles.values() for name, v in names.items()}
     uses: dict[str, frozenset[str]] = {n: frozenset({k}) for n, k in kinds.items()}

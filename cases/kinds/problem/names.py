@@ -1,5 +1,9 @@
 """The measures of any problem, by name; imports nothing, for the list."""
 
+END_TIME_MEASURE = "end_time"
+"""Length of the first plan's horizon [s], where it is decided; other numbers that are
+decided have measures called decided_NAME."""
+
 MEASURES = {
     "cost": "cost of the first plan, of all vehicles together",
     "violation": "summed violation of the first plan",

@@ -15,9 +15,11 @@ from swarmstart.cases.kinds.problem.members import (
     shared_of,
 )
 from swarmstart.cases.kinds.problem.model import (
+    horizon_of,
     model_of,
     planning_problem,
     positions_of,
+    previous_controls,
 )
 from swarmstart.cases.kinds.problem.scenario import (
     DualMode,
@@ -28,12 +30,20 @@ from swarmstart.cases.kinds.problem.scenario import (
 from swarmstart.cases.kinds.problem.symbols import (
     Signal,
     constants_of,
+    decided_parameters,
+    known_parameters,
     number,
     over_time,
     rows_over_time,
     stacked,
 )
-from swarmstart.ocp import OptimalControlProblem, Start, terminal_set_of, zero_controls
+from swarmstart.ocp import (
+    Free,
+    OptimalControlProblem,
+    Start,
+    terminal_set_of,
+    zero_controls,
+)
 from swarmstart.terminal_set import TerminalSet, Weights, certificate_text
 
 Array = NDArray[np.float64]
@@ -73,7 +83,7 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
     laws = _linear_laws(scenario, groups, agents)
     sets = laws.sets if laws is not None else ()
     in_order = tuple(range(len(agents)))
-    truly = {**scenario.parameters, **scenario.plant.parameters}
+    truly = {**known_parameters(scenario), **scenario.plant.parameters}
     over = {**truly, **scenario.signals}
     known = {name: over_time(given, constants) for name, given in over.items()}
     return ProblemPosed(
@@ -84,6 +94,7 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
         open_loop=scenario.feedback.law == "open_loop",
         repair=scenario.feedback.repair,
         dual_mode=laws,
+        period=scenario.feedback.period_s,
         documents={
             f"certificate{number or ''}.json": certificate_text(one.certificate)
             for number, one in enumerate(sets)
@@ -103,7 +114,7 @@ def _agent(
 ) -> PosedAgent:
     """Return members that are planned together as one agent."""
     problem = planning_problem(scenario, group, seen=before)
-    parameters = rows_over_time(scenario.parameters, constants)
+    parameters = rows_over_time(known_parameters(scenario), constants)
     feedback = scenario.feedback
     return PosedAgent(
         problem=problem,
@@ -115,6 +126,7 @@ def _agent(
         first=_guessed(scenario, group, problem, constants),
         watches=tuple(range(len(before))),
         shows=positions_of(scenario),
+        previous=previous_controls(scenario, group),
     )
 
 
@@ -153,9 +165,10 @@ def _guessed(
 ) -> Array | Start | None:
     """Return what the first plan begins from: controls (nu, N), states (nx, nodes)."""
     guess = scenario.guess
-    begins = problem.times[: -1 : problem.checks]
+    times = problem.expected_times
+    begins = times[: -1 : problem.checks]
     controls = _rows(guess.controls, scenario.controls, group, begins, constants)
-    states = _rows(guess.states, scenario.states, group, problem.times, constants)
+    states = _rows(guess.states, scenario.states, group, times, constants)
     if states is None:
         return controls
     return Start(zero_controls(problem) if controls is None else controls, states)
@@ -188,9 +201,9 @@ def _plant(
     known: Mapping[str, Signal],
 ) -> PosedPlant:
     """Return the simulated system, with parameters and disturbances of its own."""
-    part, grid = scenario.plant, scenario.prediction
-    rows = [known[name] for name in scenario.parameters]
-    step = grid.dt / part.substeps
+    part = scenario.plant
+    rows = [known[name] for name in scenario.parameters if name in known]
+    step = interval_of(scenario, constants) / part.substeps
     count = scenario.steps * part.substeps
     for place, _ in enumerate(members):
         for index, name in enumerate(scenario.states):
@@ -205,8 +218,23 @@ def _plant(
         model=model_of(scenario, members, disturbed=True),
         substeps=part.substeps,
         parameters=stacked(rows),
+        signals=rows_over_time(scenario.signals, constants),
+        decided={
+            name: one.first
+            for name, one in decided_parameters(scenario, constants).items()
+            if name not in known
+        },
         differs=bool(part.parameters or part.disturbance),
     )
+
+
+def interval_of(scenario: ProblemScenario, constants: Mapping[str, float]) -> float:
+    """Return the length of a control interval of the plant [s]; a guessed one too."""
+    horizon = horizon_of(scenario, constants)
+    if scenario.feedback.period_s is not None:
+        return scenario.feedback.period_s
+    length = horizon.first if isinstance(horizon, Free) else horizon
+    return length / scenario.prediction.intervals
 
 
 def _noise(

@@ -4,6 +4,7 @@ Only kind, states, controls, prediction and a cost are required. Expressions are
 file's own names; numbers may be expressions in its constants.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -16,13 +17,12 @@ from pydantic import (
     model_validator,
 )
 
-from swarmstart.cases.format.expressions import parse
+from swarmstart.cases.format.expressions import evaluate, parse
 from swarmstart.cases.format.settings import (
     LARGEST,
     AnySearch,
     BudgetPart,
     Checks,
-    GridPart,
     Number,
     Part,
     Positive,
@@ -30,6 +30,7 @@ from swarmstart.cases.format.settings import (
 )
 from swarmstart.cases.kinds.problem.tables import TablePart
 from swarmstart.cases.record.first_plan import recorded_plan
+from swarmstart.errors import SwarmstartError
 from swarmstart.ocp.guess import Appended
 from swarmstart.ocp.integrators import Integrator
 from swarmstart.ocp.problem import Quadrature
@@ -39,6 +40,8 @@ EVALUATIONS = 20_000
 """Of a search, unless the budget says something else."""
 MOST_NODES = 10_000
 """Checks of a horizon."""
+MOST_STEPS = 10_000
+"""Of a simulation whose number of steps is not given."""
 Names = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$")]
 
 
@@ -118,13 +121,14 @@ def _chosen(key: str, otherwise: str) -> Discriminator:
     def tag(value: Any) -> str:
         has = key in value if isinstance(value, dict) else hasattr(value, key)
         is_part = isinstance(value, dict | Part)
-        return key if has else otherwise if is_part else "text"
+        found = key if has else otherwise if is_part else "text"
+        return f"of {found}"  # No tag is a key: errors are placed by keys.
 
     return Discriminator(tag)
 
 
 OverTime = Annotated[
-    Annotated[Table, Tag("table")] | Annotated[Expression, Tag("text")],
+    Annotated[Table, Tag("of table")] | Annotated[Expression, Tag("of text")],
     _chosen("table", "table"),
 ]
 """A table, or an expression in constants and time."""
@@ -132,19 +136,79 @@ Limits = Annotated[list[Quantity | None], Field(min_length=2, max_length=2)]
 """[lower, upper]; null: no limit."""
 
 
-class State(Part):
-    """A state: where it starts, and its rate."""
+class Decided(Part):
+    """A number that is decided, within bounds.
 
-    start: Quantity | None = None
-    rate: Expression
+    Attributes:
+        free: [lower, upper]; null: no limit, for a polish without a search.
+        guess: Where a polish without a search starts; by default between the bounds.
+    """
+
+    free: Limits
+    guess: Quantity | None = None
+
+
+def _decided_or(otherwise: str) -> Discriminator:
+    """Return the choice of a decided number, or else of another form."""
+
+    def tag(value: Any) -> str:
+        if isinstance(value, Decided) or (isinstance(value, dict) and "free" in value):
+            return "is decided"
+        if otherwise == "over time" and isinstance(value, dict | Table):
+            return "table"
+        return otherwise
+
+    return Discriminator(tag)
+
+
+Start = Annotated[
+    Annotated[Decided, Tag("is decided")] | Annotated[Quantity, Tag("number")],
+    _decided_or("number"),
+]
+"""Of a state: a number, or decided."""
+Parameter = Annotated[
+    Annotated[Decided, Tag("is decided")]
+    | Annotated[Table, Tag("table")]
+    | Annotated[Expression, Tag("over time")],
+    _decided_or("over time"),
+]
+"""As OverTime, or decided."""
+Horizon = Annotated[
+    Annotated[Decided, Tag("is decided")] | Annotated[Positive, Tag("number")],
+    _decided_or("number"),
+]
+"""A length [s], or decided."""
+
+
+class State(Part):
+    """A state: where it starts, and how it changes.
+
+    Attributes:
+        rate: Its derivative in time; 0 unless given.
+        next: Its value that the end of a control interval makes; as it is unless given.
+        periodic: Whether it ends where it starts.
+    """
+
+    start: Start | None = None
+    rate: Expression | None = None
+    next: Expression | None = None
+    periodic: bool = False
     bounds: Limits | None = None
     unit: str = ""
 
 
 class Control(Part):
-    """A control and its bounds."""
+    """A control and its bounds.
+
+    Attributes:
+        search_bounds: Narrower bounds for the search alone.
+        previous: Its value in the interval before the first; the nearest to zero within
+            the bounds unless given.
+    """
 
     bounds: Limits | None = None
+    search_bounds: Limits | None = None
+    previous: Quantity | None = None
     unit: str = ""
 
 
@@ -204,7 +268,8 @@ class Distance(Part):
 
 
 PathPart = Annotated[
-    Annotated[Distance, Tag("distance")] | Annotated[PathLimit, Tag("expression")],
+    Annotated[Distance, Tag("of distance")]
+    | Annotated[PathLimit, Tag("of expression")],
     _chosen("distance", "expression"),
 ]
 
@@ -223,9 +288,14 @@ class Guess(Part):
     states: Mapping[Names, OverTime] = Field(default_factory=dict)
 
 
-class Prediction(GridPart):
-    """The horizon and its grid."""
+class Prediction(Part):
+    """The horizon and its grid.
 
+    Attributes:
+        horizon_s: Its length; left out in discrete time, where an interval lasts 1.
+    """
+
+    horizon_s: Horizon | None = None
     intervals: int = Field(ge=1, le=10_000)
     checks: Checks = 1
     substeps: int = Field(default=4, ge=1, le=1000)
@@ -246,9 +316,15 @@ class Prediction(GridPart):
 
 
 class Feedback(Part):
-    """Use of plans: one to its end, or a new one in every interval."""
+    """Use of plans: one to its end, or a new one in every interval.
+
+    Attributes:
+        period_s: Of a receding horizon whose end time is decided: time from one plan to
+            the next.
+    """
 
     law: Literal["open_loop", "receding_horizon"] = "open_loop"
+    period_s: Positive | None = None
     last_plan: Literal["shifted", "unshifted"] = "shifted"
     append: Appended = "zero"
     repair: bool = True
@@ -267,9 +343,9 @@ class Noise(Part):
 
 
 Disturbance = Annotated[
-    Annotated[Noise, Tag("deviation")]
-    | Annotated[Table, Tag("table")]
-    | Annotated[Expression, Tag("text")],
+    Annotated[Noise, Tag("of deviation")]
+    | Annotated[Table, Tag("of table")]
+    | Annotated[Expression, Tag("of text")],
     _chosen("deviation", "table"),
 ]
 
@@ -312,7 +388,7 @@ class Vehicle(Part):
     """
 
     name: Names
-    start: Mapping[Names, Quantity] = Field(default_factory=dict)
+    start: Mapping[Names, Start] = Field(default_factory=dict)
     constants: Mapping[Names, Quantity] = Field(default_factory=dict)
 
 
@@ -357,12 +433,14 @@ class ProblemScenario(UserScenario):
     kind: Literal["problem"]
     constants: Mapping[Names, Quantity] = Field(default_factory=dict)
     tables: Mapping[Names, TablePart] = Field(default_factory=dict)
-    parameters: Mapping[Names, OverTime] = Field(default_factory=dict)
+    parameters: Mapping[Names, Parameter] = Field(default_factory=dict)
     signals: Mapping[Names, OverTime] = Field(default_factory=dict)
     definitions: Mapping[Names, Expression] = Field(default_factory=dict)
     states: Annotated[Mapping[Names, State], Field(min_length=1, max_length=200)]
     controls: Annotated[Mapping[Names, Control], Field(min_length=1, max_length=200)]
     stage_cost: Expression = "0"
+    step_cost: Expression = "0"
+    initial_cost: Expression = "0"
     terminal_cost: Expression = "0"
     maximize: bool = False
     path: list[PathPart] = Field(default_factory=list)
@@ -385,15 +463,34 @@ class ProblemScenario(UserScenario):
         """Fill in the steps, those of the prediction, and the plan of a record."""
         if not isinstance(given, dict):
             return given
-        prediction, guess = given.get("prediction"), given.get("guess")
-        intervals = prediction.get("intervals") if isinstance(prediction, dict) else 1
-        is_count = isinstance(intervals, int) and not isinstance(intervals, bool)
-        given = {"steps": intervals if is_count else 1, **given}
+        guess = given.get("guess")
+        given = {"steps": _steps(given), **given}
         if isinstance(guess, dict) and "record" in guess:
             given["guess"] = _guess_of(
                 guess, given.get("controls"), given.get("vehicles")
             )
         return given
+
+
+def _steps(given: dict[str, Any]) -> int:
+    """Return the steps of a scenario that says nothing else; 1 if that is invalid.
+
+    They are the intervals; where an end time that is decided is followed to its end,
+    the periods in the longest.
+    """
+    prediction, feedback = given.get("prediction"), given.get("feedback")
+    prediction = prediction if isinstance(prediction, dict) else {}
+    intervals, horizon = prediction.get("intervals"), prediction.get("horizon_s")
+    period = feedback.get("period_s") if isinstance(feedback, dict) else None
+    if period is not None and isinstance(horizon, dict):
+        try:
+            longest = evaluate(str(horizon["free"][1]))
+            return min(max(math.ceil(longest / evaluate(str(period))), 1), MOST_STEPS)
+        except (SwarmstartError, ArithmeticError, LookupError, TypeError):
+            return 1
+    if isinstance(intervals, bool) or not isinstance(intervals, int):
+        return 1
+    return intervals
 
 
 def _guess_of(guess: dict[str, Any], controls: Any, vehicles: Any) -> dict[str, Any]:

@@ -17,12 +17,19 @@ from swarmstart.cases.format.expressions import (
     CONSTANTS,
     FLOAT_OPERATIONS,
     FUNCTIONS,
+    PREVIOUS,
     ExpressionError,
     interpret,
     parse,
 )
-from swarmstart.cases.kinds.problem.scenario import OverTime, ProblemScenario, Table
+from swarmstart.cases.kinds.problem.scenario import (
+    Decided,
+    OverTime,
+    ProblemScenario,
+    Table,
+)
 from swarmstart.cases.kinds.problem.tables import Tables, inputs_of, operations_of
+from swarmstart.ocp import Free, InvalidProblemError
 
 Array = NDArray[np.float64]
 Signal = Callable[[Array], Array]
@@ -31,7 +38,7 @@ TIME = "time"
 """Name of the time since the start [s], where values change in time."""
 TIMING_S = 1e-9
 """Instants this near are one: n dt need not be the time that was written."""
-RESERVED = frozenset({TIME, *CONSTANTS, *FUNCTIONS})
+RESERVED = frozenset({TIME, PREVIOUS, *CONSTANTS, *FUNCTIONS})
 
 
 def _symbolic(name: str) -> Callable[..., Any]:
@@ -147,6 +154,41 @@ def limits(
         -math.inf if lower is None else number(lower, constants),
         math.inf if upper is None else number(upper, constants),
     )
+
+
+def free(given: Decided, constants: Mapping[str, float]) -> Free:
+    """Return a number that is decided, with its bounds and its guess.
+
+    Raises:
+        SwarmstartError: If the bounds cross, or the guess is not within them.
+    """
+    lower, upper = limits(given.free, constants)
+    guess = None if given.guess is None else number(given.guess, constants)
+    found = f"[{lower:g}, {upper:g}]"
+    if lower > upper:
+        raise InvalidProblemError(f"expected lower <= upper, found {found}")
+    if guess is not None and not lower <= guess <= upper:
+        raise InvalidProblemError(f"expected a guess within {found}, found {guess:g}")
+    return Free(lower, upper, guess)
+
+
+def is_decided(given: object) -> bool:
+    """Return whether a number of a scenario is decided."""
+    return isinstance(given, Decided)
+
+
+def known_parameters(scenario: ProblemScenario) -> dict[str, OverTime]:
+    """Return the parameters that are not decided, by name."""
+    given = scenario.parameters.items()
+    return {name: one for name, one in given if not isinstance(one, Decided)}
+
+
+def decided_parameters(
+    scenario: ProblemScenario, constants: Mapping[str, float]
+) -> dict[str, Free]:
+    """Return the parameters that are decided, by name."""
+    given = scenario.parameters.items()
+    return {n: free(one, constants) for n, one in given if isinstance(one, Decided)}
 
 
 def over_time(given: OverTime, constants: Mapping[str, float]) -> Signal:

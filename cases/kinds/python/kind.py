@@ -7,13 +7,12 @@ from swarmstart.cases.drawing.problem_figures import draw_problem
 from swarmstart.cases.format.expressions import CONSTANTS, parse
 from swarmstart.cases.format.kind import Flight, Kind, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.cases.kinds.problem.flown_path import rows_of
 from swarmstart.cases.kinds.problem.measures import (
     PATH,
     measured,
     own_measures,
     own_values,
-    rows_of,
-    times_of,
     wrong_measures,
 )
 from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
@@ -36,8 +35,8 @@ def measure(
 ) -> Mapping[str, Measure]:
     """Return all measures by name, null where one is not defined."""
     problem = flight.posed.agents[0].problem
-    states, controls = rows_of(trajectory)
-    rows = (times_of(trajectory), *states, *controls)
+    times, states, controls = rows_of(flight, trajectory)
+    rows = (times, *states, *controls)
     return measured(
         flight,
         trajectory,
@@ -60,8 +59,9 @@ def draw(
 
     def known(step: int, number: int) -> Known:
         del number
-        time = step * flight.plant.dt
-        return known_at(agent.problem, time, agent.reference, agent.parameters)
+        time = float(trajectory.times[step])
+        found = known_at(agent.problem, time, agent.reference, agent.parameters)
+        return found._replace(previous=agent.previous)
 
     return draw_problem(agent.problem, trajectory, folder, known=known)
 

@@ -26,7 +26,7 @@ Refused = Callable[[str, str], str]
         ("g: 9.81", "g: 9.81, time: 2", "2:28", "it has a meaning of its own"),
         ("g: 9.81", "g: 9.81/0", "2:16", "finite real value"),
         ("g: 9.81", "g: h, h: 2", "2:16", "unknown name 'h'"),
-        ("stage_cost: torque**2\n", "", "1:1", "stage_cost, terminal_cost or both"),
+        ("stage_cost: torque**2\n", "", "1:1", "expected a cost, one of stage_cost"),
         ("{start: 0, rate: speed", "{rate: speed", "4:10", "expected the key 'start'"),
         ("unit: rad/s", "bounds: [1, 2]", "5:18", "within the bounds [1, 2], found 0"),
         ("unit: rad/s", "bounds: [-2, -1]", "5:18", "within the bounds [-2, -1]"),
@@ -89,9 +89,10 @@ def test_parts_that_do_not_go_together_are_refused(more: str, words: str) -> Non
     assert words in str(caught.value)
 
 
-def test_a_signal_in_a_rate_is_refused_as_one() -> None:
-    text = PENDULUM.replace("torque - g*", "wind - g*") + "signals: {wind: time}"
-    with pytest.raises(ValueError, match="expected no signal in rate, found 'wind'"):
+def test_a_control_at_the_end_is_refused_as_one() -> None:
+    text = PENDULUM + "initial_cost: torque"
+    words = "expected no control in initial_cost, found 'torque'"
+    with pytest.raises(ValueError, match=words):
         stated(text)
 
 

@@ -80,13 +80,19 @@ def test_a_place_bars_what_has_no_value_there_and_definitions_with_it() -> None:
     more = "signals: {s: time}\ndefinitions: {d: a + x, e: 2*d, f: x, g: s}\n"
     scenario = scenario_of(ALONE.format(more=more))
     (member,) = members_of(scenario, shared_of(scenario))
-    everything = {"slot", "width", "x", "v", "a", "s", "d", "e", "f", "g"}
+    everything = {"slot", "width", "x", "v", "a", "s", "d", "e", "f", "g", "time"}
+    everything |= {"previous(a)"}
+    before = {"previous(a)": "previous control"}
+    at_end = {"a": "control", "d": "", "e": ""} | before
     for place, barred in (
-        ("rate", {"s": "signal", "g": "definition with a signal"}),
-        ("stage_cost", {}),
+        ("rate", before),
+        ("next", before),
+        ("stage_cost", before),
+        ("step_cost", {}),
         ("path", {}),
-        ("terminal_cost", {"a": "control", "d": "", "e": ""}),
-        ("terminal", {"a": "control", "d": "", "e": ""}),
+        ("initial_cost", at_end),
+        ("terminal_cost", at_end),
+        ("terminal", at_end),
     ):
         scope = member.scopes[place]
         said = {

@@ -1,0 +1,179 @@
+"""Flaws of what a problem decides besides controls: end time, parameters, starts."""
+
+import math
+from collections.abc import Iterator
+
+from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.cases.kinds.problem.attempts import Place
+from swarmstart.cases.kinds.problem.model import horizon_of
+from swarmstart.cases.kinds.problem.scenario import Noise, ProblemScenario
+from swarmstart.cases.kinds.problem.symbols import (
+    constants_of,
+    decided_parameters,
+    is_decided,
+)
+from swarmstart.ocp import Free, OptimalControlProblem
+
+
+def combination_flaws(
+    scenario: ProblemScenario, problem: OptimalControlProblem
+) -> Iterator[LocatedFlaw]:
+    """Yield what vehicles that plan one by one, or a dual mode, cannot have."""
+    model, vehicles = problem.model, scenario.vehicles
+    decides = {
+        "an end time that is decided": isinstance(problem.horizon, Free),
+        "decided parameters": bool(problem.decided),
+        "decided starts": bool(problem.start),
+        "periodic states": bool(problem.periodic),
+        "previous controls": bool(problem.previous.numel()),
+    }
+    varies = {
+        "time": bool(model.time.numel()),
+        "signals in rates": bool(model.ns),
+        "states with next": model.jumps,
+    }
+    if vehicles is not None and vehicles.planning == "priority":
+        found = [what for what, is_there in decides.items() if is_there]
+        if found:
+            yield (
+                ("vehicles", "planning"),
+                f"expected planning: joint with {', '.join(found)}; found priority",
+            )
+    if scenario.dual_mode is not None:
+        found = [what for what, is_there in (decides | varies).items() if is_there]
+        if found:
+            yield (
+                ("dual_mode",),
+                f"expected a problem without {', '.join(found)}: the linear law and "
+                "its set are for a system that stays as it is",
+            )
+
+
+def start_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield starts that are decided, though each plan starts at what is measured."""
+    starts: dict[Place, object] = {
+        ("states", name, "start"): state.start
+        for name, state in scenario.states.items()
+    }
+    for index, vehicle in enumerate(
+        scenario.vehicles.members if scenario.vehicles else []
+    ):
+        place = ("vehicles", "members", index, "start")
+        starts |= {(*place, name): start for name, start in vehicle.start.items()}
+    for where, start in starts.items():
+        if is_decided(start):
+            yield (
+                where,
+                "expected a number with feedback: receding_horizon, whose plans start "
+                "where the state is measured",
+            )
+
+
+def end_time_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield what does not go with the end time: a number, decided, or left out."""
+    place: Place = ("prediction", "horizon_s")
+    horizon = scenario.prediction.horizon_s
+    rates = [name for name, s in scenario.states.items() if s.rate is not None]
+    if horizon is None and rates:
+        yield (
+            place[:1],
+            "expected the key 'horizon_s', which may be left out in discrete time "
+            f"only: {rates[0]} has a rate",
+        )
+    if is_decided(horizon):
+        yield from _of_free_end(scenario, bool(rates))
+    elif scenario.feedback.period_s is not None:
+        yield (
+            ("feedback", "period_s"),
+            "expected no period where the end time is not decided",
+        )
+
+
+def _of_free_end(scenario: ProblemScenario, has_rates: bool) -> Iterator[LocatedFlaw]:
+    """Yield what does not go with an end time that is decided."""
+    is_open, period = scenario.feedback.law == "open_loop", scenario.feedback.period_s
+    if not has_rates:
+        yield (
+            ("prediction", "horizon_s"),
+            "expected a number in discrete time, where no end time is decided",
+        )
+    if scenario.signals:
+        yield (
+            ("signals",),
+            "expected no signals where the end time is decided, as their values at the "
+            "checks are not known before: write them as definitions in time",
+        )
+    if not is_open and period is None:
+        yield (
+            ("feedback",),
+            "expected the key 'period_s': how often to plan where the end time is "
+            "decided",
+        )
+    if is_open and period is not None:
+        yield (
+            ("feedback", "period_s"),
+            "expected no period with feedback: open_loop",
+        )
+    for name, given in scenario.plant.disturbance.items():
+        if is_open and isinstance(given, Noise):
+            yield (
+                ("plant", "disturbance", name),
+                "expected values over time where the end time is decided, found noise: "
+                "the length of the plant's steps is not known before",
+            )
+
+
+def decided_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield bounds of an end time and of parameters that leave nothing to decide."""
+    fixed, place = constants_of(scenario), ("prediction", "horizon_s")
+    for name, one in decided_parameters(scenario, fixed).items():
+        yield from search_flaws(scenario, ("parameters", name, "free"), one)
+    horizon, period = horizon_of(scenario, fixed), scenario.feedback.period_s
+    if not isinstance(horizon, Free):
+        return
+    yield from search_flaws(scenario, (*place, "free"), horizon)
+    if not horizon.lower > 0:
+        yield (
+            (*place, "free", 0),
+            f"expected a shortest time above 0, found {horizon.lower:g}",
+        )
+    elif period is not None and horizon.lower > period:
+        yield (
+            (*place, "free", 0),
+            f"expected a shortest time of at most one period of {period:g} s, found "
+            f"{horizon.lower:g} s",
+        )
+
+
+def search_flaws(
+    scenario: ProblemScenario, place: Place, one: Free
+) -> Iterator[LocatedFlaw]:
+    """Yield that a search draws between bounds that there are not."""
+    is_bounded = math.isfinite(one.lower) and math.isfinite(one.upper)
+    if scenario.search.name != "none" and not is_bounded:
+        yield (
+            place,
+            "expected two numbers, [lower, upper]: the search draws between them; "
+            "without a search (search: {name: none}) a bound may be null",
+        )
+
+
+def bounded_start_flaws(
+    scenario: ProblemScenario, name: str, bounds: tuple[float, float], free: Free
+) -> Iterator[LocatedFlaw]:
+    """Yield that the start of a state is decided where none is allowed."""
+    lower, upper = max(bounds[0], free.lower), min(bounds[1], free.upper)
+    place: Place = ("states", name, "start")
+    if lower > upper:
+        yield (
+            place,
+            f"expected a start that can be within the bounds {interval_text(bounds)}, "
+            f"found {interval_text((free.lower, free.upper))}",
+        )
+    else:
+        yield from search_flaws(scenario, place, Free(lower, upper))
+
+
+def interval_text(pair: tuple[float, float]) -> str:
+    """Return bounds as a list of two."""
+    return f"[{pair[0]:g}, {pair[1]:g}]"

@@ -1,0 +1,155 @@
+"""The simulated path of a problem as rows, and its costs and constraints there.
+
+One row for each control interval, its plant's steps with both ends, so that a held
+control jumps between rows.
+"""
+
+from typing import TypeVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import simpson
+
+from swarmstart.cases.format.kind import Flight, Posed
+from swarmstart.cases.kinds.problem.model import COSTS
+from swarmstart.cases.record.trajectory_arrays import held_controls
+from swarmstart.ocp import OptimalControlProblem, Trajectory, zero_controls
+from swarmstart.ocp.constraints import row_excess
+from swarmstart.ocp.expressions import symbol_names
+from swarmstart.ocp.lowering import lowered
+
+Array = NDArray[np.float64]
+P = TypeVar("P", bound=Posed)
+
+
+def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Array]:
+    """Return times [s], states and controls along the simulated path.
+
+    Shapes (T, m + 1), (nx, T, m + 1) and (nu, T, m + 1). Where the end of an interval
+    changes the state, one more column holds the state after it, and the one before
+    is what the interval led to.
+    """
+    (times,) = _by_interval(trajectory.dense_times[None], trajectory)
+    states = _by_interval(trajectory.dense_states, trajectory)
+    T, m = times.shape[0], times.shape[1] - 1
+    _, held = held_controls(trajectory)
+    controls = held.reshape(len(held), T, -1)
+    controls = np.repeat(controls, m // controls.shape[2], axis=2)
+    controls = np.concatenate([controls, controls[:, :, -1:]], axis=2)
+    if not flight.plant.model.jumps:
+        return np.asarray(times), states, controls
+    decided = decided_rows(flight, trajectory, (T, 1))
+    states = np.concatenate([states, states[:, :, -1:]], axis=2)
+    for step, decision in enumerate(trajectory.decisions):
+        values = {name: float(rows[step, 0]) for name, rows in decided.items()}
+        plant = flight.plant.with_decided(values)
+        if decision.dt is not None:
+            plant = plant.with_interval(decision.dt)
+        begin = float(times[step, 0])
+        path = plant.until_end(states[:, step, 0], controls[:, step, :-1], begin)
+        states[:, step, -2] = path[:, -1]
+    return (
+        np.concatenate([times, times[:, -1:]], axis=1),
+        states,
+        np.concatenate([controls, controls[:, :, -1:]], axis=2),
+    )
+
+
+def decided_rows(
+    flight: Flight[P], trajectory: Trajectory, shape: tuple[int, ...]
+) -> dict[str, Array]:
+    """Return the parameters that plans decide, as they were flown, each (T, m + 1)."""
+    plant = flight.posed.plant
+    if not plant.decided:
+        return {}
+    whole = lowered(flight.posed.agents[0].problem)
+    found = [whole.decided(d.plans[0].x0) for d in trajectory.decisions]
+    return {
+        name: np.repeat([[values[name]] for values in found], shape[1], axis=1)
+        for name in plant.decided
+    }
+
+
+def integrated(values: Array, times: Array) -> float:
+    """Return an integral over time of values along a path, as of `rows_of`."""
+    if times[0, -1] == times[0, -2]:  # What the end of an interval changes.
+        values, times = values[:, :-1], times[:, :-1]
+    return float(simpson(values, x=times, axis=1).sum())
+
+
+def flown_values(
+    problem: OptimalControlProblem, flight: Flight[P], trajectory: Trajectory
+) -> tuple[float, float, float]:
+    """Return cost, and largest excess of path and terminal constraints, 0 if all hold.
+
+    Parameters are the plant's, whose own may follow them; signals those of an agent.
+    """
+    model, (agent, *_) = problem.model, flight.posed.agents
+    times, states, controls = rows_of(flight, trajectory)
+    shape, at = times.shape, times.reshape(-1)
+    parameters = flight.plant.parameters(at)[: model.np]
+    names = symbol_names(model.parameters)
+    for name, rows in decided_rows(flight, trajectory, shape).items():
+        parameters[names.index(name)] = rows.reshape(-1)
+    signals = np.empty((0, at.size))
+    if agent.reference is not None and problem.ns:
+        signals = agent.reference(at)[: problem.ns]
+    symbols = [*problem.symbols().values(), problem.previous, model.time]
+    arguments = [
+        states.reshape(len(states), -1),
+        controls.reshape(len(controls), -1),
+        parameters,
+        signals,
+        _before(flight, controls)[: problem.previous.numel()],
+        at[None, :][: model.time.numel()],
+    ]
+    paths, ends = (
+        ca.vertcat(ca.SX(0, 1), *[row_excess(c.rows(c.expression)) for c in some])
+        for some in (problem.path_constraints, problem.terminal_constraints)
+    )
+    costs = [getattr(problem, place) for place in COSTS]
+    over = ca.Function("along", symbols, [*costs, paths, ends])
+    found = [np.array(rows) for rows in over.map(at.size)(*arguments)]
+    stage, step, initial, terminal = (rows.reshape(shape) for rows in found[:4])
+    cost = integrated(stage, times) + step[:, 0].sum()
+    cost += initial[0, 0] + terminal[-1, -1]
+    path = found[4].reshape(-1, *shape)
+    if model.jumps:  # A held control says nothing of the state after its interval.
+        free = [not ca.depends_on(row, problem.model.controls) for row in _rows(paths)]
+        last = path[free][:, -1, -1]
+        path = np.append(path[:, :, :-1].ravel(), last)
+    return (
+        float(cost),
+        float(path.max(initial=0.0)),
+        float(found[5][:, -1].max(initial=0.0)),
+    )
+
+
+def _before(flight: Flight[P], controls: Array) -> Array:
+    """Return the controls of the interval before along the path, shape (nu, n)."""
+    (agent, *_) = flight.posed.agents
+    first = agent.previous
+    if first is None:
+        first = zero_controls(agent.problem)[:, 0]
+    before, at = np.empty_like(controls), np.resize(first, len(controls))
+    for step in range(controls.shape[1]):
+        held = controls[:, step]
+        for column in range(held.shape[1]):
+            if column and (held[:, column] != held[:, column - 1]).any():
+                at = held[:, column - 1]
+            before[:, step, column] = at
+        at = held[:, -1]
+    return before.reshape(len(controls), -1)
+
+
+def _rows(column: ca.SX) -> list[ca.SX]:
+    return [column[i] for i in range(column.numel())]
+
+
+def _by_interval(dense: Array, trajectory: Trajectory) -> Array:
+    """Return dense rows (n, T * m + 1) as (n, T, m + 1), ends of intervals twice."""
+    count = trajectory.controls.shape[1]
+    steps = (dense.shape[1] - 1) // count
+    starts = np.arange(count)[:, None] * steps
+    return dense[:, starts + np.arange(steps + 1)]
