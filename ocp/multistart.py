@@ -31,7 +31,7 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
 
     Args:
         planner: Of the problem, with a polish; its search is not used.
-        x0: Initial state, shape (nx,).
+        x0: Initial state, shape (nx,), of the problem as it is stated.
         budget: As of a search; looked at after each start. Stagnation is counted in
             starts.
         known: Parameters and signals.
@@ -47,6 +47,7 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
     """
     polish, tolerance = _polisher_of(planner), planner.problem.tolerance
     space = space_of(planner.fitness, family)
+    x0, known, _ = planner.posed(x0, known)
     best, evaluations, since_better = None, 0, 0
     began = clock.perf_counter()
     tell = of_budget(progress, budget, "polishing from random starts")

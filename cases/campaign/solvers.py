@@ -184,10 +184,10 @@ def answered(posed: PlanningProblem, trial: Trial) -> dict[str, Any]:
     rng = np.random.default_rng(trial.seed)
     solve = _many_starts if trial.solver.starts == "many" else _planned
     planner, plan, began = solve(posed, trial, rng)
-    found = verified(posed.problem, plan, posed.x0, posed.known)
+    x0, known, _ = planner.posed(posed.x0, posed.known)
+    found = verified(posed.problem, plan, x0, known)
     if trial.repair:
-        answer = repaired(planner, found, posed.x0, posed.known, rng=rng)
-        found = answer.solution
+        found = repaired(planner, found, x0, known, rng=rng).solution
     seconds, plan = clock.perf_counter() - began, found.plan
     return {
         "claimed_cost": plan.cost,
@@ -224,7 +224,8 @@ def _planned(
         backend=trial.backend,
     )
     began = clock.perf_counter()
-    return planner, planner.plan(posed.x0, known=posed.known, rng=rng), began
+    x0, known, _ = planner.posed(posed.x0, posed.known)
+    return planner, planner.plan(x0, known=known, rng=rng), began
 
 
 def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import pytest
 from swarmstart.heuristics import Budget
 from swarmstart.ocp import (
     Bounds,
+    Free,
     InvalidProblemError,
     IpoptOptions,
     Model,
@@ -96,3 +97,28 @@ def test_an_interrupt_keeps_the_best_start(
     with pytest.raises(PlanningInterrupted) as told:
         multistart(planner, [0.0], budget=budget, rng=rng)
     assert told.value.partial.cost == min(one.cost for one in seen)
+
+
+def test_what_is_decided_besides_controls_is_drawn_and_answered_with() -> None:
+    """x' = gain u from a free start: both valleys of the end, both of the start."""
+    x, u, gain = (ca.SX.sym(n) for n in ("x", "u", "gain"))
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=gain * u, parameters=gain),
+        horizon=Free(0.5, 2.0),
+        intervals=1,
+        stage_cost=(u**2) / 10,
+        initial_cost=4 * (x**2 - 1) ** 2 + x / 2,
+        terminal_cost=4 * (x**2 - 1) ** 2 - x / 2,
+        bounds=Bounds(controls=(-2, 2)),
+        start={"x": Free(-2, 2)},
+        decided={"gain": Free(0.5, 1.5)},
+    )
+    planner = Planner(problem, search=None, polish=IpoptOptions())
+    rng = np.random.default_rng(0)
+    plan = multistart(planner, [np.nan], budget=Budget(evaluations=500), rng=rng)
+    start, end_time, factor = plan.x0
+    assert start == pytest.approx(-1, abs=0.1)
+    assert plan.states[0, -1] == pytest.approx(1, abs=0.1)
+    assert end_time == pytest.approx(2.0, abs=1e-6)
+    assert factor == pytest.approx(1.5, abs=1e-6)
+    assert plan.polish_status is PolishStatus.CONVERGED

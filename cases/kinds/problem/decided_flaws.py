@@ -109,6 +109,13 @@ def _of_free_end(scenario: ProblemScenario, has_rates: bool) -> Iterator[Located
             "expected the key 'period_s': how often to plan where the end time is "
             "decided",
         )
+    least, found = scenario.prediction.intervals, scenario.plant.substeps
+    if not is_open and found < least:
+        yield (
+            ("plant", "substeps"),
+            f"expected at least prediction.intervals = {least} where the end time is "
+            f"decided, as the last step flies them all; found {found}",
+        )
     if is_open and period is not None:
         yield (
             ("feedback", "period_s"),

@@ -101,7 +101,9 @@ def flown_values(
         controls.reshape(len(controls), -1),
         parameters,
         signals,
-        _before(flight, controls)[: problem.previous.numel()],
+        controls_before(flight, controls).reshape(len(controls), -1)[
+            : problem.previous.numel()
+        ],
         at[None, :][: model.time.numel()],
     ]
     paths, ends = (
@@ -126,13 +128,18 @@ def flown_values(
     )
 
 
-def _before(flight: Flight[P], controls: Array) -> Array:
-    """Return the controls of the interval before along the path, shape (nu, n)."""
-    (agent, *_) = flight.posed.agents
-    first = agent.previous
-    if first is None:
-        first = zero_controls(agent.problem)[:, 0]
-    before, at = np.empty_like(controls), np.resize(first, len(controls))
+def controls_before(flight: Flight[P], controls: Array) -> Array:
+    """Return the controls of the interval before along the path, as of `rows_of`.
+
+    Of vehicles that plan one by one, those before the flight are zero.
+    """
+    (agent, *others) = flight.posed.agents
+    at = (
+        zero_controls(agent.problem)[:, 0] if agent.previous is None else agent.previous
+    )
+    if others:
+        at = np.zeros(len(controls))
+    before = np.empty_like(controls)
     for step in range(controls.shape[1]):
         held = controls[:, step]
         for column in range(held.shape[1]):
@@ -140,11 +147,7 @@ def _before(flight: Flight[P], controls: Array) -> Array:
                 at = held[:, column - 1]
             before[:, step, column] = at
         at = held[:, -1]
-    return before.reshape(len(controls), -1)
-
-
-def _rows(column: ca.SX) -> list[ca.SX]:
-    return [column[i] for i in range(column.numel())]
+    return before
 
 
 def _by_interval(dense: Array, trajectory: Trajectory) -> Array:
@@ -153,3 +156,7 @@ def _by_interval(dense: Array, trajectory: Trajectory) -> Array:
     steps = (dense.shape[1] - 1) // count
     starts = np.arange(count)[:, None] * steps
     return dense[:, starts + np.arange(steps + 1)]
+
+
+def _rows(column: ca.SX) -> list[ca.SX]:
+    return [column[i] for i in range(column.numel())]

@@ -19,10 +19,12 @@ from swarmstart.cases.format.expressions import (
     Operation,
     interpret,
     parse,
+    previous_of,
 )
 from swarmstart.cases.format.kind import NEVER, Flight, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.flown_path import (
+    controls_before,
     decided_rows,
     flown_values,
     integrated,
@@ -261,6 +263,7 @@ def path_of(
     shared |= decided_rows(flight, trajectory, times.shape)
     shared[TIME] = times
     together: dict[str, Value] = {**constants_of(scenario), **shared}
+    before = controls_before(flight, controls)
     nx, nu = len(scenario.states), len(scenario.controls)
     for number, member in enumerate(posed.members):
         own: dict[str, Value] = {
@@ -269,6 +272,8 @@ def path_of(
             **dict(zip(scenario.states, states[number * nx :], strict=False)),
             **dict(zip(scenario.controls, controls[number * nu :], strict=False)),
         }
+        last = dict(zip(scenario.controls, before[number * nu :], strict=False))
+        own |= {previous_of(name): values for name, values in last.items()}
         for name, text in scenario.definitions.items():
             own[name] = _along(text, own, scenario.tabled)
         together |= {

@@ -122,3 +122,56 @@ def test_wrong_names_and_budgets_are_refused_before_anything_is_solved() -> None
         ss.compare(landing(), "lshade", budget=0)
     with pytest.raises(ss.SeveralPlansError):
         ss.compare([landing(), "formation_v"], "ipopt", seeds=1)
+
+
+def decided() -> tuple[ss.OptimalControlProblem, list[float]]:
+    """From 1 to rest at 0 in the least time, with a push to be chosen: 1 s at 4."""
+    x, u, push = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("push")
+    problem = ss.OptimalControlProblem(
+        ss.Model(
+            states=x, controls=u, ode=ca.vertcat(x[1], push * u), parameters=push
+        ),
+        horizon=ss.Free(0.2, 5.0, guess=3.0),
+        intervals=10,
+        stage_cost=ca.SX(1),
+        bounds=ss.Bounds(controls=(-1, 1)),
+        terminal=[x],
+        decided={"push": ss.Free(0.5, 4.0)},
+        start={"x_1": ss.Free(-1.0, 0.0)},
+    )  # fmt: skip
+    return problem, [1.0, np.nan]
+
+
+def test_solvers_are_compared_where_more_than_controls_is_decided() -> None:
+    problem, x0 = decided()
+    answer = ss.solve(problem, x0, search=None, seed=0)
+    solvers = ["lshade+ipopt", "multistart-ipopt", "ipopt", "de"]
+    *polished, searched = ss.compare((problem, x0), solvers, seeds=2, budget=1500)
+    for row in polished:
+        assert row.successes == len(row.outcomes)
+        assert row.costs == pytest.approx([answer.cost] * len(row.costs), rel=1e-6)
+    assert searched.outcomes[0].result is not None
+    assert searched.outcomes[0].result["evaluations"] <= 1500
+
+
+BEAD = """\
+kind: problem
+states:
+  x: {start: 0, rate: v*sin(slope)}
+  y: {start: 0, rate: v*cos(slope)}
+  v: {start: 0, rate: 9.8*cos(slope), bounds: [0, null]}
+controls: {slope: {bounds: [0, pi], previous: 1}}
+stage_cost: 1
+step_cost: 1e-9*(slope - previous(slope))**2*time
+terminal: [{expression: x, equals: 2}, {expression: y, equals: 2}]
+prediction: {horizon_s: {free: [0.1, 5], guess: 1}, intervals: 20}
+"""
+
+
+def test_scenario_that_decides_its_end_time_is_compared(tmp_path: Path) -> None:
+    file = tmp_path / "bead.yaml"
+    file.write_text(BEAD)
+    rows = ss.compare(file, ["lshade+ipopt", "multistart-ipopt", "ipopt"], seeds=2)
+    for row in rows:
+        assert row.feasible == len(row.outcomes)
+        assert row.costs == pytest.approx([0.824884] * len(row.costs), rel=1e-5)

@@ -265,6 +265,19 @@ def test_stage_cost_of_a_discrete_time_model_is_a_sum() -> None:
         assert by_stage[name] == pytest.approx(by_step[name])
 
 
+def test_definition_with_a_previous_control_is_measured() -> None:
+    text = MOVES.replace("PREVIOUS", ", previous: 1/4").replace(
+        "u - previous(u)", "move"
+    )
+    text += "definitions: {move: u - previous(u)}\n"
+    path, found = simulated(
+        text + "measures: {most: max(move), sum: move.start + move.end}\n"
+    )
+    moves = np.diff(path.controls[0], prepend=0.25)
+    assert found["most"] == pytest.approx(moves.max())
+    assert found["sum"] == pytest.approx(moves[0] + moves[-1])
+
+
 def test_state_with_a_rate_may_jump_and_others_may_not() -> None:
     text = """\
 kind: problem
@@ -384,6 +397,7 @@ def test_resolved_scenario_is_the_same_when_it_is_read_again() -> None:
          "11:26", "found noise"),
         (FASTEST, "0.05, 5", "0.5, 5", "6:33", "at most one period of 0.3 s"),
         (FASTEST, "{free: [0.05, 5], guess: 3}", "3", "7:45", "is not decided"),
+        (FASTEST, "substeps: 30", "substeps: 19", "8:19", "prediction.intervals = 20"),
         (FASTEST, "start: 1", "start: {free: [0, 1]}", "2:21", "is measured"),
         (SWING, "[-2, 2]}, drag", "[-2, null]}, drag", None, None),
         (SWING, "search: {name: none}", "candidates: [{u: mean}]", "10:18",
