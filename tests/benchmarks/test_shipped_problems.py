@@ -20,14 +20,21 @@ from swarmstart.cases.format.scenario import shipped
 Array = NDArray[np.float64]
 
 
+FROM_BELOW = {"catalyst_mixing", "race_car", "goddard_rocket"}
+"""Of which a coarser grid has the smaller value."""
+CHECKED_ONLY = {"race_car"}
+"""Of which a finer grid asks for more, so that its gap need not shrink as fast."""
+
+
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_a_problem_reaches_its_value_and_the_gap_shrinks(name: str) -> None:
     on = stated(name)
     own, finer = solved(name, 2), solved(name, 1, finer=True)
     assert all(own.reached)
     assert own.costs == pytest.approx([on.value] * 2, rel=1e-4)
-    assert gap(finer, on) < gap(own, on) / 3 < on.gap / 3
-    assert (own.costs[0] > on.free) == (name != "catalyst_mixing")
+    shrinks = 1 if name in CHECKED_ONLY else 3
+    assert gap(finer, on) < gap(own, on) / shrinks < on.gap / shrinks
+    assert (own.costs[0] > on.free) == (name not in FROM_BELOW)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -54,6 +61,14 @@ def test_the_value_of_catalyst_mixing_is_its_closed_form() -> None:
         options={"xatol": 1e-9, "fatol": 1e-15},
     )
     assert stated("catalyst_mixing").free == pytest.approx(1 - best.fun, rel=1e-8)
+
+
+def test_the_value_of_the_brachistochrone_is_its_closed_form() -> None:
+    """A cycloid: x = r (s - sin(s)), y = r (1 - cos(s)), T = s sqrt(r / g)."""
+    s = brentq(lambda s: (s - np.sin(s)) - (1 - np.cos(s)), 1, 6, xtol=1e-14)
+    r = 2 / (1 - np.cos(s))
+    least = stated("brachistochrone").free
+    assert least == pytest.approx(s * np.sqrt(r / 9.8), rel=1e-7)
 
 
 def test_the_value_of_the_hypersensitive_problem_is_its_closed_form() -> None:
