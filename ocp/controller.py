@@ -170,7 +170,8 @@ class RecedingHorizon:
             from; None: none are known. Without search and polish they are that plan.
         period: Time from one plan to the next [s], of a problem whose end time is free:
             the horizon shrinks, with the same number of intervals, and the flight ends
-            when it is at most one period. None: one control interval.
+            when it is at most one period, or what is left after one would be shorter
+            than it may be. None: one control interval.
         previous: Control of the interval before the flight, shape (nu,); None: the
             nearest to zero that is allowed.
 
@@ -247,7 +248,7 @@ class RecedingHorizon:
         if self.period is None:
             return Decision(control=first, plans=(plan,), decided=decided)
         length = self._length(plan)
-        ends = length <= self.period * (1 + _ROUNDING)
+        ends = length < self.period * (1 + _ROUNDING) + self._shortest
         return Decision(
             control=first,
             plans=(plan,),
@@ -256,6 +257,12 @@ class RecedingHorizon:
             profile=_profile(plan, length),
             decided=decided,
         )
+
+    @property
+    def _shortest(self) -> float:
+        """Shortest end time that may be decided [s]."""
+        horizon = self.planner.stated.horizon
+        return horizon.lower if isinstance(horizon, Free) else 0.0
 
     def _length(self, plan: Plan) -> float:
         """Return the length of a plan's horizon [s]."""
@@ -329,9 +336,7 @@ class RecedingHorizon:
         lowered, before = self.planner.lowered, self._length(last)
         (one,) = lowered.places[END_TIME]
         start = state.copy()
-        horizon = self.planner.stated.horizon
-        least = horizon.lower if isinstance(horizon, Free) else 0.0
-        start[one] = max(before - period, least)
+        start[one] = max(before - period, self._shortest)
         left = _profile(last, before)
         N = last.controls.shape[1]
         return start, left.sampled(period, float(start[one]), N)

@@ -232,3 +232,15 @@ def test_control_before_a_flight_and_after_a_period_is_the_previous_one() -> Non
     assert held > 2
     expected = profiles[0].controls[0, held] + 0.1
     assert profiles[1].controls[0, 0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_last_step_is_longer_where_too_little_would_be_left_after_it() -> None:
+    """2 s in periods of 0.65 s leave 0.05 s, and an end time is at least 0.2 s."""
+    problem = fastest(lower=0.2)
+    planner = Planner(problem, search=None, polish=IpoptOptions())
+    plant = Plant(problem.model, dt=0.65, substeps=80)
+    loop = RecedingHorizon(planner=planner, period=0.65)
+    flight = simulate(plant, loop, [1.0, 0.0], steps=9, seed=0)
+    assert len(flight.decisions) == 3
+    assert flight.times[-1] == pytest.approx(2.0, abs=2e-2)
+    np.testing.assert_allclose(flight.states[:, -1], 0.0, atol=2e-2)

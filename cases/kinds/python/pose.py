@@ -1,5 +1,6 @@
 """A scenario from Python -> its agent and its plant; this runs the user's file."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,15 +27,17 @@ class Stated:
 
     Attributes:
         problem: The problem.
-        x0: Shape (nx,), finite.
-        parameters: Shape (np,), finite.
+        x0: Shape (nx,), finite; guessed where it is decided.
+        parameters: Those that are not decided, finite.
         signals: Shape (ns, nodes), finite.
+        previous: Control of the interval before, shape (nu,); None: nothing is said.
     """
 
     problem: OptimalControlProblem
     x0: Array
     parameters: Array
     signals: Array
+    previous: Array | None
 
 
 def pose(scenario: PythonScenario) -> Posed:
@@ -45,15 +48,16 @@ def pose(scenario: PythonScenario) -> Posed:
     """
     stated = _stated(scenario)
     problem, model = stated.problem, stated.problem.model
-    parameters = stated.parameters
+    parameters, reference = stated.parameters, _reference(problem, stated.signals)
     return Posed(
         agents=(
             PosedAgent(
                 problem=problem,
-                reference=_reference(problem, stated.signals),
-                parameters=(lambda time: parameters) if model.np else None,
+                reference=reference,
+                parameters=(lambda time: parameters) if parameters.size else None,
                 append=scenario.feedback.append,
                 shift=scenario.feedback.last_plan == "shifted",
+                previous=stated.previous,
             ),
         ),
         x0=stated.x0,
@@ -63,9 +67,12 @@ def pose(scenario: PythonScenario) -> Posed:
             parameters=(
                 lambda times: np.repeat(parameters[:, None], len(times), axis=1)
             )
-            if model.np
+            if parameters.size
             else None,
+            signals=_first_rows(reference, model.ns),
+            decided={name: one.first for name, one in problem.decided.items()},
         ),
+        period=scenario.feedback.period_s,
         open_loop=scenario.feedback.law == "open_loop",
         repair=scenario.feedback.repair,
         documents={scenario.problem.file.name: scenario.problem.text},
@@ -83,7 +90,17 @@ def _reference(
     """Return signals at absolute times; the last value is held after the horizon."""
     if not len(signals):
         return None
-    return lambda at: np.stack([np.interp(at, problem.times, row) for row in signals])
+    times = problem.expected_times
+    return lambda at: np.stack([np.interp(at, times, row) for row in signals])
+
+
+def _first_rows(
+    reference: ReferenceSignals | None, count: int
+) -> ReferenceSignals | None:
+    """Return the first of some signals, those of a model; None without any."""
+    if reference is None or not count:
+        return None
+    return lambda at: reference(at)[:count]
 
 
 def _stated(scenario: PythonScenario) -> Stated:
@@ -102,14 +119,29 @@ def _stated(scenario: PythonScenario) -> Stated:
     _require_fitting(scenario, problem)
     model, size = problem.model, problem.signals.numel()
     of_signals = known.signals if size else np.empty((0, problem.nodes))
+    count = model.np - len(problem.decided)
+    given = known.previous
     return Stated(
         problem=problem,
-        x0=_numbers(scenario, "x0", x0, (model.nx,)),
-        parameters=_numbers(
-            scenario, "known.parameters", known.parameters, (model.np,)
-        ),
+        x0=_numbers(scenario, "x0", _guessed(problem, x0), (model.nx,)),
+        parameters=_numbers(scenario, "known.parameters", known.parameters, (count,)),
+        previous=None
+        if given is None
+        else _numbers(scenario, "known.previous", given, (model.nu,)),
         signals=_numbers(scenario, "known.signals", of_signals, (size, problem.nodes)),
     )
+
+
+def _guessed(problem: OptimalControlProblem, x0: object) -> object:
+    """Return an initial state with guesses where it is NaN and is decided."""
+    if not isinstance(x0, Sequence | np.ndarray) or len(x0) != problem.model.nx:
+        return x0  # Refused where it is read.
+    guessed = list(x0)
+    for one in problem.free_starts:
+        for i in one.states:
+            is_missing = isinstance(guessed[i], float) and np.isnan(guessed[i])
+            guessed[i] = one.value.first if is_missing else guessed[i]
+    return guessed
 
 
 def _numbers(
@@ -134,6 +166,12 @@ def _require_fitting(scenario: PythonScenario, problem: OptimalControlProblem) -
         found = str(problem.intervals)
         raise _refused(scenario, f"at most {MOST_INTERVALS} intervals", found)
     is_open = scenario.feedback.law == "open_loop"
+    least, found_steps = problem.intervals, scenario.plant.substeps
+    if scenario.feedback.period_s is not None and found_steps < least:
+        raise UserCodeError(
+            f"plant.substeps: expected at least the problem's {least} intervals with "
+            f"feedback.period_s, found {found_steps}"
+        )
     if is_open and scenario.steps > problem.intervals:
         raise UserCodeError(
             f"steps: expected at most the problem's {problem.intervals} intervals "

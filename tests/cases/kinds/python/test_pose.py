@@ -9,6 +9,7 @@ from swarmstart.cases.campaign.run import key_of, run
 from swarmstart.cases.format.kind import CodeNotAllowedError, Posed
 from swarmstart.cases.format.scenario import InvalidScenarioError, resolved_again
 from swarmstart.cases.kinds.python.code import UserCodeError
+from swarmstart.ocp import InvalidProblemError
 from swarmstart.ocp.controller import known_at
 from swarmstart.tests.cases.kinds.problem.conftest import PENDULUM, stated
 from swarmstart.tests.cases.kinds.python.conftest import MODEL, Project, allowed
@@ -27,6 +28,29 @@ def build():
         constraints=[ss.PathConstraint(expression=x - target - gain, upper=0)],
     )
     return problem, [0], ss.Known([2.0], [[0.0, 1.0, 4.0]])
+"""
+
+
+DECIDED = """\
+import casadi as ca
+import swarmstart as ss
+
+def build():
+    x, v, u, push, wind, before = (
+        ca.SX.sym(n) for n in ("x", "v", "u", "push", "wind", "before")
+    )
+    problem = ss.OptimalControlProblem(
+        ss.Model(
+            states=ca.vertcat(x, v), controls=u, ode=ca.vertcat(v + wind, push * u),
+            parameters=push, signals=wind,
+        ),
+        horizon=ss.Free(0.1, 5, guess=2), intervals=10, stage_cost=ca.SX(1),
+        step_cost=1e-9 * (u - before) ** 2, previous=before,
+        bounds=ss.Bounds(controls=(-1, 1)), terminal=[x, v],
+        decided={"push": ss.Free(0.5, 4)}, START
+    )
+    signals = [[0.0] * 11]
+    return problem, [1, X0], ss.Known(signals=signals, previous=[0.5])
 """
 
 
@@ -169,3 +193,35 @@ def test_the_bytes_that_are_run_are_those_that_were_hashed(project: Project) -> 
     resolved = allowed(project.resolved())
     project.model.write_text("raise SystemExit")
     assert resolved.posed().documents == {"my_model.py": MODEL}
+
+
+def test_decided_end_time_parameter_and_start_are_solved_and_flown(
+    project: Project,
+) -> None:
+    start = "start={'v': ss.Free(-1, 0)}"
+    text = DECIDED.replace("START", start).replace("X0", "float('nan')")
+    project.model.write_text(text)
+    changes = ("arguments={}", "steps=10", "measures={}", "search={name: none}")
+    done = run(allowed(project.resolved(*changes)), seed=0)
+    assert done.measures["confirmed"] == 1
+    assert done.measures["decided_push"] == pytest.approx(4.0, abs=1e-6)
+    assert done.measures["decided_v"] == pytest.approx(-1.0, abs=1e-6)
+    assert done.trajectory.times[-1] == pytest.approx(done.measures["end_time"])
+    assert done.measures["flown_cost"] == pytest.approx(done.measures["end_time"])
+    np.testing.assert_allclose(done.trajectory.states[:, -1], 0.0, atol=1e-6)
+
+
+def test_decided_end_time_is_followed_in_periods(project: Project) -> None:
+    project.model.write_text(DECIDED.replace("START", "").replace("X0", "0"))
+    changes = ("arguments={}", "steps=10", "measures={}", "search={name: none}")
+    period = "feedback={law: receding_horizon, period_s: 0.25}"
+    fine = "plant={substeps: 200}"
+    done = run(allowed(project.resolved(*changes, period, fine)), seed=0)
+    # Half of the way with 4, half with -4.
+    assert done.measures["end_time"] == pytest.approx(1.0, abs=1e-2)
+    assert done.trajectory.times[-1] == pytest.approx(1.0, abs=2e-2)
+    np.testing.assert_allclose(done.trajectory.states[:, -1], 0.0, atol=2e-2)
+    with pytest.raises(UserCodeError, match="at least the problem's 10 intervals"):
+        posed(project, *changes, period, "plant={substeps: 9}")
+    with pytest.raises(InvalidProblemError, match="needs a period"):
+        run(allowed(project.resolved(*changes, "feedback=receding_horizon")), seed=0)
