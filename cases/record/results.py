@@ -84,6 +84,7 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
         "advice": solution.advice,
         "cost": solution.cost,
         "violation": solution.violation,
+        "decided": dict(solution.decided),
         "verified_cost": solution.verified_cost,
         "verified_violation": solution.verified_violation,
         "source": plan.source.value,

@@ -126,7 +126,7 @@ def test_decided_parameter_and_start_are_flown_and_measured() -> None:
     assert found["flown_cost"] == pytest.approx(found["cost"], rel=1e-5)
 
 
-def test_file_states_what_the_library_solves() -> None:
+def test_file_states_what_the_library_solves(tmp_path: Path) -> None:
     x, v, u, t, mean = (ca.SX.sym(n) for n in ("x", "v", "u", "t", "mean"))
     model = Model(
         states=ca.vertcat(x, v),
@@ -147,7 +147,11 @@ def test_file_states_what_the_library_solves() -> None:
         decided={"mean": Free(-2, 2)},
     )
     answer = solve(problem, [np.nan, np.nan], search=None, seed=0)
-    assert simulated(SWING)[1]["cost"] == pytest.approx(answer.cost, rel=1e-9)
+    found = simulated(SWING)[1]
+    assert found["cost"] == pytest.approx(answer.cost, rel=1e-9)
+    kept = load(answer.save(tmp_path / "answer")).summary["decided"]
+    assert kept == answer.decided
+    assert kept["mean"] == pytest.approx(found["decided_mean"], abs=1e-6)
 
 
 def test_plant_may_have_another_parameter_than_is_decided() -> None:
