@@ -40,6 +40,7 @@ from swarmstart.ocp.search_settings import (
     SearchGiven,
     SearchSettings,
     search_settings,
+    traded_order,
 )
 from swarmstart.ocp.search_space import (
     SearchSpace,
@@ -52,6 +53,10 @@ from swarmstart.ocp.search_space import (
 from swarmstart.ocp.shooting import Shooting
 
 Array = NDArray[np.float64]
+
+
+_BASINS = 3
+"""Basins that are polished where more than the controls is decided."""
 
 
 class Source(Enum):
@@ -454,15 +459,21 @@ class Planner:
             controls = zero_controls(self.problem) if guess is None else guess
             plan = self.evaluated(controls, x0, known=known, source=Source.GUESS)
             return plan, [Start(controls)]
+        objective = space.objective(x0, known)
+        order = search.order or default_order(self.problem.tolerance)
+        basins = search.basins if self.polisher else 0
+        if self.polisher and self.problem.free_starts:
+            basins = basins or _BASINS
+            order = search.order or traded_order(objective, space.box, rng)
         try:
             result = minimize(
-                space.objective(x0, known),
+                objective,
                 space.box,
                 algorithm=search.algorithm,
                 budget=search.budget,
-                order=search.order or default_order(self.problem.tolerance),
+                order=order,
                 initial=first_population(search, space, guess, first, x0),
-                basins=search.basins if self.polisher else 0,
+                basins=basins,
                 radius=search.radius,
                 rng=rng,
                 on_advance=of_budget(progress, search.budget, "searching"),

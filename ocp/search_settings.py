@@ -1,14 +1,25 @@
 """A population search on one planning problem, and all forms in which it is given."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
-from swarmstart.heuristics import Algorithm, Budget, Order, Sampling, algorithm_of
+from swarmstart.heuristics import (
+    Algorithm,
+    Box,
+    Budget,
+    Order,
+    Sampling,
+    algorithm_of,
+    static_penalty,
+)
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
 
+Array = NDArray[np.float64]
 WarmStart = Literal["all", "half", "one", "none"]
 EVALUATIONS = 20_000
 """Budget of a search that is given none."""
@@ -22,12 +33,14 @@ class SearchSettings:
         algorithm: Settings of an algorithm of `swarmstart.heuristics`.
         budget: What one planning problem may cost.
         order: How two individuals are ordered; None: `heuristics.default_order`, with
-            the problem's tolerance.
+            the problem's tolerance, or `traded_order` before a polish where more than
+            the controls is decided.
         warm_start: How much of the first population is the guess: "all", "half", "one"
             individual or "none" of it; the rest is drawn at random.
         sampling: How it is drawn, as in `heuristics.Initial`.
         basins: How many of the best distinct basins are kept for the polish, which
-            starts from each of them besides the best point; 0: from that alone.
+            starts from each of them besides the best point; 0: from that alone, or
+            from three where more than the controls is decided.
         radius: Least distance of two basins, a fraction of the bounds' widths.
     """
 
@@ -102,3 +115,35 @@ def search_settings(
         )
     algorithm = algorithm_of(search, budget.evaluations)
     return SearchSettings(algorithm=algorithm, budget=budget, order=order)
+
+
+SAMPLE = 256
+"""Individuals of a random sample that says what a violation is worth."""
+
+
+def traded_order(
+    values: Callable[[Array], tuple[Array, Array]], box: Box, rng: np.random.Generator
+) -> Order:
+    """Return the order by cost + weight * violation, for searches before a polish.
+
+    The weight is set by a random sample, so that it depends on no unit of the cost:
+
+        weight = (interquartile range of the cost) / (median of the violation)
+
+    A weight that is much larger makes each constraint a wall, and the search ends on
+    the side on which it began (benchmarks/opti_warm_start.py).
+
+    Args:
+        values: Population (dim, size) -> cost and violation, each (size,).
+        box: The box of the search.
+        rng: Source of the sample.
+    """
+    sample = rng.uniform(box.lower[:, None], box.upper[:, None], (box.dim, SAMPLE))
+    cost, violation = values(sample)
+    finite = np.isfinite(cost) & np.isfinite(violation)
+    if not finite.any():
+        return static_penalty(1.0)
+    low, high = np.percentile(cost[finite], (25, 75))
+    typical = np.median(violation[finite])
+    weight = (high - low) / typical if typical > 0.0 else 0.0
+    return static_penalty(float(weight) if weight > 0.0 else 1.0)

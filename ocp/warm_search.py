@@ -1,14 +1,8 @@
 """A population search for starts of an NLP whose states are eliminated.
 
 Each control is a line through a few knots; all else that is left is searched directly.
-Individuals are compared by cost + weight * violation. The violation is the sum of all
-excesses over the bounds of the rows that are left; the weight is set by a random
-sample, so that it depends on no unit of the cost:
-
-    weight = c * (interquartile range of the cost) / (median of the violation)
-
-What c is taken is measured by benchmarks/opti_warm_start.py: a weight that is too large
-makes each constraint a wall, and the search ends on the side on which it began.
+Individuals are compared by cost + weight * violation (`traded_order`); the violation is
+the sum of all excesses over the bounds of the rows that are left.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,9 +15,7 @@ from numpy.typing import NDArray
 from swarmstart.heuristics import (
     Box,
     Initial,
-    Order,
     minimize,
-    static_penalty,
 )
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.interpreter import Interpreted, interpreted
@@ -31,7 +23,7 @@ from swarmstart.ocp.elimination import Elimination
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.nlp_given import GivenNlp
 from swarmstart.ocp.nlp_sources import Indices, Numbers
-from swarmstart.ocp.search_settings import SearchSettings
+from swarmstart.ocp.search_settings import SearchSettings, traded_order
 
 Array = NDArray[np.float64]
 Values = Callable[[Array], tuple[Array, Array]]
@@ -45,10 +37,6 @@ BASINS = 3
 """Distinct basins that are kept for the NLP solver."""
 RADIUS = 0.08
 """Least distance of two of them, a fraction of the box's widths."""
-SOFTNESS = 1.0
-"""c of the weight."""
-SAMPLE = 256
-"""Individuals of the random sample."""
 STRETCH = 4.0
 """A variable without bounds that is no control is looked for between its initial value
 divided by this, and multiplied by this."""
@@ -187,7 +175,7 @@ def starts(
         ranges.box,
         algorithm=search.algorithm,
         budget=search.budget,
-        order=search.order or _penalty(values, ranges.box, rng),
+        order=search.order or traded_order(values, ranges.box, rng),
         initial=Initial(sampling=search.sampling, points=ranges.start[:, None]),
         basins=search.basins,
         radius=search.radius,
@@ -203,19 +191,6 @@ def starts(
     frees = (np.clip(roll_out.spread @ z, ranges.lower, ranges.upper) for z in kept)
     wholes = (found.whole(free, numbers.p, numbers.lower_g) for free in frees)
     return [x for x in (np.array(w).ravel() for w in wholes) if np.isfinite(x).all()]
-
-
-def _penalty(values: Values, box: Box, rng: np.random.Generator) -> Order:
-    """Return the order by cost + weight * violation; see the head of this module."""
-    z = rng.uniform(box.lower[:, None], box.upper[:, None], (box.dim, SAMPLE))
-    cost, violation = values(z)
-    finite = np.isfinite(cost) & np.isfinite(violation)
-    if not finite.any():
-        return static_penalty(1.0)
-    low, high = np.percentile(cost[finite], (25, 75))
-    typical = np.median(violation[finite])
-    weight = SOFTNESS * (high - low) / typical if typical > 0.0 else 0.0
-    return static_penalty(float(weight) if weight > 0.0 else 1.0)
 
 
 def ranges_of(

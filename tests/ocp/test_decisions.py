@@ -370,3 +370,29 @@ def test_discrete_time_model_of_one_control_may_have_a_decided_parameter() -> No
     )
     answer = solve(problem, [1.0], search=None, seed=0)
     assert answer.decided["gain"] == pytest.approx(2.0, rel=1e-5)
+
+
+def test_four_discs_are_passed_on_the_best_side() -> None:
+    """A wall of feasibility first ends on the side where it began: 7 of 12 seeds."""
+    x, y, heading, rate = (ca.SX.sym(n) for n in ("x", "y", "heading", "rate"))
+    discs = [(2.0, 0.3, 0.9), (4.2, -0.6, 1.0), (6.2, 0.5, 1.0), (8.2, -0.3, 0.9)]
+    problem = OptimalControlProblem(
+        Model(
+            states=ca.vertcat(x, y, heading),
+            controls=rate,
+            ode=ca.vertcat(ca.cos(heading), ca.sin(heading), rate),
+        ),
+        horizon=Free(10, 20),
+        intervals=40,
+        substeps=2,
+        stage_cost=1 + 0.1 * rate**2,
+        bounds=Bounds(controls=(-3, 3)),
+        constraints=[(x - a) ** 2 + (y - b) ** 2 >= r**2 for a, b, r in discs],
+        terminal=[(x, 10), (y, 0)],
+    )
+    for seed in range(4):
+        answer = solve(problem, np.zeros(3), seed=seed)
+        assert answer.cost == pytest.approx(10.818588, abs=1e-5)
+    kept = solve(problem, np.zeros(3), repair=True, seed=0)
+    assert kept.status is SolutionStatus.CONVERGED
+    assert kept.cost == pytest.approx(10.8214, abs=2e-3)

@@ -37,7 +37,8 @@ def polish_passing(passing_side: Posed) -> tuple[Fitness, Polisher]:
     return fitness, Polisher(fitness)
 
 
-@given(x0=st.tuples(st.floats(-5, 5), st.floats(-5, 5)).map(np.array))
+# Rounded: the squares of 1e-161 are no numbers any more.
+@given(x0=st.tuples(*[st.floats(-5, 5).map(lambda x: round(x, 9))] * 2).map(np.array))
 @settings(max_examples=15, deadline=None)
 def test_linear_quadratic_optimum_is_riccatis(
     lq_polisher: Polisher, riccati: tuple[Array, Array], x0: Array

@@ -155,7 +155,7 @@ def test_spline_reproduces_every_cubic_and_linear_every_line(
 
 
 @given(at=breakpoints, x=st.floats(-20, 20), y=st.floats(-20, 20))
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=10)
 @pytest.mark.parametrize("method", METHODS)
 def test_table_of_ones_is_one_everywhere(
     method: Method, at: Array, x: float, y: float
@@ -163,7 +163,7 @@ def test_table_of_ones_is_one_everywhere(
     assert float(table(at, np.ones(at.size), method).at(x)) == pytest.approx(1)
     ones = table((at, at), np.ones((at.size, at.size)), method)
     beyond = np.abs([x, y]).max() / np.diff(at).min()  # Bases as large as its cube.
-    assert float(ones.at(x, y)) == pytest.approx(1, abs=1e-14 * (1 + beyond**6))
+    assert float(ones.at(x, y)) == pytest.approx(1, abs=1e-12 * (1 + beyond**6))
 
 
 @given(at=breakpoints, x=st.floats(-20, 20), seed=st.integers(0, 99))
