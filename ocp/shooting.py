@@ -147,6 +147,30 @@ class Shooting:
         )
 
     @cached_property
+    def rows_settled(self) -> tuple[list[int], ...]:
+        """The rows of each path constraint that stay as an interval begins with them.
+
+        They depend on no signal, and on no state but those that have no rate. What
+        controls enter is held as the interval begins; what is decided about the start
+        and does not jump, there.
+        """
+        problem, model = self.problem, self.problem.model
+        if model.is_discrete:
+            return tuple([] for _ in problem.path_constraints)
+        moving = ca.vertcat(
+            problem.signals,
+            *[model.states[i] for i in range(model.nx) if not model.ode[i].is_zero()],
+        )
+        return tuple(
+            [row for row in (*controlled, *[r for r in started if r not in jumping])
+             if row not in _depending(c, moving)]
+            for c, controlled, started, jumping in zip(
+                problem.path_constraints, self.rows_with_controls, self.rows_of_start,
+                self.rows_that_jump, strict=True,
+            )
+        )  # fmt: skip
+
+    @cached_property
     def soft(self) -> SoftRows | None:
         """The rows of the soft constraints; None: there are none."""
         return SoftRows(self.problem) if self.problem.soft else None

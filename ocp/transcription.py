@@ -299,10 +299,9 @@ def _interval_part(shooting: Shooting) -> Part:
         cost += spent
         points.append((state, s[:, k + 1], False))
         if not model.is_discrete:
-            # The states after an interval are variables, with bounds.
-            last = k == problem.checks - 1
             at = (state, u, p, s[:, k + 1])
-            parts += _rows_at(shooting, at, without_bounds=last)
+            chosen = _rows_of_check(shooting, last=k == problem.checks - 1)
+            parts += _rows_at(shooting, at, chosen)
     if model.jumps:
         state = shooting.jump(state, u, p, s[: model.ns, -1])
         at = (state, u, p, s[:, -1])
@@ -344,6 +343,24 @@ def _soft_rows(
             value = (values + sign * e)[rows] if rows else ca.SX(0, 1)
             found.append(LimitedRows(value, lower, upper, places))
     return found
+
+
+def _rows_of_check(shooting: Shooting, *, last: bool) -> list[list[int]]:
+    """Return the rows of each constraint that are held as a check ends.
+
+    Where they can still change: an equality that stood at each check again would leave
+    the NLP more equations than variables. States after an interval are variables, with
+    bounds of their own; before its end changes them, they are not.
+    """
+    problem, chosen = shooting.problem, []
+    for number, constraint in enumerate(problem.path_constraints):
+        rows = range(constraint.rows(constraint.expression).values.numel())
+        if last and number == len(problem.stated):
+            chosen.append(shooting.rows_that_jump[number])
+            continue
+        settled = shooting.rows_settled[number]
+        chosen.append([row for row in rows if row not in settled])
+    return chosen
 
 
 def _rows_at(

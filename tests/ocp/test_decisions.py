@@ -164,6 +164,31 @@ def test_start_that_is_decided_follows_its_closed_form(backend: str) -> None:
         assert answer.verified_cost == pytest.approx(4 / 3, rel=1e-9)
 
 
+@pytest.mark.parametrize("checks", [1, 3])
+def test_controls_and_parameters_tied_by_equations_are_polished(checks: int) -> None:
+    """x' = u + w, w = u / 2, q = 2 p, x(1) = 3 u / 2 + 3 p: least squares."""
+    x, u, w, p, q = (ca.SX.sym(n) for n in ("x", "u", "w", "p", "q"))
+    problem = OptimalControlProblem(
+        Model(
+            states=x, controls=ca.vertcat(u, w), ode=u + w + p + q,
+            parameters=ca.vertcat(p, q),
+        ),
+        horizon=1.0,
+        intervals=4,
+        stage_cost=u**2 + w**2,
+        terminal_cost=(x - 1) ** 2 + p**2 + q**2,
+        constraints=[w - u / 2 == 0, q - 2 * p == 0],
+        decided={"p": Free(-1, 1), "q": Free(-1, 1)},
+        checks=checks,
+    )  # fmt: skip
+    answer = solve(problem, [0.0], search=None, seed=0)
+    assert answer.status is SolutionStatus.CONVERGED
+    # With z = (u, 2 p): 5/4 |z|^2 + (3/2 (1, 1) z - 1)^2, z = 6/23 (1, 1).
+    np.testing.assert_allclose(answer.controls[0], 6 / 23, rtol=1e-6)
+    assert answer.decided["q"] == pytest.approx(6 / 23, rel=1e-6)
+    assert answer.cost == pytest.approx(5 / 23, rel=1e-6)
+
+
 def test_path_constraint_and_bounds_hold_at_a_start_that_is_decided() -> None:
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     problem = OptimalControlProblem(

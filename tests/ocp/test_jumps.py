@@ -119,6 +119,42 @@ def test_state_constraints_hold_after_every_jump_the_last_included() -> None:
         assert excess.time == pytest.approx(3.0)
 
 
+def test_bounds_of_states_hold_before_the_end_of_an_interval_changes_them() -> None:
+    """Half of the speed is lost as an interval ends; before, it reaches its bound.
+
+    With v = u_0 / 2 + u_1 = 1 / 2 before the last jump, u is (0.2, 0.4).
+    """
+    v, u = ca.SX.sym("v"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=v, controls=u, ode=u, next_state=v / 2),
+        horizon=2.0,
+        intervals=2,
+        stage_cost=u**2,
+        terminal_cost=(v - 2) ** 2,
+        bounds=Bounds(states=(-9, 0.5)),
+    )
+    answer = solve(problem, [0.0], search=None, seed=0)
+    np.testing.assert_allclose(answer.controls, [[0.2, 0.4]], atol=1e-6)
+    assert answer.cost == pytest.approx(0.2 + 1.75**2, abs=1e-6)
+    assert answer.status is SolutionStatus.CONVERGED
+
+
+def test_equality_of_a_control_and_the_one_before_keeps_it_as_it_was() -> None:
+    x, u, before = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("before")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=1.0,
+        intervals=4,
+        checks=2,
+        terminal_cost=(x - 1) ** 2,
+        constraints=[u - before == 0],
+        previous=before,
+    )
+    answer = solve(problem, [0.0], search=None, known=Known(previous=[0.3]), seed=0)
+    np.testing.assert_allclose(answer.controls, 0.3, atol=1e-8)
+    assert answer.status is SolutionStatus.CONVERGED
+
+
 def test_constraint_on_state_and_control_does_not_hold_after_the_last_jump() -> None:
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     problem = OptimalControlProblem(
