@@ -1,6 +1,7 @@
 """Saved results, and records, read again as data."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +27,10 @@ NAMES = ["place", "speed"]
 
 
 def test_a_saved_solution_is_read_again(solution: Solution, tmp_path: Path) -> None:
+    solution = replace(solution, decided={"mass": 1.5})
     record = load(solution.save(tmp_path / "new"))
     assert record.summary["cost"] == solution.cost
+    assert record.summary["decided"] == {"mass": 1.5}
     assert record.summary["status"] == solution.status.value
     assert record.arrays["state_names"].tolist() == NAMES
     np.testing.assert_array_equal(record.arrays["controls"], solution.controls)
