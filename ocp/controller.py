@@ -142,9 +142,11 @@ def known_at(
     reference: ReferenceSignals | None,
     parameters: Callable[[float], Array] | None,
     seen: tuple[Array, ...] = (),
+    length: float | None = None,
 ) -> Known:
-    """Return what is known of a plan made at a time; see RecedingHorizon."""
-    times = time + problem.expected_times
+    """Return what is known of a plan made at a time; see RecedingHorizon.known."""
+    times = problem.expected_times
+    times = time + times * (1.0 if length is None else length / times[-1])
     rows = () if reference is None else (reference(times),)
     return Known(
         parameters=() if parameters is None else parameters(time),
@@ -268,15 +270,24 @@ class RecedingHorizon:
         """Return the length of a plan's horizon [s]."""
         return self.planner.lowered.end_time(plan.x0)
 
-    def known(self, time: float, seen: tuple[Array, ...] = ()) -> Known:
+    def known(
+        self,
+        time: float,
+        seen: tuple[Array, ...] = (),
+        length: float | None = None,
+    ) -> Known:
         """Return parameters and signals of a plan made at a time.
 
         Args:
             time: Time since the start [s].
             seen: Rows that follow the reference's, each (k, nodes): plans of others.
+            length: How long the plan is expected to take [s]; None: the horizon, or
+                the guess of one that is free.
         """
         stated = self.planner.stated
-        known = known_at(stated, time, self.reference, self.parameters, seen)
+        known = known_at(
+            stated, time, self.reference, self.parameters, seen, length
+        )
         return known._replace(previous=self.previous)
 
     def plan(
@@ -297,7 +308,8 @@ class RecedingHorizon:
             seen: As in `known`.
             rng: Source of all randomness.
         """
-        problem, known = self.planner.problem, self.known(time, seen)
+        problem, left = self.planner.problem, self._left(last)
+        known = self.known(time, seen, left)
         if last is not None:
             known = known._replace(previous=self._last_held(last))
         start, known, first = self.planner.posed(state, known, self.first)
@@ -319,6 +331,12 @@ class RecedingHorizon:
         if plan.feasible or shifted is None:
             return plan
         return self._fallback(plan, shifted, state, known)
+
+    def _left(self, last: Plan | None) -> float | None:
+        """Return what is left of the last plan's time [s]; None: nothing shrinks."""
+        if last is None or self.period is None:
+            return None
+        return max(self._length(last) - self.period, self._shortest)
 
     def _last_held(self, last: Plan) -> Array:
         """Return the control at the end of what was flown of the last plan."""

@@ -110,6 +110,71 @@ def test_end_time_must_be_able_to_shrink_to_the_period() -> None:
                  steps=1, seed=0)  # fmt: skip
 
 
+def test_signals_of_a_shrinking_horizon_are_read_over_what_is_left_of_it() -> None:
+    """Against a headwind of 0.2 t from 1 to 0 with u in [-1, 1]: at t = 0.9161 s.
+
+    x(t) = 1 - t + 0.1 t^2, whatever time of a plan the nodes stand at.
+    """
+    x, u, wind = (ca.SX.sym(n) for n in ("x", "u", "wind"))
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u + wind, signals=wind),
+        horizon=Free(0.05, 5.0, guess=3.0),
+        intervals=10,
+        stage_cost=ca.SX(1),
+        bounds=Bounds(controls=(-1, 1)),
+        terminal=[x],
+    )
+    read: list[np.ndarray] = []
+
+    def headwind(times: np.ndarray) -> np.ndarray:
+        read.append(times)
+        return 0.2 * times[None, :]
+
+    loop = RecedingHorizon(
+        planner=Planner(problem, search=None, polish=IpoptOptions()),
+        reference=headwind,
+        period=0.2,
+    )
+    plant = Plant(
+        problem.model, dt=0.2, substeps=20, signals=lambda times: 0.2 * times[None, :]
+    )  # fmt: skip
+    flight = simulate(plant, loop, [1.0], steps=20, seed=0)
+    assert flight.decisions[-1].is_last
+    plans = [times for times in read if times.size == problem.nodes]
+    for times, before in zip(plans[1:], flight.decisions, strict=False):
+        lasted = before.plans[0].x0[1]
+        assert times[-1] == pytest.approx(times[0] - 0.2 + max(lasted, 0.25))
+    # The last plans are short: their signals are nearly those of the flight.
+    end = (1 - np.sqrt(0.6)) / 0.2
+    assert flight.times[-1] + flight.states[0, -1] == pytest.approx(end, abs=0.02)
+
+
+def test_control_before_a_plan_is_that_held_at_the_end_of_the_period() -> None:
+    x, u, before = (ca.SX.sym(n) for n in ("x", "u", "before"))
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=Free(0.05, 5.0, guess=3.0),
+        intervals=20,
+        stage_cost=1 + 0 * x,
+        constraints=[u - before <= 0.1, u - before >= -0.1],
+        previous=before,
+        bounds=Bounds(controls=(-1, 1)),
+        terminal=[x],
+    )
+    loop = RecedingHorizon(
+        planner=Planner(problem, search=None, polish=IpoptOptions()), period=0.5
+    )
+    flight = simulate(
+        Plant(problem.model, dt=0.5, substeps=50), loop, [1.0], steps=2, seed=0
+    )
+    first, second = (decision.plans[0] for decision in flight.decisions)
+    profile = flight.decisions[0].profile
+    assert profile is not None and profile.piece < 0.25  # Several in a period.
+    held = first.controls[0, int(0.4999 / profile.piece)]
+    assert abs(second.controls[0, 0] - held) <= 0.1 + 1e-6
+    assert abs(second.controls[0, 0] - first.controls[0, 0]) > 0.1 + 1e-3
+
+
 def test_plant_of_a_discrete_time_model_steps_once_an_interval() -> None:
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     model = Model(states=x, controls=u, next_state=x / 2 + u)
