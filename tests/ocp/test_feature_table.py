@@ -1,0 +1,170 @@
+"""The table at the end of docs/any_problem.md, cell by cell, on small problems.
+
+What the polish, the verification and pairs of features give is in
+test_feature_pairs.py, against a peer. Here, for each feature alone: machine code gives
+what CasADi gives, the closed loop is flown or refused, and a record keeps the answer.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmstart.cases.record.results import load
+from swarmstart.ocp import (
+    Bounds,
+    Fitness,
+    Free,
+    InvalidProblemError,
+    IpoptOptions,
+    Model,
+    OptimalControlProblem,
+    Planner,
+    Plant,
+    RecedingHorizon,
+    phases,
+    simulate,
+    solve,
+)
+from swarmstart.ocp.lowering import lowered
+from swarmstart.tests.ocp.feature_pairs.comparison import Ours, drawn_point
+from swarmstart.tests.ocp.feature_pairs.features import FEATURES, drawn
+from swarmstart.tests.ocp.feature_pairs.stated import Stated
+
+Array = NDArray[np.float64]
+MEASURED = "a receding horizon starts where the state is measured"
+REFUSED = dict.fromkeys(
+    ("free start", "tied start", "free initial cost", "periodic state"), MEASURED
+)
+"""What a closed loop says of features that it refuses."""
+
+
+def alone(name: str) -> Stated:
+    return drawn((name,), np.random.default_rng([5, list(FEATURES).index(name)]))
+
+
+def _over_time(stated: Stated, count: int) -> Callable[[Array], Array] | None:
+    """Return the first signals as functions of time; None: there are none."""
+    rows = stated.signal_values[:count]
+    known = np.linspace(0, stated.horizon, stated.nodes)
+    if not rows.size:
+        return None
+    return lambda times: np.array([np.interp(times, known, row) for row in rows])
+
+
+def _plant(stated: Stated, dt: float) -> Plant:
+    """Return a plant with the model; decided parameters are in the middle."""
+    known = [value for _, value in stated.parameters.values()]
+    decided = [(low + high) / 2 for _, low, high in stated.decided.values()]
+    values = np.array([*known, *decided])
+    model = stated.problem().model
+    return Plant(
+        model,
+        dt=dt,
+        substeps=4,
+        parameters=(lambda times: np.tile(values[:, None], (1, times.size)))
+        if values.size
+        else None,
+        signals=_over_time(stated, model.ns),
+        integrator="stiff" if stated.integrator == "stiff" else "rk4",
+    )
+
+
+def _loop(stated: Stated) -> RecedingHorizon:
+    problem = stated.problem()
+    if isinstance(problem.horizon, Free):
+        # The horizon must be able to shrink to the last period.
+        problem = replace(problem, horizon=replace(problem.horizon, lower=0.05))
+    known = np.array([value for _, value in stated.parameters.values()])
+    return RecedingHorizon(
+        planner=Planner(problem, search=None, polish=IpoptOptions()),
+        reference=_over_time(stated, problem.ns),
+        parameters=(lambda time: known) if known.size else None,
+        period=0.1 if stated.end_time is not None else None,
+    )
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_machine_code_gives_what_casadi_gives(name: str) -> None:
+    stated = alone(name)
+    ours = Ours(stated)
+    point = drawn_point(stated, np.random.default_rng(0))
+    given = point.controls, ours.start(point), ours.known
+    compiled, mapped = (
+        Fitness(ours.planner.tracer.shooting, backend=backend)
+        for backend in ("llvm", "casadi")
+    )
+    assert compiled.backend == "llvm"
+    found, expected = compiled.value(*given), mapped.value(*given)
+    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_closed_loop_flies_three_steps_or_says_why_not(name: str) -> None:
+    stated = alone(name)
+    loop = _loop(stated)
+    plant = _plant(stated, loop.dt)
+    if name in REFUSED:
+        with pytest.raises(InvalidProblemError, match=REFUSED[name]):
+            simulate(plant, loop, stated.x0, steps=3, seed=0)
+        return
+    flight = simulate(plant, loop, stated.x0, steps=3, seed=0)
+    assert len(flight.decisions) == 3 or flight.decisions[-1].is_last
+    for decision in flight.decisions:
+        assert decision.plans[0].feasible or stated.ends or stated.periodic
+    assert np.isfinite(flight.dense_states).all()
+    np.testing.assert_array_equal(flight.states[:, 0], stated.x0)
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_record_keeps_the_answer(name: str, tmp_path: Path) -> None:
+    stated = alone(name)
+    answer = solve(stated.problem(), stated.x0, search=None, known=stated.known, seed=0)
+    record = load(answer.save(tmp_path / "answer"))
+    assert record.summary["cost"] == answer.cost
+    assert record.summary["decided"] == dict(answer.decided)
+    assert record.summary["status"] == answer.status.value
+    for role, values in (
+        ("times", answer.times),
+        ("states", answer.states),
+        ("controls", answer.controls),
+        ("dense_states", answer.path.states),
+    ):
+        np.testing.assert_array_equal(record.arrays[role], values)
+    assert record.arrays["states"].shape == (stated.x0.size, stated.nodes)
+    assert record.arrays["state_names"].tolist() == list(answer.state_names)
+
+
+def two_legs() -> tuple[OptimalControlProblem, Array]:
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    leg = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u - x),
+        horizon=Free(0.2, 2.0),
+        intervals=3,
+        stage_cost=1 + u**2,
+        bounds=Bounds(controls=(-3, 3)),
+    )
+    both = phases([leg, replace(leg, terminal=[(x, 1.0)])])
+    return both.problem, both.start([0.0])
+
+
+def test_phases_run_in_machine_code_and_are_recorded_but_not_flown(
+    tmp_path: Path,
+) -> None:
+    problem, x0 = two_legs()
+    controls, start = np.full((1, 6), 0.7), lowered(problem).start(x0)
+    values = [
+        Fitness(problem, backend=backend).value(controls, start)
+        for backend in ("llvm", "casadi")
+    ]
+    np.testing.assert_allclose(values[0], values[1], rtol=1e-11, atol=1e-12)
+    answer = solve(problem, x0, search=None, seed=0)
+    record = load(answer.save(tmp_path / "answer"))
+    assert record.summary["decided"] == dict(answer.decided)
+    np.testing.assert_array_equal(record.arrays["states"], answer.states)
+    with pytest.raises(InvalidProblemError, match="phases cannot be flown"):
+        RecedingHorizon(planner=Planner(problem, search=None))
