@@ -285,9 +285,7 @@ class RecedingHorizon:
                 the guess of one that is free.
         """
         stated = self.planner.stated
-        known = known_at(
-            stated, time, self.reference, self.parameters, seen, length
-        )
+        known = known_at(stated, time, self.reference, self.parameters, seen, length)
         return known._replace(previous=self.previous)
 
     def plan(

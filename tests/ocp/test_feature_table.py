@@ -26,6 +26,7 @@ from swarmstart.ocp import (
     Planner,
     Plant,
     RecedingHorizon,
+    ensemble,
     phases,
     simulate,
     solve,
@@ -168,3 +169,53 @@ def test_phases_run_in_machine_code_and_are_recorded_but_not_flown(
     np.testing.assert_array_equal(record.arrays["states"], answer.states)
     with pytest.raises(InvalidProblemError, match="phases cannot be flown"):
         RecedingHorizon(planner=Planner(problem, search=None))
+
+
+def lag(**more: object) -> OptimalControlProblem:
+    x, u, gain = (ca.SX.sym(n) for n in ("x", "u", "gain"))
+    stated: dict[str, object] = {
+        "horizon": 2.0,
+        "intervals": 6,
+        "stage_cost": (x - 0.6) ** 2,
+        "bounds": Bounds(controls=(0, 1)),
+    }
+    model = Model(states=x, controls=u, ode=gain * u - x, parameters=gain)
+    return OptimalControlProblem(model, **(stated | more))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        ensemble(lag(), {"gain": [0.8, 1.2]}, risk="worst"),
+        lag(blocks=[1, 2, 3], decided={"gain": Free(0.9, 1.1)}),
+        lag(bounds=Bounds(controls=(0, 1), integer=["u"]),
+            decided={"gain": Free(0.9, 1.1)}),
+    ],
+    ids=["uncertain parameters", "blocks", "whole numbers"],
+)  # fmt: skip
+def test_other_controls_run_in_machine_code_are_flown_and_recorded(
+    problem: OptimalControlProblem, tmp_path: Path
+) -> None:
+    controls = np.array([[1.0, 0.0, 0.0, 1.0, 1.0, 1.0]])
+    planner = Planner(problem, search=None, polish=IpoptOptions())
+    start, known, _ = planner.posed([0.0])
+    values = [
+        Fitness(problem, backend=backend).value(controls, start, known)
+        for backend in ("llvm", "casadi")
+    ]
+    np.testing.assert_allclose(values[0], values[1], rtol=1e-11, atol=1e-12)
+    answer = solve(problem, [0.0], search=None, seed=0)
+    record = load(answer.save(tmp_path / "answer"))
+    np.testing.assert_array_equal(record.arrays["states"], answer.states)
+    assert record.summary["cost"] == answer.cost
+
+    def plant_step(x: Array, u: Array, dt: float) -> Array:
+        return np.asarray(u + np.exp(-dt) * (x - u))
+
+    class Sampled:
+        step = staticmethod(plant_step)
+
+    flight = simulate(
+        Sampled(), RecedingHorizon(planner=planner), [0.0], steps=3, seed=0
+    )
+    assert len(flight.decisions) == 3
