@@ -34,13 +34,8 @@ from swarmstart.ocp.multipliers import Multipliers
 from swarmstart.ocp.multistart import multistart
 from swarmstart.ocp.opti import warm_start
 from swarmstart.ocp.phases import Phases, phases
-from swarmstart.ocp.planner import (
-    Plan,
-    Planner,
-    PlanningInterrupted,
-    SearchReport,
-    Source,
-)
+from swarmstart.ocp.plan import Plan, PlanningInterrupted, SearchReport, Source
+from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.plant import Plant, SteppedPlant, Steps
 from swarmstart.ocp.polish import Polished, Polisher
 from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions, PolishStatus

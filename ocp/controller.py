@@ -26,7 +26,8 @@ from swarmstart.ocp.free import Free
 from swarmstart.ocp.guess import Appended, shifted_controls
 from swarmstart.ocp.improving import improved
 from swarmstart.ocp.lowering import END_TIME
-from swarmstart.ocp.planner import Plan, Planner, Source
+from swarmstart.ocp.plan import Plan, Source
+from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.polish import is_better
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_space import Start

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from swarmstart.ocp.controller import Decision, Mode
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.integrators import held_step
-from swarmstart.ocp.planner import Plan, Source
+from swarmstart.ocp.plan import Plan, Source
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.team import Team, first_controls
 from swarmstart.terminal_set import TerminalSet, input_excess

@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike
 from swarmstart.ocp.checking import Excess
 from swarmstart.ocp.fitness import Fitness, Known
 from swarmstart.ocp.optimality import Curvature, NlpPoint, curvature
-from swarmstart.ocp.planner import Plan, Planner, Source, start_of
+from swarmstart.ocp.plan import Plan, Source, start_of
+from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem

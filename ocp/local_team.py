@@ -38,7 +38,8 @@ from swarmstart.ocp.controller import Decision, RecedingHorizon, ReferenceSignal
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.guess import shifted_controls
-from swarmstart.ocp.planner import Plan, Planner, Source
+from swarmstart.ocp.plan import Plan, Source
+from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.team import first_controls
 
 Array = NDArray[np.float64]

@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 from swarmstart.heuristics import Budget
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING, Known
-from swarmstart.ocp.planner import Plan, Planner, PlanningInterrupted, Source
+from swarmstart.ocp.plan import Plan, PlanningInterrupted, Source
+from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.polish import Polished, Polisher, is_better
 from swarmstart.ocp.progress import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.search_space import TrajectoryFamily, space_of

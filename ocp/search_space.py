@@ -51,14 +51,14 @@ from swarmstart.ocp.fitness import (
 )
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_settings import SearchSettings
-from swarmstart.ocp.shooting import (
-    Shooting,
+from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.soft import SoftRows
+from swarmstart.ocp.violation import (
     infinite_unless_finite,
     path_violation,
     row_weights,
     unless_finite,
 )
-from swarmstart.ocp.soft import SoftRows
 from swarmstart.ocp.whole_numbers import whole, widened
 
 Array = NDArray[np.float64]

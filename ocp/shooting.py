@@ -10,10 +10,9 @@ the initial state. Arguments, in this order, of everything made here:
                 scale depends on the initial state (problem.automatic of them)
     signals     ca.vec of (ns, nodes): node after node, shape (ns * nodes,)
 
-A rollout that leaves the finite numbers has violation infinity. What is not finite
-stays so in the sums: the positive part of an excess e is (e + |e|) / 2, which does not
-lose NaN as fmax(e, 0) does. States, of which one that is not finite never becomes
-finite again, are looked at in the end.
+A rollout that leaves the finite numbers has violation infinity; what is not finite
+stays so in the sums (violation.py). States, of which one that is not finite never
+becomes finite again, are looked at in the end.
 """
 
 from dataclasses import dataclass
@@ -21,15 +20,21 @@ from functools import cached_property
 from typing import TypeVar
 
 import casadi as ca
-import numpy as np
 
-from swarmstart.ocp.constraints import Constraint, row_excess
+from swarmstart.ocp.constraints import row_excess
 from swarmstart.ocp.integrators import integrate
 from swarmstart.ocp.lowering import Lowered, lowered
 from swarmstart.ocp.model import jump_of, rate_of
 from swarmstart.ocp.problem import Costs, OptimalControlProblem
 from swarmstart.ocp.scaling import Sizing
 from swarmstart.ocp.soft import SoftRows
+from swarmstart.ocp.violation import (
+    infinite_unless_finite,
+    path_violation,
+    row_weights,
+    rows_depending,
+    unless_finite,
+)
 from swarmstart.ocp.whole_numbers import whole_symbols
 
 _UNROLLED = 20_000
@@ -105,7 +110,7 @@ class Shooting:
     def rows_with_controls(self) -> tuple[list[int], ...]:
         """The rows of each path constraint that depend on the controls."""
         controls = self.problem.model.controls
-        return tuple(_depending(c, controls) for c in self.problem.path_constraints)
+        return tuple(rows_depending(c, controls) for c in self.problem.path_constraints)
 
     @cached_property
     def rows_of_start(self) -> tuple[list[int], ...]:
@@ -118,7 +123,7 @@ class Shooting:
             problem.model.states[i] for one in problem.free_starts for i in one.states
         ])  # fmt: skip
         return tuple(
-            [row for row in _depending(c, decided) if row not in controlled]
+            [row for row in rows_depending(c, decided) if row not in controlled]
             for c, controlled in zip(
                 problem.path_constraints, self.rows_with_controls, strict=True
             )
@@ -140,7 +145,7 @@ class Shooting:
         ]
         moved = ca.vertcat(ca.SX(0, 1), *jumping)
         return tuple(
-            [row for row in _depending(c, moved) if row not in controlled]
+            [row for row in rows_depending(c, moved) if row not in controlled]
             for c, controlled in zip(
                 self.problem.path_constraints, self.rows_with_controls, strict=True
             )
@@ -389,54 +394,6 @@ def _check_violation(
             broken += path_violation(constraint, excess, weight[rows])
         violation += broken
     return violation
-
-
-def row_weights(problem: OptimalControlProblem, automatic: ca.SX) -> list[ca.SX]:
-    """Return 1 / scale of each constraint's rows, the path's and then the terminal.
-
-    Args:
-        problem: The problem.
-        automatic: 1 / scale of the rows whose scale the problem does not fix.
-    """
-    weights, used = [], 0
-    for scales in problem.row_scales():
-        column = []
-        for scale in scales:
-            known = not np.isnan(scale)
-            column.append(ca.SX(1 / scale) if known else automatic[used])
-            used += not known
-        weights.append(ca.vertcat(ca.SX(0, 1), *column))
-    return weights
-
-
-def path_violation(constraint: Constraint, excess: ca.SX, weight: ca.SX) -> ca.SX:
-    """Return the violation of a constraint: the sum of its scaled positive excesses.
-
-    It is not finite if an excess is not.
-    """
-    if constraint.measure == "indicator":
-        finite = ca.fabs(excess) < ca.inf
-        return ca.sum1(ca.if_else(finite, constraint.indicated(excess), ca.inf))
-    return ca.sum1((excess + ca.fabs(excess)) * (weight / 2))
-
-
-def _depending(constraint: Constraint, controls: ca.SX) -> list[int]:
-    """Return the rows of a constraint that depend on the controls."""
-    values = constraint.rows(constraint.expression).values
-    if not (controls.numel() and values.numel()):
-        return []
-    depend = ca.which_depends(values, controls, 1, True)
-    return [row for row, depends in enumerate(depend) if depends]
-
-
-def unless_finite(cost: ca.SX, violation: ca.SX) -> ca.SX:
-    """Return the violation; infinity unless it and the cost are finite numbers."""
-    return ca.if_else(ca.fabs(cost) + violation < ca.inf, violation, ca.inf)
-
-
-def infinite_unless_finite(value: ca.SX) -> ca.SX:
-    """Return infinity if a number is NaN or infinite, else 0."""
-    return ca.if_else(ca.fabs(value) < ca.inf, 0, ca.inf)
 
 
 def _begin(shooting: Shooting) -> ca.Function:

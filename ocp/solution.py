@@ -26,7 +26,7 @@ from swarmstart.ocp.member_costs import member_costs
 from swarmstart.ocp.multipliers import Multipliers, multipliers_of
 from swarmstart.ocp.optimality import Curvature, curvature, is_stationary
 from swarmstart.ocp.path import Path, Tracer, first_not_finite
-from swarmstart.ocp.planner import Plan, start_of
+from swarmstart.ocp.plan import Plan, start_of
 from swarmstart.ocp.polish import SAME_COST
 from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.presentation import Presented

@@ -15,7 +15,8 @@ from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.fitness import NOTHING, Known
 from swarmstart.ocp.improving import improved
 from swarmstart.ocp.limits import require_choice
-from swarmstart.ocp.planner import Planner, PlanningInterrupted
+from swarmstart.ocp.plan import PlanningInterrupted
+from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.polish_options import (
     IpoptOptions,
     NlpOptions,

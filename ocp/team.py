@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from swarmstart.ocp.controller import Decision, RecedingHorizon
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.planner import Plan
+from swarmstart.ocp.plan import Plan
 
 Array = NDArray[np.float64]
 MakePlan = Callable[[int, Array, tuple[Array, ...]], Plan]

@@ -27,7 +27,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.controller import ReferenceSignals
 from swarmstart.ocp.guess import Appended
-from swarmstart.ocp.planner import start_of
+from swarmstart.ocp.plan import start_of
 from swarmstart.terminal_set import TerminalSet
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from swarmstart.ocp import (
     SearchSettings,
 )
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.planner import Source
+from swarmstart.ocp.plan import Source
 
 Array = NDArray[np.float64]
 X0 = np.zeros(1)

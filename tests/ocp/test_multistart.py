@@ -19,7 +19,7 @@ from swarmstart.ocp import (
     Source,
     multistart,
 )
-from swarmstart.ocp.planner import PlanningInterrupted
+from swarmstart.ocp.plan import PlanningInterrupted
 
 
 def two_valleys() -> Planner:

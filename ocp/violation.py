@@ -1,0 +1,59 @@
+"""How far constraints are broken, as one number: the sum of scaled excesses.
+
+What is not finite stays so in the sums: the positive part of an excess e is
+(e + |e|) / 2, which does not lose NaN as fmax(e, 0) does.
+"""
+
+import casadi as ca
+import numpy as np
+
+from swarmstart.ocp.constraints import Constraint
+from swarmstart.ocp.problem import OptimalControlProblem
+
+
+def row_weights(problem: OptimalControlProblem, automatic: ca.SX) -> list[ca.SX]:
+    """Return 1 / scale of each constraint's rows, the path's and then the terminal.
+
+    Args:
+        problem: The problem.
+        automatic: 1 / scale of the rows whose scale the problem does not fix.
+    """
+    weights, used = [], 0
+    for scales in problem.row_scales():
+        column = []
+        for scale in scales:
+            known = not np.isnan(scale)
+            column.append(ca.SX(1 / scale) if known else automatic[used])
+            used += not known
+        weights.append(ca.vertcat(ca.SX(0, 1), *column))
+    return weights
+
+
+def path_violation(constraint: Constraint, excess: ca.SX, weight: ca.SX) -> ca.SX:
+    """Return the violation of a constraint: the sum of its scaled positive excesses.
+
+    It is not finite if an excess is not.
+    """
+    if constraint.measure == "indicator":
+        finite = ca.fabs(excess) < ca.inf
+        return ca.sum1(ca.if_else(finite, constraint.indicated(excess), ca.inf))
+    return ca.sum1((excess + ca.fabs(excess)) * (weight / 2))
+
+
+def rows_depending(constraint: Constraint, controls: ca.SX) -> list[int]:
+    """Return the rows of a constraint that depend on the controls."""
+    values = constraint.rows(constraint.expression).values
+    if not (controls.numel() and values.numel()):
+        return []
+    depend = ca.which_depends(values, controls, 1, True)
+    return [row for row, depends in enumerate(depend) if depends]
+
+
+def unless_finite(cost: ca.SX, violation: ca.SX) -> ca.SX:
+    """Return the violation; infinity unless it and the cost are finite numbers."""
+    return ca.if_else(ca.fabs(cost) + violation < ca.inf, violation, ca.inf)
+
+
+def infinite_unless_finite(value: ca.SX) -> ca.SX:
+    """Return infinity if a number is NaN or infinite, else 0."""
+    return ca.if_else(ca.fabs(value) < ca.inf, 0, ca.inf)
