@@ -168,7 +168,7 @@ class Shooting:
         )
         return tuple(
             [row for row in (*controlled, *[r for r in started if r not in jumping])
-             if row not in _depending(c, moving)]
+             if row not in rows_depending(c, moving)]
             for c, controlled, started, jumping in zip(
                 problem.path_constraints, self.rows_with_controls, self.rows_of_start,
                 self.rows_that_jump, strict=True,
