@@ -36,6 +36,8 @@ from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.risk import Epigraph, Risk, epigraph_symbols
 
 Array = NDArray[np.float64]
+_Timed = Callable[[ca.SX], ca.SX]
+"""An expression -> the same with the time as the core has it."""
 END_TIME = "end time"
 """Name of the state that a free end time is."""
 
@@ -219,128 +221,184 @@ def _minimised(stated: OptimalControlProblem) -> OptimalControlProblem:
     )
 
 
-def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
-    model = stated.model
-    free_end = isinstance(stated.horizon, Free)
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Added:
+    """The symbols that the core has besides those of the stated problem.
+
+    Attributes:
+        end_time: The state that is the end time, where it is free; else empty.
+        decided: The parameters that are decided, in the order of their names.
+        copies: The start of each periodic state.
+        accrued: The members' costs so far, of an ensemble; else empty.
+        epigraph: What the NLP decides for their risk; else empty.
+        length: Length of the horizon [s].
+        scale: Seconds to a unit of the core's time: the end time where it is free.
+        clock: The time.
+    """
+
+    end_time: ca.SX
+    decided: ca.SX
+    copies: ca.SX
+    accrued: ca.SX
+    epigraph: ca.SX
+    length: ca.SX
+    scale: ca.SX
+    clock: "_Clock"
+
+    @property
+    def constant(self) -> ca.SX:
+        """The states that stay as they began."""
+        return ca.vertcat(self.end_time, self.decided, self.copies)
+
+
+def _added(stated: OptimalControlProblem) -> _Added:
+    """Return the symbols that the core of a problem needs."""
+    model, free_end = stated.model, isinstance(stated.horizon, Free)
     T = ca.SX.sym(END_TIME, int(free_end))
     names = symbol_names(model.parameters)
-    decided = ca.vertcat(
-        ca.SX(0, 1), *[model.parameters[names.index(name)] for name in stated.decided]
-    )
-    copied = [model.state_names.index(name) for name in stated.periodic]
-    copies = ca.vertcat(
-        ca.SX(0, 1), *[symbol_of(_copy_of(name)) for name in stated.periodic]
-    )
-    states = ca.vertcat(model.states, T, decided, copies, stated.previous)
-    constant = ca.vertcat(T, decided, copies)
+    decided = [model.parameters[names.index(name)] for name in stated.decided]
+    copies = [symbol_of(_copy_of(name)) for name in stated.periodic]
     accrued, epigraph = _risk_symbols(stated)
-    states = ca.vertcat(states, accrued, epigraph)
     length = T if free_end else ca.SX(stated.length)
-    clock = _clock(model, length)
-    scale = T if free_end else ca.SX(1)
+    return _Added(
+        end_time=T,
+        decided=ca.vertcat(ca.SX(0, 1), *decided),
+        copies=ca.vertcat(ca.SX(0, 1), *copies),
+        accrued=accrued,
+        epigraph=epigraph,
+        length=length,
+        scale=T if free_end else ca.SX(1),
+        clock=_clock(model, length),
+    )
+
+
+def _core(stated: OptimalControlProblem) -> OptimalControlProblem:
+    added, free_end = _added(stated), isinstance(stated.horizon, Free)
+    model = stated.model
 
     def timed(expression: ca.SX) -> ca.SX:
         if not model.time.numel():
             return expression
-        return ca.substitute(expression, model.time, clock.time)
+        return ca.substitute(expression, model.time, added.clock.time)
 
-    after = timed(model.next_state) if model.jumps else model.states
-    accrual = _accrual(stated, length, scale, after)
-    rates, steps = (timed(costs) for costs in accrual)
-    jumps = model.jumps or bool(stated.previous.numel()) or not steps.is_zero()
-    core_model = Model(
-        states=states,
-        controls=model.controls,
-        ode=ca.vertcat(
-            scale * timed(model.ode) if free_end else timed(model.ode),
-            ca.SX.zeros(constant.numel() + stated.previous.numel()),
-            rates,
-            ca.SX.zeros(epigraph.numel()),
-        ),
-        next_state=(
-            ca.vertcat(
-                after,
-                constant,
-                model.controls[: stated.previous.numel(), 0],
-                accrued + steps,
-                epigraph,
-            )
-            if jumps
-            else ca.SX(0, 1)
-        ),
-        parameters=ca.vertcat(
-            *[ca.SX(0, 1), *[model.parameters[i] for i, name in enumerate(names)
-                             if name not in stated.decided]],
-            clock.begin,
-        ),
-        signals=ca.vertcat(model.signals, clock.tau),
-        state_names=(
-            *model.state_names,
-            *([END_TIME] if free_end else []),
-            *stated.decided,
-            *symbol_names(copies),
-            *[f"previous {n}" for n in model.control_names[: stated.previous.numel()]],
-            *symbol_names(ca.vertcat(accrued, epigraph)),
-        ),
-        control_names=model.control_names,
-    )  # fmt: skip
-    own = stated.signals[model.ns :, 0]
-    stage = timed(stated.stage_cost)
-    risk = _timed_risk(stated.risk, timed, scale)
-    end = None
-    if risk is not None and epigraph.numel():
-        first = states.numel() - epigraph.numel()
-        end = Epigraph(
-            risk=risk,
-            costs=accrued + risk.terminal,
-            decided=epigraph,
-            first=first,
-            accrued=tuple(range(first - risk.members, first)),
-        )
+    core_model = _core_model(stated, added, timed)
+    stage, risk = timed(stated.stage_cost), _timed_risk(stated.risk, timed, added.scale)
+    end = None if risk is None else _epigraph(risk, added, core_model.nx)
+    terminal_cost = timed(stated.terminal_cost)
     return replace(
         stated,
         model=core_model,
         horizon=1.0 if free_end else stated.length,
-        stage_cost=scale * stage if free_end else stage,
+        stage_cost=added.scale * stage if free_end else stage,
         step_cost=timed(stated.step_cost),
         initial_cost=timed(stated.initial_cost),
-        terminal_cost=(
-            timed(stated.terminal_cost) if end is None else end.risk.of(end.costs)
-        ),
+        terminal_cost=terminal_cost if end is None else end.risk.of(end.costs),
         risk=risk,
         epigraph=end,
-        constraints=[
-            *[
-                _with_expression(c, timed(c.expression)) if model.time.numel() else c
-                for c in stated.stated
-            ],
-            *[
-                replace(
-                    c,
-                    expression=timed(c.expression),
-                    weight=scale * timed(c.weights[0]),
-                    quadratic_weight=scale * timed(c.weights[1]),
-                )
-                for c in stated.soft
-            ],
-        ],
-        terminal=[
-            *[_timed_end(c, timed(c.expression)) for c in stated.terminal_constraints],
-            *[
-                TerminalConstraint(
-                    expression=model.states[i] - copies[k],
-                    name=f"{model.state_names[i]} as at the start",
-                )
-                for k, i in enumerate(copied)
-            ],
-        ],
+        constraints=_core_constraints(stated, added, timed),
+        terminal=_core_terminal(stated, added, timed),
         start=dict(_starts(stated)),
         periodic=(),
         decided={},
         previous=ca.SX(0, 1),
-        signals=ca.vertcat(core_model.signals, own),
-        bounds=_bounds(stated, states.numel()),
+        signals=ca.vertcat(core_model.signals, stated.signals[model.ns :, 0]),
+        bounds=_bounds(stated, core_model.nx),
     )
+
+
+def _core_model(stated: OptimalControlProblem, added: _Added, timed: _Timed) -> Model:
+    """Return the model with the states that the core adds."""
+    model, previous = stated.model, int(stated.previous.numel())
+    free_end = isinstance(stated.horizon, Free)
+    after = timed(model.next_state) if model.jumps else model.states
+    accrual = _accrual(stated, added.length, added.scale, after)
+    rates, steps = (timed(costs) for costs in accrual)
+    held = model.controls[:previous, 0]
+    next_state = ca.vertcat(
+        after, added.constant, held, added.accrued + steps, added.epigraph
+    )
+    jumps = model.jumps or bool(previous) or not steps.is_zero()
+    known = [
+        model.parameters[i]
+        for i, name in enumerate(symbol_names(model.parameters))
+        if name not in stated.decided
+    ]
+    return Model(
+        states=ca.vertcat(
+            model.states, added.constant, stated.previous, added.accrued, added.epigraph
+        ),
+        controls=model.controls,
+        ode=ca.vertcat(
+            added.scale * timed(model.ode) if free_end else timed(model.ode),
+            ca.SX.zeros(added.constant.numel() + previous),
+            rates,
+            ca.SX.zeros(added.epigraph.numel()),
+        ),
+        next_state=next_state if jumps else ca.SX(0, 1),
+        parameters=ca.vertcat(ca.SX(0, 1), *known, added.clock.begin),
+        signals=ca.vertcat(model.signals, added.clock.tau),
+        state_names=(
+            *model.state_names,
+            *([END_TIME] if free_end else []),
+            *stated.decided,
+            *symbol_names(added.copies),
+            *[f"previous {name}" for name in model.control_names[:previous]],
+            *symbol_names(ca.vertcat(added.accrued, added.epigraph)),
+        ),
+        control_names=model.control_names,
+    )
+
+
+def _epigraph(risk: Risk, added: _Added, states: int) -> Epigraph | None:
+    """Return the epigraph of a risk; None if the NLP decides nothing for it."""
+    if not added.epigraph.numel():
+        return None
+    first = states - int(added.epigraph.numel())
+    return Epigraph(
+        risk=risk,
+        costs=added.accrued + risk.terminal,
+        decided=added.epigraph,
+        first=first,
+        accrued=tuple(range(first - risk.members, first)),
+    )
+
+
+def _core_constraints(
+    stated: OptimalControlProblem, added: _Added, timed: _Timed
+) -> list[Constraint | ca.SX]:
+    """Return the path constraints, hard and soft, with the time as the core has it."""
+    hard = [
+        _with_expression(c, timed(c.expression)) if stated.model.time.numel() else c
+        for c in stated.stated
+    ]
+    soft = [
+        replace(
+            c,
+            expression=timed(c.expression),
+            weight=added.scale * timed(c.weights[0]),
+            quadratic_weight=added.scale * timed(c.weights[1]),
+        )
+        for c in stated.soft
+    ]
+    return [*hard, *soft]
+
+
+def _core_terminal(
+    stated: OptimalControlProblem, added: _Added, timed: _Timed
+) -> list[TerminalConstraint]:
+    """Return the terminal constraints, those of the periodic states among them."""
+    model = stated.model
+    copied = [model.state_names.index(name) for name in stated.periodic]
+    return [
+        *[_timed_end(c, timed(c.expression)) for c in stated.terminal_constraints],
+        *[
+            TerminalConstraint(
+                expression=model.states[i] - added.copies[k],
+                name=f"{model.state_names[i]} as at the start",
+            )
+            for k, i in enumerate(copied)
+        ],
+    ]
 
 
 def _risk_states(stated: OptimalControlProblem) -> int:
