@@ -20,12 +20,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.core_problem import END_TIME
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.free import Free
 from swarmstart.ocp.guess import Appended, shifted_controls
 from swarmstart.ocp.improving import improved
-from swarmstart.ocp.lowering import END_TIME
 from swarmstart.ocp.plan import Plan, Source
 from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.polish import is_better
