@@ -57,7 +57,8 @@ from swarmstart.ocp import (
     PolishStatus,
     Trajectory,
 )
-from swarmstart.ocp.lowering import END_TIME, lowered
+from swarmstart.ocp.core_problem import END_TIME
+from swarmstart.ocp.lowering import lowered
 
 Array = NDArray[np.float64]
 P = TypeVar("P", bound=Posed)
