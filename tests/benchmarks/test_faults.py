@@ -117,7 +117,7 @@ def test_report_counts_what_was_caught_but_not_what_is_harmless() -> None:
     text = report([first] * 11, [*outcomes, Outcome.HARMLESS])
     # Wilson's interval of 9 in 10, from the formula: (0.9 + 1.9207 / 10 +- ...).
     assert "caught 9 of 10, 90.0% (Wilson, 95 %: 59.6% to 98.2%); 1 of them" in text
-    assert "| comparison | 10 | 9 | 1 |" in text
+    assert "| constant | 10 | 9 | 1 |" in text
 
 
 def test_listed_reason_makes_a_fault_harmless(monkeypatch: pytest.MonkeyPatch) -> None:
