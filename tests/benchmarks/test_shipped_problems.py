@@ -20,15 +20,33 @@ from swarmstart.cases.format.scenario import shipped
 Array = NDArray[np.float64]
 
 
-FROM_BELOW = {"catalyst_mixing", "race_car", "goddard_rocket"}
+FROM_BELOW = {"catalyst_mixing", "race_car", "goddard_rocket", "shuttle_reentry"}
 """Of which a coarser grid has the smaller value."""
 CHECKED_ONLY = {"race_car"}
 """Of which a finer grid asks for more, so that its gap need not shrink as fast."""
+ON_THEIR_GRID = ("bifunctional_catalyst",)
+"""To which their grid belongs."""
+SLOW = ("shuttle_reentry", "four_discs")
+"""Of which a run takes seconds; the page has more of them."""
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", [*SLOW, *ON_THEIR_GRID])
+def test_a_slow_problem_reaches_its_value(name: str) -> None:
+    on, found = stated(name), solved(name, 1)
+    assert found.reached == [True]
+    assert found.costs == pytest.approx([on.value], rel=1e-6)
+    assert (on.free is None) == (name in ON_THEIR_GRID)
+    if on.free is not None:
+        assert gap(found, on) < on.gap
+        assert (found.costs[0] > on.free) == (name not in FROM_BELOW)
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in PROBLEMS if name not in {*SLOW, *ON_THEIR_GRID}]
+)
 def test_a_problem_reaches_its_value_and_the_gap_shrinks(name: str) -> None:
     on = stated(name)
+    assert on.free is not None
     own, finer = solved(name, 2), solved(name, 1, finer=True)
     assert all(own.reached)
     assert own.costs == pytest.approx([on.value] * 2, rel=1e-4)
@@ -90,9 +108,17 @@ def test_the_value_of_the_hypersensitive_problem_is_its_closed_form() -> None:
 
 def test_the_table_counts_seeds_and_tells_the_gaps() -> None:
     own, finer = (
-        {name: Solved([(1 + far) * stated(name).free] * 2, [True, False])}
+        {name: Solved([(1 + far) * (stated(name).free or 0)] * 2, [True, False])}
         for name, far in (("pendulum", 0.01), ("pendulum", 0.002))
     )
     line = table(own, finer)[2]
     assert "| 1 of 2 |" in line
     assert "| 1.0e-02 |" in line and line.endswith("| 2.0e-03 |")
+
+
+def test_a_problem_with_a_grid_of_its_own_has_a_row_without_gaps() -> None:
+    found = Solved([10.0941644], [True])
+    line = table({"bifunctional_catalyst": found}, {})[2]
+    assert "| 1 of 1 | - |" in line and line.endswith("| - | - | - |")
+    with pytest.raises(ValueError, match="expected a value without a grid"):
+        gap(found, stated("bifunctional_catalyst"))
