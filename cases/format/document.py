@@ -101,6 +101,7 @@ class Document:
         root: The tree that the other attributes are computed from; a mapping.
         name: The file's name as it appears in messages.
         sources: Text by name, for `frame`: the file's, and one for each `assign`.
+        folder: Where the files are that it names; None: in the folder of `name`.
         data: Nested dict, list, str, int, float, bool and None; this object's own.
         places: The place of every value, by path.
         key_places: The place of every key of a mapping, by the path of its value.
@@ -109,6 +110,7 @@ class Document:
     root: Node = field(repr=False)
     name: str
     sources: Mapping[str, str] = field(repr=False)
+    folder: str | None = None
     data: dict[str, Value] = field(init=False)
     places: Mapping[Path, Place] = field(init=False, repr=False)
     key_places: Mapping[Path, Place] = field(init=False, repr=False)

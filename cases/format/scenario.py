@@ -177,8 +177,9 @@ def read_document(name_or_path: str) -> Document:
     """
     known = shipped()
     if name_or_path in known:
-        text = known[name_or_path].read_bytes()
-        return parse_yaml(text, name=f"{name_or_path}.yaml")
+        file = known[name_or_path]
+        document = parse_yaml(file.read_bytes(), name=f"{name_or_path}.yaml")
+        return replace(document, folder=str(file.parent))
     looks_like_path = any(mark in name_or_path for mark in "./\\")
     if looks_like_path or _exists(name_or_path):
         return read_yaml(name_or_path)
@@ -378,10 +379,10 @@ def _validated(document: Document, kind: Kind) -> Scenario:
     """Return the scenario that pydantic makes of the document."""
     import pydantic
 
+    folder = document.folder
+    beside = Path(document.name).parent if folder is None else Path(folder)
     try:
-        return kind.scenario.model_validate(
-            document.data, context={"folder": Path(document.name).parent}
-        )
+        return kind.scenario.model_validate(document.data, context={"folder": beside})
     except pydantic.ValidationError as error:
         by_path = _by_path(document, error)
         # A new key is not missed where its old name is: that is said once.

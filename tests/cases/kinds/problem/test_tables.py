@@ -210,3 +210,14 @@ def test_another_file_is_refused(file: str, expected: str) -> None:
         stated(PLANE.replace(INLINE, f"{{file: {file}}}"))
     assert expected in str(caught.value)
     assert "stated.yaml:4:9:" in str(caught.value)
+
+
+def test_the_file_of_a_shipped_scenario_is_beside_it_and_not_where_one_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "supersonic_climb.csv").write_text("x,y\n0,1\n1,2\n")
+    monkeypatch.chdir(tmp_path)
+    scenario = resolve(read_document("supersonic_climb")).scenario
+    assert isinstance(scenario, ProblemScenario)
+    thrust = scenario.tabled["thrust_at"]
+    assert thrust.at(0.6, 10_000) == pytest.approx(23_800, rel=1e-12)
