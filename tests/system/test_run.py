@@ -121,6 +121,7 @@ def test_the_trajectory_has_the_documented_arrays(flown: tuple[Path, Any]) -> No
         "step_seconds": (2,),
         "linear": (2,),
         "plan_controls": (2, UAVS, 2, INTERVALS),
+        "plan_start": (2, UAVS, 4),
         **{
             f"plan_{name}": (2, UAVS)
             for name in (
