@@ -287,9 +287,13 @@ OF_PROBLEMS = (*OF_PROBLEMS, *(_part, _part))
 
 
 def originals(kind: str = "") -> list[str]:
-    """Return the texts that are mutated: the shipped scenarios, or those of a kind."""
+    """Return the texts that are mutated: the shipped scenarios, or those of a kind.
+
+    But for those with tables in a file, which is not beside a mutated text.
+    """
     files = [*shipped().values(), *(_BASES.glob("*.yaml") if kind else ())]
-    texts = [path.read_text("utf-8") for path in sorted(files)]
+    files = [path for path in sorted(files) if not path.with_suffix(".csv").exists()]
+    texts = [path.read_text("utf-8") for path in files]
     return [text for text in texts if not kind or f"\nkind: {kind}\n" in text]
 
 
