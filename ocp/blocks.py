@@ -58,8 +58,10 @@ def first_intervals(blocks: Sequence[int], intervals: int) -> NDArray[np.intp]:
 
 def tied_intervals(blocks: Sequence[int], intervals: int) -> list[int]:
     """Return the intervals that have the control of the one before."""
+    if not blocks:
+        return []
     first = first_intervals(blocks, intervals)
-    return [k for k in range(intervals) if k not in first]
+    return list(np.setdiff1d(np.arange(intervals), first))
 
 
 def averaged(controls: Array, blocks: Sequence[int]) -> Array:

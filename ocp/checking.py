@@ -280,9 +280,8 @@ def _row_names(problem: OptimalControlProblem, constraint: Constraint) -> list[s
     name, values = label(constraint), constraint.rows(constraint.expression).values
     rows = int(values.numel())
     if name == STATE_BOUNDS:
-        lower, upper = problem.state_limits
-        bounded = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
-        return [f"the bound of state {problem.model.state_names[i]}" for i in bounded]
+        bounded = [problem.model.state_names[i] for i in problem.bounded_states]
+        return [f"the bound of state {state}" for state in bounded]
     if rows == 1:
         return [f"'{name}'"]
     if constraint.expression.numel() == rows and constraint.name:

@@ -15,7 +15,7 @@ from swarmstart.heuristics import generator_of
 from swarmstart.ocp.controller import Controller, Decision
 from swarmstart.ocp.errors import DivergedError, InvalidProblemError
 from swarmstart.ocp.expressions import shortened
-from swarmstart.ocp.fitness import numbers_of
+from swarmstart.ocp.limits import numbers_of
 from swarmstart.ocp.plant import AnyPlant, Plant, SteppedPlant, plant_of
 from swarmstart.ocp.presentation import Presented
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing

@@ -315,8 +315,8 @@ class RecedingHorizon:
         state = np.asarray(start, dtype=np.float64)
         guess = first if last is None else last.controls
         shifted: Array | None = None
-        if last is not None and self.period is not None:
-            state, shifted = self._shrunk(state, last, self.period)
+        if last is not None and self.period is not None and left is not None:
+            state, shifted = self._shrunk(state, last, self.period, left)
         elif last is not None:
             shifted = shifted_controls(problem, last.controls, self.append)
         plan = self.planner.plan(
@@ -345,18 +345,18 @@ class RecedingHorizon:
         intervals = self.period / (self._length(last) / N)
         return last.controls[:, min(max(int(np.ceil(intervals - _ROUNDING)), 1), N) - 1]
 
-    def _shrunk(self, state: Array, last: Plan, period: float) -> tuple[Array, Array]:
+    def _shrunk(
+        self, state: Array, last: Plan, period: float, left: float
+    ) -> tuple[Array, Array]:
         """Return where the next plan starts and the controls that are left of the last.
 
         The guess of the end time is what is left of it.
         """
-        lowered, before = self.planner.lowered, self._length(last)
-        (one,) = lowered.places[END_TIME]
+        (one,) = self.planner.lowered.places[END_TIME]
         start = state.copy()
-        start[one] = max(before - period, self._shortest)
-        left = _profile(last, before)
-        N = last.controls.shape[1]
-        return start, left.sampled(period, float(start[one]), N)
+        start[one] = left
+        profile, N = _profile(last, self._length(last)), last.controls.shape[1]
+        return start, profile.sampled(period, left, N)
 
     def _fallback(self, plan: Plan, again: Array, state: Array, known: Known) -> Plan:
         """Return the shifted last plan in place of an infeasible one, unless worse.

@@ -204,7 +204,8 @@ def _core_terminal(
     model = stated.model
     copied = [model.state_names.index(name) for name in stated.periodic]
     return [
-        *[_timed_end(c, timed(c.expression)) for c in stated.terminal_constraints],
+        *[replace(c, expression=timed(c.expression))
+          for c in stated.terminal_constraints],
         *[
             TerminalConstraint(
                 expression=model.states[i] - added.copies[k],
@@ -212,7 +213,7 @@ def _core_terminal(
             )
             for k, i in enumerate(copied)
         ],
-    ]
+    ]  # fmt: skip
 
 
 def risk_states(stated: OptimalControlProblem) -> int:
@@ -291,16 +292,6 @@ def _with_expression(constraint: Constraint, expression: ca.SX) -> Constraint:
     field = "relative" if hasattr(constraint, "relative") else "expression"
     changed: Constraint = replace(constraint, **{field: expression})  # type: ignore[type-var]
     return changed
-
-
-def _timed_end(constraint: TerminalConstraint, expression: ca.SX) -> TerminalConstraint:
-    return TerminalConstraint(
-        expression=expression,
-        lower=constraint.lower,
-        upper=constraint.upper,
-        scale=constraint.scale,
-        name=constraint.name,
-    )
 
 
 def _starts(

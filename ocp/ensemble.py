@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.constraints import Constraint, TerminalConstraint
+from swarmstart.ocp.constraints import Constraint
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened, symbol_names
 from swarmstart.ocp.limits import require_choice, require_number
@@ -183,11 +183,9 @@ def _of(
         terminal_cost=risk.of(risk.terminal) if smooth else zero,
         constraints=[one.constraint(c) for one in copies for c in problem.stated],
         terminal=[
-            TerminalConstraint(
+            replace(
+                c,
                 expression=one.of(c.expression),
-                lower=c.lower,
-                upper=c.upper,
-                scale=c.scale,
                 name=one.named(c.name) if c.name else "",
             )
             for one in copies

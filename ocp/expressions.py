@@ -107,6 +107,14 @@ def require_known(role: str, expression: ca.SX, known: dict[str, ca.SX]) -> None
         ) from error
 
 
+def rows_that_depend(column: ca.SX, symbols: ca.SX) -> list[int]:
+    """Return the rows of an expression that depend on any of some symbols."""
+    if not (symbols.numel() and column.numel()):
+        return []
+    depend = ca.which_depends(column, symbols, 1, True)
+    return [row for row, depends in enumerate(depend) if depends]
+
+
 def symbol_names(symbols: ca.SX) -> tuple[str, ...]:
     """Return the names of a column of symbols."""
     return tuple(str(symbols[i]) for i in range(symbols.numel()))

@@ -24,7 +24,7 @@ from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.simd import compile_rollout
 from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.expressions import shortened
+from swarmstart.ocp.limits import numbers_of
 from swarmstart.ocp.lowering import Lowered
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
@@ -146,13 +146,14 @@ class Fitness:
         require_precision(precision)
         self.shooting = shooting = shooting_of(problem)
         self.problem = problem = shooting.problem
+        decided = problem.start_decisions
         self._evaluate: BatchEvaluator = evaluator(
             lambda: compile_rollout(
                 shooting.stage_without_path,
                 shooting.terminal,
                 intervals=problem.intervals,
                 signals_per_interval=problem.ns * problem.checks,
-                decided=_decided(problem),
+                decided=tuple(map(decided.get, range(problem.model.nx))),
                 begin=shooting.begin if shooting.has_begin else None,
                 precision=precision,
             ),
@@ -261,14 +262,6 @@ class Fitness:
         return np.concatenate(
             [flatten(controls), [state[one.states[0]] for one in starts]]
         )
-
-
-def _decided(problem: OptimalControlProblem) -> tuple[int | None, ...]:
-    """Return for each state the number of the decision that it starts at, or None."""
-    place: dict[int, int] = {
-        i: number for number, one in enumerate(problem.free_starts) for i in one.states
-    }
-    return tuple(place.get(i) for i in range(problem.model.nx))
 
 
 def started(problem: OptimalControlProblem, x0: ArrayLike, decided: Array) -> Array:
@@ -435,20 +428,3 @@ def _shaped(role: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     if not np.isfinite(array).all():
         raise InvalidProblemError(f"{role} must be finite, got {array}")
     return array
-
-
-def numbers_of(role: str, values: ArrayLike) -> Array:
-    """Return numbers as an array; a copy.
-
-    Raises:
-        InvalidProblemError: If they are no numbers.
-    """
-    try:
-        array = np.array(values)
-        if array.dtype.kind not in "biuf":
-            raise TypeError("no numbers")
-    except (TypeError, ValueError, NotImplementedError) as error:
-        raise InvalidProblemError(
-            f"{role} must be numbers, got {shortened(values)}"
-        ) from error
-    return array.astype(np.float64)

@@ -5,9 +5,10 @@ from numbers import Real
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import shortened
 
 Array = NDArray[np.float64]
 Limit = float | Sequence[float] | Array
@@ -79,6 +80,23 @@ def vector_of(values: object) -> Array:
     array = np.asarray(values)
     if array.dtype.kind not in "biuf":
         raise TypeError(f"expected numbers, got {values!r}")
+    return array.astype(np.float64)
+
+
+def numbers_of(role: str, values: ArrayLike) -> Array:
+    """Return numbers as an array; a copy.
+
+    Raises:
+        InvalidProblemError: If they are no numbers.
+    """
+    try:
+        array = np.array(values)
+        if array.dtype.kind not in "biuf":
+            raise TypeError("no numbers")
+    except (TypeError, ValueError, NotImplementedError) as error:
+        raise InvalidProblemError(
+            f"{role} must be numbers, got {shortened(values)}"
+        ) from error
     return array.astype(np.float64)
 
 

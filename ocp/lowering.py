@@ -21,6 +21,8 @@ from swarmstart.ocp.core_problem import END_TIME, core_of, risk_states
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import symbol_names
 from swarmstart.ocp.free import Free
+from swarmstart.ocp.guess import zero_controls
+from swarmstart.ocp.limits import numbers_of
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
@@ -73,13 +75,16 @@ class Lowered:
 
     def decided(self, x0: Array) -> dict[str, float]:
         """Return what an answer decides about parameters and end time, by name."""
-        names = [*([END_TIME] if self.places[END_TIME] else []), *self.stated.decided]
-        places = [*self.places[END_TIME], *self.places["decided"]]
-        return {name: float(x0[i]) for name, i in zip(names, places, strict=True)}
+        end_time = [(END_TIME, float(x0[i])) for i in self.places[END_TIME]]
+        return dict(end_time) | self.decided_parameters(x0)
 
     def decided_parameters(self, x0: Array) -> dict[str, float]:
         """Return what an answer decides about parameters, by name."""
-        return {name: self.decided(x0)[name] for name in self.stated.decided}
+        places = self.places["decided"]
+        return {
+            name: float(x0[i])
+            for name, i in zip(self.stated.decided, places, strict=True)
+        }
 
     def start(self, x0: ArrayLike, previous: ArrayLike | None = None) -> Array:
         """Return the core's initial state, with the guesses of what is decided.
@@ -93,7 +98,7 @@ class Lowered:
         Raises:
             InvalidProblemError: If a shape is not the problem's, or a number missing.
         """
-        given = _numbers("x0", x0)
+        given = numbers_of("x0", x0).ravel()
         if self.stated.risk is not None:
             given = self.stated.risk.start(given, self.stated.model.nx)
         if given.size != self.stated.model.nx:
@@ -104,12 +109,10 @@ class Lowered:
         state = np.full(self.core.model.nx, np.nan)
         state[place["states"]], state[place["risk"]] = given, 0.0
         if place["previous"]:
-            lower, upper = self.stated.control_limits
-            nearest = np.clip(np.zeros(lower.size), lower, upper)
             state[place["previous"]] = (
-                nearest
+                zero_controls(self.stated)[:, 0]
                 if previous is None
-                else _sized("previous", previous, lower.size)
+                else _sized("previous", previous, self.stated.model.nu)
             )
         for copy, name in zip(place["copies"], self.stated.periodic, strict=True):
             state[copy] = given[self.stated.model.state_names.index(name)]
@@ -207,16 +210,9 @@ def _minimised(stated: OptimalControlProblem) -> OptimalControlProblem:
 
 def _sized(role: str, values: ArrayLike, size: int) -> Array:
     """Return finite numbers, as many as there must be."""
-    found = _numbers(role, values)
+    found = numbers_of(role, values).ravel()
     if found.size != size or not np.isfinite(found).all():
         raise InvalidProblemError(
             f"{role} must be {size} finite numbers, got {values!r}"
         )
     return found
-
-
-def _numbers(role: str, values: ArrayLike) -> Array:
-    try:
-        return np.array(values, dtype=np.float64).ravel()
-    except (TypeError, ValueError) as error:
-        raise InvalidProblemError(f"{role} must be numbers, got {values!r}") from error

@@ -214,6 +214,16 @@ class Model:
         return bool(self.next_state.numel())
 
     @property
+    def jumping(self) -> ca.SX:
+        """The states that the end of a control interval changes, a column."""
+        changed = [
+            self.states[i]
+            for i in range(self.nx if self.jumps else 0)
+            if not ca.is_equal(self.next_state[i], self.states[i])
+        ]
+        return ca.vertcat(ca.SX(0, 1), *changed)
+
+    @property
     def is_discrete(self) -> bool:
         """Whether nothing changes within a control interval."""
         return self.jumps and bool(self.ode.is_zero())

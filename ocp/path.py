@@ -133,12 +133,11 @@ class Tracer:
         )
         single = np.append(single, [float(cost) for cost in ends])
         outside = self.checker.at_start(x0, p, s[:, 0], lambda: sizes)
-        begins = Points(times[:-1], states[:, :-1], u, s[:, :-1])
         points = Points(
-            np.concatenate([begins.times, times[m::m]]),
-            np.hstack([begins.states, before]),
-            np.hstack([begins.controls, controls]),
-            np.hstack([begins.signals, s[:, m::m]]),
+            np.concatenate([times[:-1], times[m::m]]),
+            np.hstack([states[:, :-1], before]),
+            np.hstack([u, controls]),
+            np.hstack([s[:, :-1], s[:, m::m]]),
         )
         last = Points(times[-1:], states[:, -1:], controls[:, -1:], s[:, -1:])
         broken = self.checker.along(

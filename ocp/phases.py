@@ -246,7 +246,8 @@ class _Joined:
             ),
         )
         self.terminal = [
-            _moved_end(c, joined(c.expression)) for c in phase.terminal_constraints
+            replace(c, expression=joined(c.expression))
+            for c in phase.terminal_constraints
         ]
         self.constraints = [self._active(c) for c in _own_constraints(phase, union)]
 
@@ -310,16 +311,6 @@ def _own_constraints(
     return found
 
 
-def _moved_end(constraint: TerminalConstraint, expression: ca.SX) -> TerminalConstraint:
-    return TerminalConstraint(
-        expression=expression,
-        lower=constraint.lower,
-        upper=constraint.upper,
-        scale=constraint.scale,
-        name=constraint.name,
-    )
-
-
 class _Exits:
     """What is demanded or paid at the ends of all phases but the last, as states."""
 
@@ -342,7 +333,7 @@ class _Exits:
                 )
                 names.append(kept)
                 rows += [(one.number, c.expression[i]) for i in range(size)]
-                self.terminal.append(_moved_end(c, kept))
+                self.terminal.append(replace(c, expression=kept))
         self._rows = rows
         self.symbols = ca.vertcat(ca.SX(0, 1), *names)
 

@@ -275,10 +275,11 @@ class Planner:
         return found, evaluations
 
     def _straight(self, first: Start, x0: ArrayLike, known: Known) -> list[Start]:
-        """Return a start whose states lead straight to where the end fixes them.
+        """Return starts whose states lead straight to where the end fixes them.
 
         Where the controls of a start lead far from the end, the solver may not find
-        back; from states that reach it, it often does. None if the end fixes nothing.
+        back; from states that reach it, it often does. With zero controls, and with
+        those of the start, where these are others; none if the end fixes nothing.
         """
         state, p, flat = shared_arguments(self.problem, x0, known)
         sizing, signals = self.fitness.shooting.sizing, at_nodes(self.problem, flat)
@@ -288,10 +289,10 @@ class Planner:
         reached = np.where(np.isnan(target), state, target)
         part = np.linspace(0.0, 1.0, self.problem.nodes)
         states = state[:, None] + np.outer(reached - state, part)
-        return [
-            Start(zero_controls(self.problem), states),
-            Start(first.controls, states),
-        ]
+        zero = Start(zero_controls(self.problem), states)
+        if np.array_equal(first.controls, zero.controls):
+            return [zero]
+        return [zero, Start(first.controls, states)]
 
     def evaluated(
         self,

@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened, symbol_names
-from swarmstart.ocp.fitness import numbers_of
 from swarmstart.ocp.integrators import held_step
-from swarmstart.ocp.limits import require_count
+from swarmstart.ocp.limits import numbers_of, require_count
 from swarmstart.ocp.model import Model, jump_of
 
 Array = NDArray[np.float64]

@@ -511,6 +511,13 @@ class OptimalControlProblem:
         return free_starts(self.start, self.model.state_names, self.state_limits)
 
     @property
+    def start_decisions(self) -> dict[int, int]:
+        """Of each state whose start is decided: the number of its free start."""
+        return {
+            i: number for number, one in enumerate(self.free_starts) for i in one.states
+        }
+
+    @property
     def nlp_starts(self) -> tuple[FreeStart, ...]:
         """The same of an NLP, which decides what makes a cost smooth, too."""
         more = () if self.epigraph is None else self.epigraph.starts

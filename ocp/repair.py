@@ -168,8 +168,7 @@ def tightened(
                 constraints[excess.constraint], excess, margin
             )
             continue
-        bounded = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
-        state = bounded[excess.row]
+        state = problem.bounded_states[excess.row]
         _move_limit(lower, upper, state, excess.above, margin)
     bounds = replace(problem.bounds, states=(lower, upper))
     return replace(problem, constraints=[*constraints, *problem.soft], bounds=bounds)

@@ -22,6 +22,7 @@ that are larger by exactly that power.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -207,12 +208,13 @@ class Sizing:
 
     def _first_states(self, x0: Array, parameters: Array, signals: Array) -> Array:
         """Return sizes by bounds, start and target; 0 if these say nothing."""
-        width = self._widths()
         target = self.target(parameters, signals)
-        return np.maximum(np.maximum(width, np.abs(x0)), np.abs(np.nan_to_num(target)))
+        least = np.maximum(self._widths, np.abs(x0))
+        return np.maximum(least, np.abs(np.nan_to_num(target)))
 
+    @cached_property
     def _widths(self) -> Array:
-        """Return the widths of the states' bounds, or of their start; 0: no bounds."""
+        """The widths of the states' bounds, or of their start; 0: no bounds."""
         lower, upper = (limits.copy() for limits in self._problem.state_limits)
         for one in self._problem.free_starts:
             for i in one.states:
@@ -263,7 +265,7 @@ class Sizing:
         np.fill_diagonal(needed, np.inf)  # What others need of it.
         need = needed.min(axis=0, initial=np.inf)
         derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
-        tiny = (direct < _NEGLIGIBLE * derived) & (self._widths() == 0)
+        tiny = (direct < _NEGLIGIBLE * derived) & (self._widths == 0)
         return np.where(tiny, 0.0, direct)
 
     def _lasting(self, at: "_Point") -> Array:

@@ -135,17 +135,9 @@ class Shooting:
 
         No control enters them, and they depend on a state that jumps.
         """
-        model = self.problem.model
-        if not model.jumps:
-            return tuple([] for _ in self.problem.path_constraints)
-        jumping = [
-            model.states[i]
-            for i in range(model.nx)
-            if not ca.is_equal(model.next_state[i], model.states[i])
-        ]
-        moved = ca.vertcat(ca.SX(0, 1), *jumping)
+        jumping = self.problem.model.jumping
         return tuple(
-            [row for row in rows_depending(c, moved) if row not in controlled]
+            [row for row in rows_depending(c, jumping) if row not in controlled]
             for c, controlled in zip(
                 self.problem.path_constraints, self.rows_with_controls, strict=True
             )
@@ -474,17 +466,12 @@ def _trajectory(shooting: Shooting) -> ca.Function:
 
 def _started(shooting: Shooting, x0: Symbolic, decisions: Symbolic) -> Symbolic:
     """Return the state at the start, with what is decided about it."""
-    problem = shooting.problem
-    if not problem.free_starts:
+    problem, decided = shooting.problem, shooting.problem.start_decisions
+    if not decided:
         return x0
     first = problem.model.nu * problem.intervals
-    decided = {
-        i: first + number
-        for number, one in enumerate(problem.free_starts)
-        for i in one.states
-    }
     return ca.vertcat(*[
-        decisions[decided[i]] if i in decided else x0[i]
+        decisions[first + decided[i]] if i in decided else x0[i]
         for i in range(problem.model.nx)
     ])  # fmt: skip
 

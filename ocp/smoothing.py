@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.ocp.constraints import PathConstraint, TerminalConstraint
+from swarmstart.ocp.constraints import PathConstraint
 from swarmstart.ocp.fitness import Known, at_nodes, shared_arguments
 from swarmstart.ocp.interpolants import without_interpolants
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -56,16 +56,7 @@ def smoothed(
             replace(c, expression=by_old[id(c)]) if isinstance(c, PathConstraint) else c
             for c in (*problem.stated, *problem.soft)
         ],
-        terminal=[
-            TerminalConstraint(
-                expression=by_old[id(c)],
-                lower=c.lower,
-                upper=c.upper,
-                scale=c.scale,
-                name=c.name,
-            )
-            for c in ends
-        ],
+        terminal=[replace(c, expression=by_old[id(c)]) for c in ends],
     )
 
 

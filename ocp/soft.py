@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.constraints import Rows, row_excess
+from swarmstart.ocp.expressions import rows_that_depend
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
@@ -86,19 +87,10 @@ class SoftRows:
     @cached_property
     def that_jump(self) -> list[int]:
         """The rows that an interval's end may change, and no control enters."""
-        model = self.problem.model
-        if not (model.jumps and self.size):
-            return []
-        column = self._expression
-        moved = ca.vertcat(ca.SX(0, 1), *[
-            model.states[i] for i in range(model.nx)
-            if not ca.is_equal(model.next_state[i], model.states[i])
-        ])  # fmt: skip
-        jump, controlled = (
-            ca.which_depends(column, of, 1, True) if of.numel() else [False] * self.size
-            for of in (moved, model.controls)
-        )
-        return [i for i in range(self.size) if jump[i] and not controlled[i]]
+        model, column = self.problem.model, self._expression
+        controlled = rows_that_depend(column, model.controls)
+        jump = rows_that_depend(column, model.jumping)
+        return [row for row in jump if row not in controlled]
 
     def excess(self, values: ca.SX) -> ca.SX:
         """Return how far each value is beyond its limits, at least 0, (m, 1).

@@ -73,6 +73,8 @@ class NonlinearProgram:
         derivatives: "grad_f", "jac_g" and "hess_lag", as nlpsol's IPOPT takes them.
         parts: One interval, the end and the start.
         unit: Of the cost, as `OptimalControlProblem.costs` gives it.
+        slack_rows: Of each soft row, which rows of an interval hold its excess; counted
+            among those with a limit.
     """
 
     problem: OptimalControlProblem
@@ -80,6 +82,7 @@ class NonlinearProgram:
     derivatives: dict[str, ca.Function]
     parts: Parts
     unit: float
+    slack_rows: tuple[list[int], ...]
 
     def arguments(
         self, x0: Array, parameters: Array, signals: Array, sizes: Sizes
@@ -126,7 +129,8 @@ class NonlinearProgram:
             )
         ]
         size = (bounds[0].size - len(free)) // N
-        for k in tied_intervals(problem.blocks, N):
+        tied = tied_intervals(problem.blocks, N)
+        for k in tied:
             for values, none in zip(bounds, (-np.inf, np.inf), strict=True):
                 values[k * size : k * size + problem.model.nu] = none
         g = []
@@ -140,7 +144,7 @@ class NonlinearProgram:
                 )
                 for part in self.parts.present
             )
-            ties = np.zeros(problem.model.nu * len(tied_intervals(problem.blocks, N)))
+            ties = np.zeros(problem.model.nu * len(tied))
             g.append(np.concatenate([np.tile(inside, N), *ends, ties]))
         return Limits(bounds[0], bounds[1], g[0], g[1])
 
@@ -157,6 +161,8 @@ class NonlinearProgram:
 
     def hold(self, limits: Limits, w: Array, controls: Sequence[int]) -> None:
         """Bring the bounds of some controls to their values in w."""
+        if not controls:
+            return
         problem = self.problem
         inner = w.size - len(decided_states(problem))
         columns = np.arange(inner).reshape((problem.intervals, -1))
@@ -178,13 +184,13 @@ class NonlinearProgram:
             return w
         g = np.array(self.derivatives["jac_g"](w, q)[0]).ravel()
         beyond = np.maximum(g - limits.ubg, limits.lbg - g).clip(min=0.0)
-        N, nu, places = problem.intervals, problem.model.nu, self.parts.interval.rows[3]
-        height = self.parts.interval.value.numel_out(0)
-        rows = beyond[: height * N].reshape((height, N), order="F")[-len(places) :]
+        N, nu, interval = problem.intervals, problem.model.nu, self.parts.interval
+        height = interval.value.numel_out(0)
+        rows = beyond[: height * N].reshape((height, N), order="F")
+        rows = rows[-len(interval.rows.places) :]
         found, step = w.copy(), inputs_of(problem) + problem.model.nx
         slacks = found[: step * N].reshape((N, step))[:, nu:]  # A view.
-        for number, place in enumerate(SoftRows(problem).places):
-            own = [i for i, other in enumerate(places) if other == place]
+        for number, own in enumerate(self.slack_rows):
             slacks[:, number] = rows[own].max(axis=0)
         return found
 
@@ -233,6 +239,8 @@ def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearPro
         "g": mapped.rows_of([g for (g,) in values]),
     }
     derivatives = derivatives_of(mapped)
+    places = parts.interval.rows.places
+    soft = () if shooting.soft is None else shooting.soft.places
     operations = sum(part.n_instructions() for part in parts.interval[:5])
     if operations * problem.intervals <= _UNROLLED:
         nlp = _without_calls(nlp)
@@ -243,6 +251,9 @@ def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearPro
         derivatives=derivatives,
         parts=parts,
         unit=shooting.costs[0],
+        slack_rows=tuple(
+            [row for row, place in enumerate(places) if place == own] for own in soft
+        ),
     )
 
 
@@ -366,7 +377,7 @@ def _rows_of_check(shooting: Shooting, *, last: bool) -> list[list[int]]:
 def _rows_at(
     shooting: Shooting,
     at: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
-    chosen: Sequence[list[int]] | None = None,
+    chosen: Sequence[list[int]],
     *,
     without_bounds: bool = False,
 ) -> list[LimitedRows]:
@@ -375,7 +386,7 @@ def _rows_at(
     Args:
         shooting: The problem's functions.
         at: State, controls, parameters and signals.
-        chosen: The rows of each constraint; None: all.
+        chosen: The rows of each constraint.
         without_bounds: Whether the bounds of the states are left out.
     """
     problem, found = shooting.problem, []
@@ -383,7 +394,7 @@ def _rows_at(
         if without_bounds and number == len(problem.stated):
             continue
         rows = constraint.smooth(shooting.path_values[number](*at))
-        found.append(_limited(rows, number, chosen[number] if chosen else None))
+        found.append(_limited(rows, number, chosen[number]))
     return found
 
 

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.ocp.constraints import Constraint
+from swarmstart.ocp.expressions import rows_that_depend
 from swarmstart.ocp.problem import OptimalControlProblem
 
 
@@ -40,13 +41,9 @@ def path_violation(constraint: Constraint, excess: ca.SX, weight: ca.SX) -> ca.S
     return ca.sum1((excess + ca.fabs(excess)) * (weight / 2))
 
 
-def rows_depending(constraint: Constraint, controls: ca.SX) -> list[int]:
-    """Return the rows of a constraint that depend on the controls."""
-    values = constraint.rows(constraint.expression).values
-    if not (controls.numel() and values.numel()):
-        return []
-    depend = ca.which_depends(values, controls, 1, True)
-    return [row for row, depends in enumerate(depend) if depends]
+def rows_depending(constraint: Constraint, symbols: ca.SX) -> list[int]:
+    """Return the rows of a constraint that depend on any of some symbols."""
+    return rows_that_depend(constraint.rows(constraint.expression).values, symbols)
 
 
 def unless_finite(cost: ca.SX, violation: ca.SX) -> ca.SX:
