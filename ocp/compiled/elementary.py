@@ -4,19 +4,28 @@ No vector library of the system can be relied on. Largest error against the exac
 in units in the last place (ulp), as tests/ocp/compiled measures it:
 
                           double    single
-    sin, cos, tanh          2         2
-    exp, log                1         1
+    sin, cos                2         2
+    tan                     3         4
+    exp, log, log1p         1         1
+    expm1                   2         2
+    sinh, cosh, tanh        2         2
+    asinh, atanh, erf       2         2
+    acosh, asin             3         3
+    acos                    2         2
     atan                    1         3
     atan2                   2         3
     pow                     2         1
+    fmod                    0         0
 
-Angles above 2^30 (2^12 in single precision), and what pow cannot take (no positive
-normal base, a result out of range), are served by the C library, lane by lane: where
-the body is careful. A fast body only marks them, and the individuals concerned are
-evaluated once more by a careful one. Everything else is called in the C library.
+Angles above 2^30 (2^12 in single precision), what pow cannot take (no positive normal
+base, a result out of range) and quotients in fmod above 2^51 (2^22) are served by the C
+library, lane by lane: where the body is careful. A fast body only marks them, and the
+individuals concerned are evaluated once more by a careful one. Everything else is
+called in the C library.
 
 Source: W. Cody and W. Waite, Software manual for the elementary functions (1980), range
-reduction; coefficients in coefficients.py; pow in power.py.
+reduction; coefficients in coefficients.py. The rest is in arcs.py, hyperbolic.py and
+power.py.
 """
 
 import math
@@ -38,6 +47,11 @@ def sin_and_cos(ir: VectorIR, x: str) -> tuple[str, str]:
     # Huge or not a number where any angle was; one instruction an angle.
     ir.mark(ir.fma(quarter, quarter, ir.unserved))
     return sine, cosine
+
+
+def tan(ir: VectorIR, sine: str, cosine: str) -> str:
+    """Return tan x of sin x and cos x, which serve angles of any size."""
+    return ir.div(sine, cosine)
 
 
 def is_unserved(ir: VectorIR) -> str:
@@ -102,30 +116,38 @@ def exp(ir: VectorIR, x: str) -> str:
 def exp_of_sum(ir: VectorIR, x: str, rest: str | None) -> str:
     """Return exp(x + rest), where rest is of the size of x's rounding error."""
     known = table(ir.form)
-    for condition, limit in zip(("olt", "ogt"), known.exp_range, strict=True):
+    r, k = reduced_exponent(ir, x, known.exp_range)
+    if rest is not None:
+        r = ir.add(r, rest)
+    return scaled(ir, ir.polynomial(r, known.exp), k)
+
+
+def reduced_exponent(
+    ir: VectorIR, x: str, limits: tuple[float, float]
+) -> tuple[str, str]:
+    """Return r and k with x = k ln 2 + r, |r| <= ln 2 / 2, of x within limits."""
+    for condition, limit in zip(("olt", "ogt"), limits, strict=True):
         bound = ir.constant(limit)
         x = ir.select(ir.compare(condition, x, bound), bound, x)
     rounding = ir.constant(ir.form.rounding)
-    shifted = ir.fma(x, ir.constant(1.0 / math.log(2.0)), rounding)
-    k = ir.sub(shifted, rounding)
+    k = ir.sub(ir.fma(x, ir.constant(1.0 / math.log(2.0)), rounding), rounding)
     r = x
-    for part in known.ln2:
+    for part in table(ir.form).ln2:
         r = ir.fma(k, ir.constant(-part), r)
-    if rest is not None:
-        r = ir.add(r, rest)
-    return _scaled(ir, ir.polynomial(r, known.exp), k, shifted)
+    return r, k
 
 
 _SCALED_BITS = 512
 
 
-def _scaled(ir: VectorIR, value: str, k: str, shifted: str) -> str:
-    """Return value 2^k, where the low bits of shifted are the integer k."""
+def scaled(ir: VectorIR, value: str, k: str) -> str:
+    """Return value 2^k, k a small whole number."""
     if ir.module.has_scale and ir.lanes * ir.form.bits >= _SCALED_BITS:
         return _scaled_at_once(ir, value, k)
     # In two halves, each in range, so that the product overflows or underflows last.
-    rounding = ir.bits(ir.constant(ir.form.rounding))
-    whole = ir.integer_op("sub", ir.bits(shifted), rounding)
+    rounding = ir.constant(ir.form.rounding)
+    shifted = ir.bits(ir.add(k, rounding))  # Its low bits are the integer k.
+    whole = ir.integer_op("sub", shifted, ir.bits(rounding))
     half = ir.integer_op("ashr", whole, ir.integer(1))
     for exponent in (half, ir.integer_op("sub", whole, half)):
         biased = ir.integer_op("add", exponent, ir.integer(ir.form.bias))
@@ -176,27 +198,35 @@ def _lanes_from(ir: VectorIR, value: str, first: int, lanes: int) -> str:
 
 def log(ir: VectorIR, x: str) -> str:
     """Return log x = k ln 2 + log m, sqrt(1/2) <= m < sqrt(2)."""
-    known = table(ir.form)
     up = ir.form.significand + 2
     tiny = ir.compare("olt", x, ir.constant(ir.form.smallest))
-    scaled = ir.select(tiny, ir.mul(x, ir.constant(2.0**up)), x)
+    normal = ir.select(tiny, ir.mul(x, ir.constant(2.0**up)), x)
     offset = ir.select(tiny, ir.constant(float(-up)), ir.constant(0.0))
-    k, f = exponent_and_rest(ir, scaled)
+    k, f = exponent_and_rest(ir, normal)
     k = ir.add(k, offset)
+    value = log_of_parts(ir, k, f, ir.constant(0.0))
+    return with_ends_of_log(ir, value, x, 0.0)
 
+
+def log_of_parts(ir: VectorIR, k: str, f: str, rest: str) -> str:
+    """Return k ln 2 + log(1 + f) + rest, where rest is small beside the sum."""
+    known = table(ir.form)
     s = ir.div(f, ir.add(f, ir.constant(2.0)))
     z = ir.mul(s, s)
     half_square = ir.mul(ir.mul(f, f), ir.constant(0.5))
-    rest = ir.fma(z, ir.polynomial(z, known.log), half_square)
-    low = ir.fma(s, rest, ir.mul(k, ir.constant(known.ln2[1])))
+    tail = ir.fma(z, ir.polynomial(z, known.log), half_square)
+    low = ir.fma(s, tail, ir.fma(k, ir.constant(known.ln2[1]), rest))
     inner = ir.sub(ir.sub(half_square, low), f)
-    value = ir.fma(k, ir.constant(known.ln2[0]), ir.neg(inner))
+    return ir.fma(k, ir.constant(known.ln2[0]), ir.neg(inner))
 
+
+def with_ends_of_log(ir: VectorIR, value: str, x: str, pole: float) -> str:
+    """Return a logarithm as it is of infinity, at its pole and below, and of NaN."""
     infinite = ir.compare("oeq", x, ir.constant(math.inf))
     value = ir.select(infinite, x, value)
-    zero = ir.compare("oeq", x, ir.constant(0.0))
-    value = ir.select(zero, ir.constant(-math.inf), value)
-    undefined = ir.compare("ult", x, ir.constant(0.0))  # Negative or not a number.
+    at_pole = ir.compare("oeq", x, ir.constant(pole))
+    value = ir.select(at_pole, ir.constant(-math.inf), value)
+    undefined = ir.compare("ult", x, ir.constant(pole))  # Below or not a number.
     return ir.select(undefined, ir.constant(math.nan), value)
 
 
@@ -214,71 +244,41 @@ def exponent_and_rest(ir: VectorIR, x: str) -> tuple[str, str]:
     return ir.sub(k, rounding), ir.sub(m, ir.constant(1.0))
 
 
-def tanh(ir: VectorIR, x: str) -> str:
-    """Return tanh x: a rational function near 0, 1 - 2 / (exp 2|x| + 1) elsewhere."""
-    magnitude = ir.intrinsic("fabs", x)
-    z = ir.mul(x, x)
-    ratio = _ratio(ir, z, *table(ir.form).tanh)
-    near = ir.fma(ir.mul(x, z), ratio, x)
-    power = exp(ir, ir.add(magnitude, magnitude))
-    decayed = ir.div(ir.constant(2.0), ir.add(power, ir.constant(1.0)))
-    far = ir.sub(ir.constant(1.0), decayed)
-    small = ir.compare("olt", magnitude, ir.constant(0.625))
-    return ir.intrinsic("copysign", ir.select(small, near, far), x)
-
-
-def _ratio(ir: VectorIR, z: str, top: Sequence[float], bottom: Sequence[float]) -> str:
+def rational(
+    ir: VectorIR, z: str, top: Sequence[float], bottom: Sequence[float]
+) -> str:
+    """Return the quotient of two polynomials in z."""
     numerator = ir.polynomial(z, top)
     if len(bottom) == 1:
         return numerator
     return ir.div(numerator, ir.polynomial(z, bottom))
 
 
-def atan(ir: VectorIR, x: str) -> str:
-    """Return atan x; odd, reduced to a small |t| at 0, pi/4 or pi/2."""
-    base, low, small = _atan_parts(ir, ir.intrinsic("fabs", x))
-    value = ir.add(base, ir.add(small, low))
-    return ir.intrinsic("copysign", value, x)
+def fmod(ir: VectorIR, x: str, y: str) -> str:
+    """Return what is left of x after whole multiples of y, with the sign of x."""
+    if ir.careful:
+        return ir.beside("careful_fmod", _careful_fmod, x, y)
+    value, served = _fmod(ir, x, y)
+    ir.mark(ir.select(served, ir.unserved, ir.constant(math.inf)))
+    return value
 
 
-def _atan_parts(ir: VectorIR, x: str) -> tuple[str, str, str]:
-    """Return base, low and small, with atan x = (base + low) + small for x >= 0.
+def _careful_fmod(ir: VectorIR, x: str, y: str) -> str:
+    value, served = _fmod(ir, x, y)
+    return ir.select(served, value, ir.lane_by_lane("fmod", x, y))
 
-    The base is 0, pi/4 or pi/2 rounded, low what that lacks of it.
+
+def _fmod(ir: VectorIR, x: str, y: str) -> tuple[str, str]:
+    """Return the remainder, exact, and the mask of where it is right.
+
+    The rounded quotient may be one too large: then the remainder is below 0.
     """
-    known = table(ir.form)
-    top_coefficients, bottom_coefficients, limit = known.atan
-    one = ir.constant(1.0)
-    large = ir.compare("ogt", x, ir.constant(2.41421356237309504880))
-    middle = ir.compare("ogt", x, ir.constant(limit))
-    top = ir.select(middle, ir.sub(x, one), x)
-    bottom = ir.select(middle, ir.add(x, one), one)
-    t = ir.div(ir.select(large, ir.constant(-1.0), top), ir.select(large, x, bottom))
-    base, low = (
-        ir.select(
-            large,
-            ir.constant(part),
-            ir.select(middle, ir.constant(part / 2), ir.constant(0.0)),
-        )
-        for part in known.pi_2[:2]
-    )
-    z = ir.mul(t, t)
-    ratio = _ratio(ir, z, top_coefficients, bottom_coefficients)
-    return base, low, ir.fma(ir.mul(t, z), ratio, t)
-
-
-def atan2(ir: VectorIR, y: str, x: str) -> str:
-    """Return the angle of (x, y), with the signs of zeros as C has them."""
-    high, rest, _ = table(ir.form).pi_2
-    a, b = ir.intrinsic("fabs", y), ir.intrinsic("fabs", x)
-    ratio = ir.select(ir.compare("oeq", a, b), ir.constant(1.0), ir.div(a, b))
-    ratio = ir.select(ir.compare("oeq", a, ir.constant(0.0)), a, ratio)
-    not_a_number = ir.compare("uno", x, y)
-    ratio = ir.select(not_a_number, ir.constant(math.nan), ratio)
-    base, low, small = _atan_parts(ir, ratio)
-    # On the left pi less the angle, part by part: pi - base is exact.
-    left = ir.emit(f"icmp slt {ir.integers} {ir.bits(x)}, {ir.integer(0)}")
-    base = ir.select(left, ir.sub(ir.constant(2 * high), base), base)
-    low = ir.select(left, ir.sub(ir.constant(2 * rest), low), low)
-    small = ir.select(left, ir.neg(small), small)
-    return ir.intrinsic("copysign", ir.add(base, ir.add(small, low)), y)
+    a, b = ir.intrinsic("fabs", x), ir.intrinsic("fabs", y)
+    quotient = ir.intrinsic("floor", ir.div(a, b))
+    left = ir.fma(ir.neg(quotient), b, a)
+    left = ir.select(ir.compare("olt", left, ir.constant(0.0)), ir.add(left, b), left)
+    smaller = ir.compare("olt", a, b)
+    value = ir.intrinsic("copysign", ir.select(smaller, a, left), x)
+    limit = ir.constant(2.0 ** (ir.form.significand - 1))
+    served = ir.compare("olt", quotient, limit)
+    return value, ir.mask_op("or", smaller, served)

@@ -2,12 +2,17 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from swarmstart.ocp.compiled.elementary import (
-    atan,
-    atan2,
-    exp,
-    log,
-    sin_and_cos,
+from swarmstart.ocp.compiled.arcs import acos, asin, atan, atan2
+from swarmstart.ocp.compiled.elementary import exp, fmod, log, sin_and_cos, tan
+from swarmstart.ocp.compiled.hyperbolic import (
+    acosh,
+    asinh,
+    atanh,
+    cosh,
+    erf,
+    expm1,
+    log1p,
+    sinh,
     tanh,
 )
 from swarmstart.ocp.compiled.power import power
@@ -43,11 +48,11 @@ def emit_tape(
             value = "never read"
         elif number in fused:
             value = _fused(ir, tape, number, fused[number], values)
-        elif node.operation in ("sin", "cos"):
+        elif node.operation in OF_ANGLES:
             (argument,) = node.arguments
             if argument not in angles:
                 angles[argument] = sin_and_cos(ir, values[argument])
-            value = angles[argument][node.operation == "cos"]
+            value = OF_ANGLES[node.operation](ir, *angles[argument])
         else:
             value = _value(ir, tape, node, read, values)
         values.append(value)
@@ -135,15 +140,10 @@ def constant_power(ir: VectorIR, base: str, exponent: str, known: float) -> str:
     return ir.div(ir.constant(1.0), product) if known < 0 else product
 
 
-LIBRARY = {
-    name: name
-    for name in (
-        "tan asin acos sinh cosh asinh acosh atanh log1p expm1 erf fmod hypot remainder"
-    ).split()
-}
+LIBRARY = {"hypot": "hypot", "remainder": "remainder"}
 """Operations that are called in the C library, lane by lane."""
 
-C_FUNCTIONS = ("sin", "cos", "pow", *LIBRARY.values())
+C_FUNCTIONS = ("sin", "cos", "pow", "fmod", *LIBRARY.values())
 """What the machine code may call."""
 
 INTRINSICS = {
@@ -169,6 +169,8 @@ def emit_operation(ir: VectorIR, name: str, arguments: Sequence[str]) -> str:
         return ir.intrinsic(INTRINSICS[name], *arguments)
     if name in LIBRARY:
         return ir.lane_by_lane(LIBRARY[name], *arguments)
+    if name in OF_ANGLES:
+        return OF_ANGLES[name](ir, *sin_and_cos(ir, *arguments))
     if name in SPECIAL:
         return SPECIAL[name](ir, *arguments)
     raise UnknownOperationError(f"the operation {name} is not compiled", name)
@@ -203,9 +205,14 @@ def _sign(ir: VectorIR, a: str) -> str:
     return ir.select(ir.compare("olt", a, zero), ir.constant(-1.0), positive)
 
 
+OF_ANGLES: dict[str, Callable[[VectorIR, str, str], str]] = {
+    "sin": lambda _, sine, cosine: sine,
+    "cos": lambda _, sine, cosine: cosine,
+    "tan": tan,
+}
+"""Functions of an angle, of its sine and cosine, which are found once."""
+
 SPECIAL: dict[str, Callable[..., str]] = {
-    "sin": lambda ir, a: sin_and_cos(ir, a)[0],
-    "cos": lambda ir, a: sin_and_cos(ir, a)[1],
     "neg": lambda ir, a: ir.neg(a),
     "sq": lambda ir, a: ir.mul(a, a),
     "twice": lambda ir, a: ir.add(a, a),
@@ -217,8 +224,19 @@ SPECIAL: dict[str, Callable[..., str]] = {
     "sign": _sign,
     "exp": exp,
     "log": log,
+    "expm1": expm1,
+    "log1p": log1p,
+    "sinh": sinh,
+    "cosh": cosh,
     "tanh": tanh,
+    "asinh": asinh,
+    "acosh": acosh,
+    "atanh": atanh,
+    "erf": erf,
+    "asin": asin,
+    "acos": acos,
     "atan": atan,
     "atan2": atan2,
+    "fmod": fmod,
     "pow": power,
 }

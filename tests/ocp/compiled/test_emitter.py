@@ -48,7 +48,10 @@ POWERS = (2.5, 0.3, -1.5, 3.0, -3.0, 4.0, 7.0, 8.0, -8.0, 9.0, 100.0, np.inf, -n
 OTHERS = {"assign", "constpow"}
 """Operations that SX never writes or, constpow, that take a constant."""
 
-APPROXIMATED = {"exp", "log", "sin", "cos", "tanh", "atan", "atan2", "pow", "constpow"}
+APPROXIMATED = set(
+    "exp expm1 log log1p sin cos tan sinh cosh tanh asinh acosh atanh erf asin acos atan "
+    "atan2 pow constpow".split()
+)
 """Operations that are polynomials here: within 4 ulp of the C library's."""
 
 VALUES = np.array(
