@@ -185,6 +185,37 @@ def van_der_pol() -> Instance:
     return Instance("van der Pol", problem, np.array([0.0, 1.0]), Known())
 
 
+def bicycle() -> Instance:
+    """Return a kinematic bicycle on the way to a place beside it.
+
+    States are place, heading and speed, controls the angle of its front wheel and its
+    acceleration (Rajamani 2012, Vehicle dynamics and control, section 2.2).
+    """
+    x, y, heading, speed = (ca.SX.sym(name) for name in ("x", "y", "heading", "speed"))
+    steering, acceleration = ca.SX.sym("steering"), ca.SX.sym("acceleration")
+    front, rear = 1.4, 1.6
+    slip = ca.atan(rear / (front + rear) * ca.tan(steering))
+    model = Model(
+        states=ca.vertcat(x, y, heading, speed),
+        controls=ca.vertcat(steering, acceleration),
+        ode=ca.vertcat(
+            speed * ca.cos(heading + slip),
+            speed * ca.sin(heading + slip),
+            speed / rear * ca.sin(slip),
+            acceleration,
+        ),
+    )
+    error = model.states - ca.vertcat(20.0, 4.0, 0.0, 8.0)
+    problem = OptimalControlProblem(
+        model,
+        horizon=2.4,
+        intervals=12,
+        stage_cost=ca.sumsqr(error) + ca.sumsqr(model.controls),
+        bounds=Bounds(controls=([-0.6, -4.0], [0.6, 4.0])),
+    )
+    return Instance("kinematic bicycle", problem, np.array([0, 0, 0, 8.0]), Known())
+
+
 def passing() -> Instance:
     """Return one UAV and one disc on the way to its slot.
 

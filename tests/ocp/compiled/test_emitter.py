@@ -49,8 +49,8 @@ OTHERS = {"assign", "constpow"}
 """Operations that SX never writes or, constpow, that take a constant."""
 
 APPROXIMATED = set(
-    "exp expm1 log log1p sin cos tan sinh cosh tanh asinh acosh atanh erf asin acos atan "
-    "atan2 pow constpow".split()
+    "exp expm1 log log1p sin cos tan sinh cosh tanh asinh acosh atanh erf asin acos "
+    "atan atan2 pow constpow".split()
 )
 """Operations that are polynomials here: within 4 ulp of the C library's."""
 
