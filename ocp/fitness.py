@@ -24,7 +24,7 @@ from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.simd import compile_rollout
 from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.limits import numbers_of
+from swarmstart.ocp.limits import numbers_of, require_count
 from swarmstart.ocp.lowering import Lowered
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
@@ -131,6 +131,7 @@ class Fitness:
         *,
         backend: str | None = None,
         precision: Precision = "double",
+        threads: int = 1,
     ) -> None:
         """Compile the rollout of a problem.
 
@@ -139,11 +140,14 @@ class Fitness:
             backend: What evaluates populations, as in compiled/backend.py.
             precision: Of the machine code's arithmetic, as in `compile_batch`; "single"
                 is good for a first look at many points, not for constraints to 1e-6.
+            threads: Over how many threads of machine code a population may be spread.
 
         Raises:
-            InvalidProblemError: If the backend or the precision is unknown.
+            InvalidProblemError: If the backend or the precision is unknown, or the
+                threads are no positive whole number.
         """
         require_precision(precision)
+        require_count("threads", threads)
         self.shooting = shooting = shooting_of(problem)
         self.problem = problem = shooting.problem
         decided = problem.start_decisions
@@ -156,6 +160,7 @@ class Fitness:
                 decided=tuple(map(decided.get, range(problem.model.nx))),
                 begin=shooting.begin if shooting.has_begin else None,
                 precision=precision,
+                threads=threads,
             ),
             lambda: CasadiMap(shooting.rollout),
             backend,

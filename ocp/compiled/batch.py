@@ -21,6 +21,7 @@ from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.simd import Prepared, Shapes, SimdBatch, compile_flat
 from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.limits import require_count
 from swarmstart.tape import UnknownOperationError, expanded
 
 Array = NDArray[np.float64]
@@ -43,9 +44,10 @@ class BatchFunction:
         *,
         backend: str | None = None,
         precision: Precision = "double",
+        threads: int = 1,
     ) -> None:
         """Take a function; see `compile_batch`."""
-        self._function, self._precision = function, precision
+        self._function, self._precision, self._threads = function, precision, threads
         self._kernels: dict[tuple[bool, ...], SimdBatch] = {}
         self._small: dict[Shapes, Prepared] = {}
         self.backend = chosen_backend(backend)
@@ -114,7 +116,10 @@ class BatchFunction:
     def _kernel(self, differs: tuple[bool, ...]) -> SimdBatch:
         if differs not in self._kernels:
             self._kernels[differs] = compile_flat(
-                self._function, differs, precision=self._precision
+                self._function,
+                differs,
+                precision=self._precision,
+                threads=self._threads,
             )
         return self._kernels[differs]
 
@@ -164,6 +169,7 @@ def compile_batch(
     *,
     backend: str | None = None,
     precision: Precision = "double",
+    threads: int = 1,
 ) -> BatchFunction:
     """Return a function of whole populations, in machine code where possible.
 
@@ -174,15 +180,21 @@ def compile_batch(
         precision: "single" computes with half the digits in less than half the time;
             arguments and outputs are doubles all the same. CasADi knows no other than
             "double".
+        threads: Over how many threads of machine code a population may be spread; some
+            256 individuals are worth one. The results have the same bits. CasADi's map
+            takes one.
 
     Returns:
         (arrays (rows, n), or (rows,) where shared) -> (rows, n), or a tuple of these.
 
     Raises:
-        InvalidProblemError: If the function has no argument, or the backend or the
-            precision is unknown.
+        InvalidProblemError: If the function has no argument, the backend or the
+            precision is unknown, or the threads are no positive whole number.
     """
     if function.n_in() == 0:
         raise InvalidProblemError(f"{function.name()} has no argument to vary")
     require_precision(precision)
-    return BatchFunction(function, backend=backend, precision=precision)
+    require_count("threads", threads)
+    return BatchFunction(
+        function, backend=backend, precision=precision, threads=threads
+    )

@@ -107,16 +107,21 @@ class Compiled:
 
     Attributes:
         address: Of void kernel(double **in, double **out, int64 n).
-        call: The same as a ctypes function.
+        part: void part(double **in, double **out, int64 n, int64 first, int64 last), a
+            function of ctypes; both release Python's lock.
+        call: The kernel as such a function.
         keeps_alive: What owns the code.
     """
 
     address: int
     call: Callable[..., None]
+    part: Callable[..., None]
     keeps_alive: Any
 
 
-SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
+_TABLES, _NUMBER = (ctypes.c_void_p, ctypes.c_void_p), ctypes.c_int64
+SIGNATURE = ctypes.CFUNCTYPE(None, *_TABLES, _NUMBER)
+PART = ctypes.CFUNCTYPE(None, *_TABLES, _NUMBER, _NUMBER, _NUMBER)
 
 
 def translate(ir: str) -> bytes:
@@ -156,7 +161,8 @@ def link(code: bytes) -> Compiled:
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     address = engine.get_function_address("kernel")
-    return Compiled(address, SIGNATURE(address), engine)
+    part = PART(engine.get_function_address("part"))
+    return Compiled(address, SIGNATURE(address), part, engine)
 
 
 def _target_machine(target: Machine) -> Any:

@@ -1,10 +1,13 @@
 """The frame of a kernel: where it reads and writes, block after block of individuals.
 
     void kernel(double **in, double **out, int64 n)
+    void part(double **in, double **out, int64 n, int64 first, int64 last)
 
-in[i] is an argument: (rows, n), row after row, where it differs per individual; (rows,)
-where all share it. out[j] is an output, (rows, n). Lanes of the last block that are
-beyond n are masked: neither read nor written.
+The second evaluates the individuals from `first`, which is the first of a block, up to
+`last`, which is n or the first of another block. in[i] is an argument: (rows, n), row
+after row, where it differs per individual; (rows,) where all share it. out[j] is an
+output, (rows, n). Lanes of the last block that are beyond n are masked: neither read
+nor written.
 
 Where a fast body marks an individual whose arguments it cannot serve (elementary.py), a
 careful body evaluates that individual once more.
@@ -79,9 +82,21 @@ COSTS = {
     "cos": (15, 70),
     "exp": (22, 75),
     "log": (50, 100),
+    "tan": (40, 95),
+    "expm1": (45, 110),
+    "log1p": (85, 150),
+    "sinh": (75, 150),
+    "cosh": (60, 130),
     "tanh": (85, 160),
+    "asinh": (170, 270),
+    "acosh": (160, 250),
+    "atanh": (120, 200),
+    "erf": (110, 170),
+    "asin": (65, 110),
+    "acos": (65, 110),
     "atan": (75, 110),
     "atan2": (110, 140),
+    "fmod": (45, 60),
     "pow": (140, 330),
     "constpow": (140, 330),
 }
@@ -257,11 +272,17 @@ def module_of(
     return "\n".join(
         [
             "define void @kernel(ptr noalias %in, ptr noalias %out, i64 %n) #0 {",
+            "  call void @part(ptr %in, ptr %out, i64 %n, i64 0, i64 %n)",
+            "  ret void",
+            "}",
+            "",
+            "define void @part(ptr noalias %in, ptr noalias %out, i64 %n, i64 %first, "
+            "i64 %last) #0 {",
             "entry:",
             "  br label %blocks",
             "blocks:",
-            "  %start = phi i64 [ 0, %entry ], [ %following, %next_block ]",
-            "  %more = icmp ult i64 %start, %n",
+            "  %start = phi i64 [ %first, %entry ], [ %following, %next_block ]",
+            "  %more = icmp ult i64 %start, %last",
             "  br i1 %more, label %block, label %end",
             "block:",
             *fast.body.lines,

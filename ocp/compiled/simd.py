@@ -24,6 +24,7 @@ from swarmstart.ocp.compiled.engine import (
     translate,
 )
 from swarmstart.ocp.compiled.frame import target_of
+from swarmstart.ocp.compiled.threads import in_parts
 from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.interpolants import without_interpolants
@@ -101,24 +102,24 @@ class SimdBatch:
     """A BatchEvaluator in machine code; see interface.py.
 
     Attributes:
-        call: void kernel(double **in, double **out, int64 n).
-        address: Its address.
+        address: Of void kernel(double **in, double **out, int64 n).
         shape: What it reads and writes.
+        threads: Over how many threads a population may be spread.
     """
 
     backend = "llvm"
 
-    def __init__(self, compiled: Compiled, shape: Shape) -> None:
+    def __init__(self, compiled: Compiled, shape: Shape, threads: int = 1) -> None:
         """Take a compiled kernel.
 
         Args:
             compiled: The kernel.
             shape: What it reads and writes; an argument differs per individual.
+            threads: Over how many threads a population may be spread, at least 1.
         """
-        self.call = compiled.call
         self.address = compiled.address
-        self.shape = shape
-        self._keeps_alive = compiled
+        self.shape, self.threads = shape, threads
+        self._compiled = compiled
 
     def bind(self, shared: tuple[Array, ...]) -> "Bound":
         """Return population -> outputs, the other arguments fixed and copied."""
@@ -131,17 +132,21 @@ class SimdBatch:
         outputs = split(results, self.shape.outputs)
         tables = addresses(arguments), addresses(outputs)
         places = tuple(map(ctypes.addressof, tables))
+        run = partial(
+            _WITHOUT_CONVERSION(self.address),
+            *map(ctypes.c_void_p, places),
+            ctypes.c_int64(size),
+        )
+        if self.threads > 1:
+            run = partial(in_parts, partial(self._compiled.part, *tables, size), size,
+                          self.threads)  # fmt: skip
         return Prepared(
             arguments=arguments,
             outputs=outputs,
             results=results,
             pointers=Pointers(self.address, *places),
             size=size,
-            run=partial(
-                _WITHOUT_CONVERSION(self.address),
-                *map(ctypes.c_void_p, places),
-                ctypes.c_int64(size),
-            ),
+            run=run,
             rows=self.shape.outputs,
             _keeps_alive=(tables, self),
         )
@@ -173,7 +178,9 @@ class SimdBatch:
         """
         given = [np.ascontiguousarray(a, dtype=np.float64) for a in arguments]
         results = np.empty((sum(self.shape.outputs), size))
-        self.call(addresses(given), addresses(split(results, self.shape.outputs)), size)
+        tables = addresses(given), addresses(split(results, self.shape.outputs))
+        part = partial(self._compiled.part, *tables, size)
+        in_parts(part, size, self.threads)
         return results
 
     def _require(self, shapes: Shapes, size: int) -> None:
@@ -297,6 +304,7 @@ def compile_flat(
     per_individual: tuple[bool, ...],
     *,
     precision: Precision = "double",
+    threads: int = 1,
 ) -> SimdBatch:
     """Return an evaluator of an SX function.
 
@@ -304,6 +312,7 @@ def compile_flat(
         function: An SX function; its interpolants become expressions where possible.
         per_individual: For each argument whether it differs per individual; one does.
         precision: Of the arithmetic; arguments and outputs are doubles.
+        threads: Over how many threads a population may be spread.
 
     Raises:
         UnknownOperationError: If it has an operation that is not compiled.
@@ -323,7 +332,7 @@ def compile_flat(
         tuple(function.numel_in(i) for i in range(function.n_in())),
         tuple(function.numel_out(i) for i in range(function.n_out())),
     )
-    return SimdBatch(_cached(key, emit), shape)
+    return SimdBatch(_cached(key, emit), shape, threads)
 
 
 def compile_rollout(  # noqa: PLR0913 - a rollout's parts
@@ -335,6 +344,7 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     decided: Sequence[int | None] = (),
     begin: ca.Function | None = None,
     precision: Precision = "double",
+    threads: int = 1,
 ) -> SimdBatch:
     """Return an evaluator of (decisions, x0, p, signals) -> (cost, violation).
 
@@ -350,6 +360,7 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
             starts at; None where x0 says it; empty: x0 says all.
         begin: (x, p, s) -> (cost, violation) at the start; None: nothing is added.
         precision: Of the arithmetic; arguments and outputs are doubles.
+        threads: Over how many threads a population may be spread.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.
@@ -384,7 +395,7 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     functions = [stage, end] if begin is None else [stage, end, begin]
     settings = (intervals, signals_per_interval, precision, places)
     key = _key(functions, settings)
-    return SimdBatch(_cached(key, emit), shape)
+    return SimdBatch(_cached(key, emit), shape, threads)
 
 
 def _cached(key: str, emit: Callable[[], str]) -> Compiled:

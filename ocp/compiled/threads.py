@@ -1,0 +1,57 @@
+"""One population on several cores: a kernel called for parts of it, side by side.
+
+Machine code is called without Python's lock, so threads of one process are enough. A
+part begins at a whole block of individuals, and no individual's value depends on its
+neighbours: the results have the same bits, however many threads there are.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import cache
+
+LEAST = 256
+"""Individuals of a part: handing over fewer costs more than it saves."""
+_BLOCK = 64
+"""Individuals; a multiple of what any kernel takes at once."""
+
+
+def parts_of(size: int, threads: int) -> list[tuple[int, int]]:
+    """Return the first individual of each part, and the first after it.
+
+    Args:
+        size: Number of individuals.
+        threads: How many parts there may be.
+    """
+    count = max(1, min(threads, size // LEAST))
+    each = max(1, -(-size // (count * _BLOCK))) * _BLOCK
+    return [(first, min(first + each, size)) for first in range(0, size, each)]
+
+
+def in_parts(part: Callable[[int, int], None], size: int, threads: int) -> None:
+    """Call a function for all individuals, in one part or in several at a time.
+
+    Args:
+        part: (first, first after it) -> nothing; must not hold Python's lock.
+        size: Number of individuals.
+        threads: How many calls there may be at a time.
+    """
+    first, *others = parts_of(size, threads) or [(0, 0)]
+    if not others:
+        part(*first)
+        return
+    pool = _pool(os.getpid(), threads - 1)
+    running = [pool.submit(part, *one) for one in others]
+    try:
+        part(*first)
+    finally:
+        wait(running)  # They write where the caller reads.
+    for one in running:
+        one.result()
+
+
+@cache
+def _pool(process: int, workers: int) -> ThreadPoolExecutor:
+    """Return the worker threads of a process; a forked one has none of its parent's."""
+    del process
+    return ThreadPoolExecutor(workers, thread_name_prefix="swarmstart")
