@@ -104,7 +104,7 @@ def _emit_roll(frame: Frame, roll: Roll) -> None:
     sums = [ir.constant(0.0)] * 2
     if roll.begin is not None:
         sums = _sums(frame, roll.begin, state, 0)
-    loop = _Loop(ir, [*state, *sums, ir.unserved, *known], roll.intervals)
+    loop = Loop(ir, [*state, *sums, ir.unserved, *known], roll.intervals)
     *state, cost, violation, ir.unserved = loop.carried[: nx + 3]
     known = loop.carried[nx + 3 :]
     given = {now: value for (_, now, _), value in zip(repeated, known, strict=True)}
@@ -161,7 +161,7 @@ def _stage_reader(frame: Frame, roll: Roll, k: str, state: list[str]) -> Read:
     return read
 
 
-class _Loop:
+class Loop:
     """A loop whose values at the end of a turn are those at the next one's beginning.
 
     Attributes:

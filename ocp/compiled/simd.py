@@ -326,13 +326,13 @@ def compile_flat(
             tape, per_individual=per_individual, target=target_of([tape], precision)
         )
 
-    key = _key([function], (per_individual, precision))
     shape = Shape(
         per_individual,
         tuple(function.numel_in(i) for i in range(function.n_in())),
         tuple(function.numel_out(i) for i in range(function.n_out())),
     )
-    return SimdBatch(_cached(key, emit), shape, threads)
+    key = key_of([function], (per_individual, precision))
+    return SimdBatch(cached(key, emit), shape, threads)
 
 
 def compile_rollout(  # noqa: PLR0913 - a rollout's parts
@@ -394,11 +394,10 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     shape = Shape((True, False, False, False), rows, (1, 1))
     functions = [stage, end] if begin is None else [stage, end, begin]
     settings = (intervals, signals_per_interval, precision, places)
-    key = _key(functions, settings)
-    return SimdBatch(_cached(key, emit), shape, threads)
+    return SimdBatch(cached(key_of(functions, settings), emit), shape, threads)
 
 
-def _cached(key: str, emit: Callable[[], str]) -> Compiled:
+def cached(key: str, emit: Callable[[], str]) -> Compiled:
     """Return machine code from the cache, or make it and keep it."""
     with compiling():
         code = load(key)
@@ -408,9 +407,19 @@ def _cached(key: str, emit: Callable[[], str]) -> Compiled:
         return link(code)
 
 
-def _key(functions: Sequence[ca.Function], settings: tuple[object, ...]) -> str:
-    """Return the hash of all that determines the machine code."""
-    digest = hashlib.sha256(_sources().encode())
+def key_of(
+    functions: Sequence[ca.Function],
+    settings: tuple[object, ...],
+    maker: str = __name__,
+) -> str:
+    """Return the hash of all that determines the machine code.
+
+    Args:
+        functions: What it is made of.
+        settings: What else determines it.
+        maker: Name of the module that makes it, besides MAKERS.
+    """
+    digest = hashlib.sha256(_sources(maker).encode())
     for part in (*(f.serialize() for f in functions), settings, machine()):
         digest.update(repr(part).encode())
     return digest.hexdigest()
@@ -423,7 +432,7 @@ version."""
 
 
 @cache
-def _sources() -> str:
+def _sources(maker: str) -> str:
     """Return the hash of the modules that make the code."""
     makers = sources(*(f"{HERE}.{name}" for name in MAKERS))
-    return hashlib.sha256(source(f"{HERE}.simd") + makers.encode()).hexdigest()
+    return hashlib.sha256(source(maker) + makers.encode()).hexdigest()

@@ -252,7 +252,7 @@ def test_two_processes_may_build_at_once(fresh_cache: Path) -> None:
 def key(
     functions: list[ca.Function], settings: tuple[object, ...] = (True, False)
 ) -> str:
-    return simd._key(functions, settings)
+    return simd.key_of(functions, settings)
 
 
 def test_same_function_has_the_same_key() -> None:
@@ -287,7 +287,7 @@ def test_key_tells_functions_and_settings_apart(
             patch.setattr(simd, "machine", lambda other=other: other)
             keys.append(key([function()]))
     with monkeypatch.context() as patch:
-        patch.setattr(simd, "_sources", lambda: "another emitter")
+        patch.setattr(simd, "_sources", lambda _: "another emitter")
         keys.append(key([function()]))
     assert len(set(keys)) == len(keys)
 
@@ -310,16 +310,16 @@ def test_key_tells_functions_and_settings_apart(
 def test_key_changes_with_what_makes_the_code(
     monkeypatch: pytest.MonkeyPatch, module: str
 ) -> None:
-    assert sources_after_a_change(module, monkeypatch) != simd._sources()
+    assert sources_after_a_change(module, monkeypatch) != simd._sources(simd.__name__)
 
 
 @pytest.mark.parametrize("module", ["batch", "casadi_map", "backend"])
 def test_key_does_not_change_with_what_only_calls_the_code(
     monkeypatch: pytest.MonkeyPatch, module: str
 ) -> None:
-    assert (
-        sources_after_a_change(f"{simd.HERE}.{module}", monkeypatch) == simd._sources()
-    )
+    assert sources_after_a_change(
+        f"{simd.HERE}.{module}", monkeypatch
+    ) == simd._sources(simd.__name__)
 
 
 def sources_after_a_change(module: str, monkeypatch: pytest.MonkeyPatch) -> str:
@@ -333,7 +333,7 @@ def sources_after_a_change(module: str, monkeypatch: pytest.MonkeyPatch) -> str:
     with monkeypatch.context() as patch:
         patch.setattr(fingerprint, "source", changed)
         patch.setattr(simd, "source", changed)
-        return simd._sources.__wrapped__()
+        return simd._sources.__wrapped__(simd.__name__)
 
 
 def test_rollouts_of_different_horizons_are_kept_apart(
