@@ -295,7 +295,8 @@ def split(results: Array, rows: Sequence[int]) -> tuple[Array, ...]:
 
 def addresses(arrays: Sequence[Array]) -> ctypes.Array[ctypes.c_void_p]:
     """Return a table of the addresses of arrays, as a kernel takes it."""
-    pointers = [array.ctypes.data for array in arrays]
+    # A third of what array.ctypes.data costs.
+    pointers = [array.__array_interface__["data"][0] for array in arrays]
     return (ctypes.c_void_p * len(pointers))(*pointers)
 
 

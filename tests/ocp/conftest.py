@@ -16,6 +16,7 @@ from swarmstart.ocp import (
     Separation,
     disc,
 )
+from swarmstart.ocp.compiled.engine import NoCompilerError, machine
 from swarmstart.terminal_set import hold, linearise, sampled_lqr
 
 Array = NDArray[np.float64]
@@ -156,3 +157,12 @@ def riccati() -> tuple[Array, Array]:
 def crossing_fitness(crossing: Posed) -> Fitness:
     """The evaluator of `crossing`."""
     return Fitness(crossing[0])
+
+
+@pytest.fixture(scope="session")
+def compiler() -> None:
+    """Skip what needs machine code where none can be made."""
+    try:
+        machine()
+    except NoCompilerError as error:
+        pytest.skip(str(error))

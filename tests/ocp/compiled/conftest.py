@@ -7,21 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.ocp.compiled.engine import NoCompilerError, machine
 from swarmstart.ocp.compiled.simd import compile_flat
 from swarmstart.ocp.compiled.vector_ir import Precision
 
 Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]
-
-
-@pytest.fixture(scope="session")
-def compiler() -> None:
-    """Skip what needs machine code where none can be made."""
-    try:
-        machine()
-    except NoCompilerError as error:
-        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,1 @@
+"""Local solves of many starts at once, each in a SIMD lane."""

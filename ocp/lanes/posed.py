@@ -1,0 +1,135 @@
+"""The numbers that all lanes of one solve share, and the way in and out of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.fitness import Arguments, Known, at_nodes, shared_arguments
+from swarmstart.ocp.lanes.kernels import LaneKernels
+from swarmstart.ocp.nlp_assembly import Part, inputs_of
+from swarmstart.ocp.scaling import Sizes
+from swarmstart.ocp.transcription import NonlinearProgram
+
+Array = NDArray[np.float64]
+_Known = tuple[Array, Array, Array, Array]
+"""Shared numbers, signals, lower and upper limits of the rows, as kernels take them."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Posed:
+    """A problem from one initial state, in the NLP's numbers.
+
+    Attributes:
+        kernels: The machine code.
+        intervals: Number N of intervals.
+        sizes: What numbers are divided by.
+        x0: Initial state where nothing is decided about it, shape (nx,).
+        tied: Shape (nx, ny): which states start at which decision.
+        least: Lower bounds of controls and excesses, shape (nu,).
+        most: Upper bounds.
+        first_least: Lower bounds of the decisions about the start, shape (ny,).
+        first_most: Upper bounds.
+        interval: What an interval knows.
+        end: What the end knows.
+        begin: What the start knows; None where nothing is decided.
+    """
+
+    kernels: LaneKernels
+    intervals: int
+    sizes: Sizes
+    x0: Array
+    tied: Array
+    least: Array
+    most: Array
+    first_least: Array
+    first_most: Array
+    interval: _Known
+    end: _Known
+    begin: _Known | None
+
+    @property
+    def start_sizes(self) -> Array:
+        """Sizes of what is decided about the start, (ny, 1)."""
+        firsts = self.tied.argmax(axis=0) if self.tied.size else np.zeros(0, int)
+        return np.asarray(self.sizes.states[firsts][:, None])
+
+    def scaled(self, controls: Array) -> Array:
+        """Return controls (nu, N, n) as lanes take them, excesses 0: (N nu, n)."""
+        nu, N, n = controls.shape
+        rows = np.zeros((N, self.least.size, n))
+        rows[:, :nu] = np.moveaxis(controls, 1, 0) / self.sizes.controls[:nu, None]
+        return rows.reshape(-1, n)
+
+    def controls(self, lanes: Array) -> Array:
+        """Return the controls (nu, N, n) of lanes (N nu, n)."""
+        nu, n = self.sizes.controls.size, lanes.shape[1]
+        rows = lanes.reshape(self.intervals, self.least.size, n)[:, :nu]
+        return np.moveaxis(rows, 0, 1) * self.sizes.controls[:, None, None]
+
+
+def posed(
+    kernels: LaneKernels,
+    program: NonlinearProgram,
+    arguments: Arguments,
+    x0: ArrayLike,
+    known: Known,
+) -> Posed:
+    """Return a problem from one initial state, in the NLP's numbers.
+
+    Args:
+        kernels: Its machine code.
+        program: Its NLP.
+        arguments: Makes its sizes.
+        x0: Initial state, shape (nx,), with the guess of what is decided about it.
+        known: Parameters and signals.
+
+    Raises:
+        InvalidProblemError: If a shape is not the problem's, or a value not finite.
+    """
+    problem, parts = program.problem, program.parts
+    state, parameters, flat = shared_arguments(problem, x0, known)
+    sizes = arguments.sizes(x0, known)
+    limits = program.limits(sizes)
+    q = program.arguments(state, parameters, flat, sizes)
+    _, shared, *weights, _ = np.split(q, np.cumsum(parts.argument_sizes(problem)[:-1]))
+    signals, checks, N = at_nodes(problem, flat), problem.checks, problem.intervals
+    windows = [signals[:, k * checks : (k + 1) * checks + 1] for k in range(N)]
+    own = np.concatenate([w.ravel(order="F") for w in windows])
+    nu, bounded = inputs_of(problem), problem.bounded_states
+    rows = parts.interval.rows
+    lower, upper = (
+        np.concatenate([side * weights[0], (of_states / sizes.states)[bounded]])
+        for side, of_states in zip(rows[1:3], problem.state_limits, strict=True)
+    )
+    starts = problem.free_starts
+    tied = np.zeros((state.size, len(starts)))
+    for number, one in enumerate(starts):
+        tied[list(one.states), number] = 1.0
+    firsts = [one.states[0] for one in starts]
+    return Posed(
+        kernels=kernels,
+        intervals=N,
+        sizes=sizes,
+        x0=state / sizes.states,
+        tied=tied,
+        least=limits.lbx[:nu],
+        most=limits.ubx[:nu],
+        first_least=np.array([one.value.lower for one in starts])
+        / sizes.states[firsts],
+        first_most=np.array([one.value.upper for one in starts]) / sizes.states[firsts],
+        interval=(np.concatenate([shared, weights[0]]), own, lower, upper),
+        end=_end_known(parts.end, shared, weights[1], signals[:, -1]),
+        begin=None
+        if parts.begin is None
+        else _end_known(parts.begin, shared, weights[2], signals[:, 0]),
+    )
+
+
+def _end_known(part: Part, shared: Array, weights: Array, signals: Array) -> _Known:
+    """Return what the end or the start knows; rows without limits are equations."""
+    equations = np.zeros(part.value.numel_out(0) - weights.size)
+    lower, upper = (
+        np.concatenate([equations, side * weights]) for side in part.rows[1:3]
+    )
+    return np.concatenate([shared, weights]), signals, lower, upper

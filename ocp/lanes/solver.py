@@ -1,0 +1,186 @@
+"""Many starts of one problem solved at once; built once, for any initial state."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.compiled.engine import NoCompilerError
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.fitness import NOTHING, Arguments, Known
+from swarmstart.ocp.lanes.ddp import LaneAnswers, LaneOptions, solve_lanes
+from swarmstart.ocp.lanes.kernels import compile_kernels
+from swarmstart.ocp.lanes.posed import Posed, posed
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.shooting import Shooting, shooting_of
+from swarmstart.ocp.transcription import multiple_shooting
+from swarmstart.tape import UnknownOperationError
+
+Array = NDArray[np.float64]
+
+LIGHT, HEAVY = (0.1, 1.0), (10.0, 1e4)
+"""First weights of the rows of the end, log-uniform, in half of the lanes each: the
+weight decides which optimum a lane finds, more than its guess."""
+PATH = 1.0
+"""First weight of the rows on the way; from heavier ones lanes zigzag."""
+
+
+class NoLanesError(Exception):
+    """A problem cannot be solved in lanes; the message says why."""
+
+
+class LaneSolver:
+    """Local solves of one problem in lanes.
+
+    Attributes:
+        problem: The core of the problem, whose controls and starts are solved for.
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem | Shooting,
+        *,
+        options: LaneOptions | None = None,
+        threads: int = 1,
+    ) -> None:
+        """Compile what lanes compute.
+
+        Args:
+            problem: The problem, or its functions.
+            options: When lanes end; None means the defaults.
+            threads: Over how many threads lanes may be spread.
+
+        Raises:
+            NoLanesError: If the problem has what lanes do not know, or machine code
+                cannot be made.
+        """
+        shooting = shooting_of(problem)
+        reason = _refused(shooting.problem)
+        if reason:
+            raise NoLanesError(reason)
+        try:
+            self._kernels = compile_kernels(shooting, threads=threads)
+        except (NoCompilerError, UnknownOperationError) as error:
+            raise NoLanesError(str(error)) from error
+        self.problem = shooting.problem
+        self._program = multiple_shooting(shooting)
+        self._arguments = Arguments(shooting)
+        self._options = options or LaneOptions()
+
+    def __call__(
+        self,
+        x0: ArrayLike,
+        controls: Array,
+        starts: Array | None = None,
+        *,
+        known: Known = NOTHING,
+        rng: np.random.Generator,
+    ) -> LaneAnswers:
+        """Return the local optima that starts lead to.
+
+        Args:
+            x0: Initial state of the core, shape (nx,).
+            controls: Shape (nu, N, n), finite; clipped to the bounds.
+            starts: What is decided about the start, shape (ny, n), one row for each of
+                `problem.free_starts`; None: as x0 says it.
+            known: Parameters and signals.
+            rng: Draws the first weights.
+
+        Raises:
+            InvalidProblemError: If a shape is not the problem's, or a value not finite.
+        """
+        problem = self.problem
+        first = self._first(x0, controls, starts)
+        lower, upper = problem.control_limits
+        within = np.clip(controls, lower[:, None, None], upper[:, None, None])
+        n = within.shape[2]
+        light = np.arange(n) % 2 == 0
+        exponent = rng.uniform(size=n)
+        ends = [low * (high / low) ** exponent for low, high in (LIGHT, HEAVY)]
+        return solve_lanes(
+            self.posed(x0, known),
+            within,
+            first,
+            weights=(np.full(n, PATH), np.where(light, *ends)),
+            options=self._options,
+        )
+
+    def posed(self, x0: ArrayLike, known: Known = NOTHING) -> Posed:
+        """Return the problem from one initial state, as `solve_lanes` takes it."""
+        return posed(self._kernels, self._program, self._arguments, x0, known)
+
+    def _first(self, x0: ArrayLike, controls: Array, starts: Array | None) -> Array:
+        """Return what is decided about the start, within its bounds, (ny, n)."""
+        problem, decided = self.problem, self.problem.free_starts
+        shape = (problem.model.nu, problem.intervals)
+        if controls.ndim != 3 or controls.shape[:2] != shape:  # noqa: PLR2004
+            raise InvalidProblemError(
+                f"controls must have shape ({shape[0]}, {shape[1]}, n), "
+                f"got {controls.shape}"
+            )
+        n = controls.shape[2]
+        if starts is None:
+            state = np.asarray(x0, dtype=np.float64).ravel()
+            one = np.array([state[one.states[0]] for one in decided])
+            starts = np.repeat(one[:, None], n, axis=1)
+        if starts.shape != (len(decided), n):
+            raise InvalidProblemError(
+                f"starts must have shape ({len(decided)}, {n}), got {starts.shape}"
+            )
+        if not (np.isfinite(controls).all() and np.isfinite(starts).all()):
+            raise InvalidProblemError("controls and starts must be finite")
+        lower, upper = (
+            np.array([getattr(one.value, side) for one in decided])[:, None]
+            for side in ("lower", "upper")
+        )
+        return np.asarray(np.clip(starts, lower, upper))
+
+
+def _refused(problem: OptimalControlProblem) -> str:
+    """Return why a problem cannot be solved in lanes; empty: it can."""
+    reasons = {
+        "it has no controls": not problem.model.nu,
+        "it has blocks of intervals": bool(problem.blocks),
+        "it has whole numbers": bool(problem.integer),
+        "its risk needs decisions of the NLP": problem.epigraph is not None,
+        "its model is stiff": problem.integrator == "stiff",
+    }
+    return next((reason for reason, is_so in reasons.items() if is_so), "")
+
+
+def random_starts(
+    problem: OptimalControlProblem, n: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Return smooth random controls (nu, N, n) and starts (ny, n).
+
+    Controls run straight between random values at knots: at 6 in one half of the
+    individuals, at 12 in the other. They are around the middle of the bounds, and reach
+    from a tenth of the way to them up to all of it: wild controls lead to many optima,
+    most of them bad. Without bounds they are between -1 and 1, and so is a start.
+
+    Args:
+        problem: A core.
+        n: How many.
+        rng: Source of all randomness.
+    """
+    N = problem.intervals
+    lower, upper = (
+        np.where(np.isfinite(side), side, other)
+        for side, other in zip(problem.control_limits, (-1.0, 1.0), strict=True)
+    )
+    controls = np.empty((lower.size, N, n))
+    for first, knots in enumerate((6, 12)):
+        columns, count = controls[:, :, first::2], max(2, min(knots, N))
+        places = np.linspace(0, count - 1, N)
+        left = np.minimum(places.astype(int), count - 2)
+        values = rng.uniform(-1, 1, (lower.size, count, columns.shape[2]))
+        part = (places - left)[None, :, None]
+        shape = (1 - part) * values[:, left] + part * values[:, left + 1]
+        reach = rng.uniform(0.1, 1.0, columns.shape[2])
+        middle, half = ((upper + sign * lower) / 2 for sign in (1, -1))
+        columns[...] = middle[:, None, None] + half[:, None, None] * reach * shape
+    ends = [one.value for one in problem.free_starts]
+    starts = np.empty((len(ends), n))
+    for row, value in zip(starts, ends, strict=True):
+        low = value.lower if np.isfinite(value.lower) else min(-1.0, value.upper)
+        high = value.upper if np.isfinite(value.upper) else max(1.0, low)
+        row[:] = rng.uniform(low, high, n)
+    return controls, starts
