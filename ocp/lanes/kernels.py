@@ -39,29 +39,41 @@ _SMALLEST_PIVOT = 1e-10
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LaneKernels:
-    """The machine code of one problem's local solves.
+    """The machine code that all ways to solve lanes need.
 
-    Rows are in the order of `Stage.rows`. Arguments come in the order given; "lane" is
-    one number for each individual, "each" one for each interval and individual.
+    Arguments come in the order given; "lane" is one number for each individual, "each"
+    one for each interval and individual; what is shared comes last (`Stage.known`).
 
     Attributes:
-        backward: (V', V'', x, u, m: each, mu, theta, r: lane; shared) -> (V', V'' at
-            the start; k, K: each).
-        forward: (x, cost, x_old, u_old, k, K, m: each, a, r: lane; shared) -> (x after,
-            cost; x before, u: each).
-        rows: (cost, worst, broken, x, u, m: each, r: lane; shared) -> (cost without
+        roll: (x, cost, u, m: each, r: lane) -> (x after, cost; x before: each).
+        rows: (cost, worst, broken, x, u, m: each, r: lane) -> (cost without
             multipliers, the worst excess, the worst of |c - (v within limits)|; new
             multipliers: each).
-        end: (x, m, r: lane; shared) -> (L, its gradient and Hessian, phi, worst,
-            broken, new multipliers) at the end.
-        begin: The same at the start.
+        end: (x, m, r: lane) -> (L, its gradient and Hessian, cost, worst, broken, new
+            multipliers) at the end.
+        begin: The same at the start; None where nothing is decided about it.
+    """
+
+    roll: SimdBatch
+    rows: SimdBatch
+    end: SimdBatch
+    begin: SimdBatch | None
+
+
+class Sweeps(NamedTuple):
+    """The machine code of steps by differential dynamic programming.
+
+    The bounds of the controls come before what is shared.
+
+    Attributes:
+        backward: (V', V'', x, u, m: each, mu, theta, r: lane) -> (V', V'' at the start;
+            k, K: each).
+        forward: (x, cost, x_old, u_old, k, K, m: each, a, r: lane) -> (x after, cost;
+            x before, u: each).
     """
 
     backward: SimdBatch
     forward: SimdBatch
-    rows: SimdBatch
-    end: SimdBatch
-    begin: SimdBatch | None
 
 
 class Stage(NamedTuple):
@@ -155,7 +167,7 @@ def _augmented(stage: Stage, m: ca.SX, r: ca.SX) -> _Augmented:
 
 
 def compile_kernels(shooting: Shooting, *, threads: int = 1) -> LaneKernels:
-    """Return the machine code of a problem's local solves.
+    """Return the machine code that all ways to solve lanes need.
 
     Args:
         shooting: The problem's functions.
@@ -168,12 +180,30 @@ def compile_kernels(shooting: Shooting, *, threads: int = 1) -> LaneKernels:
     N = shooting.problem.intervals
     interval, end, begin = stages(shooting, multiple_shooting(shooting).parts)
     return LaneKernels(
-        backward=_backward(interval, N, threads),
-        forward=_forward(interval, N, threads),
+        roll=_roll(interval, N, threads),
         rows=_looked_at(interval, N, threads),
         end=_at(end, threads),
         begin=None if begin is None else _at(begin, threads),
     )
+
+
+def compile_sweeps(shooting: Shooting, *, threads: int = 1) -> Sweeps:
+    """Return the machine code of steps by sweeps; see `compile_kernels`."""
+    N = shooting.problem.intervals
+    interval, _, _ = stages(shooting, multiple_shooting(shooting).parts)
+    return Sweeps(_backward(interval, N, threads), _forward(interval, N, threads))
+
+
+def compile_adjoint(shooting: Shooting, *, threads: int = 1) -> SimdBatch:
+    """Return (lambda, x, u, m: each, r: lane) -> (lambda at the start; L_u: each)."""
+    N = shooting.problem.intervals
+    stage, _, _ = stages(shooting, multiple_shooting(shooting).parts)
+    ahead, m, r = _symbols(ahead=stage.x.numel(), m=stage.rows.numel(), r=1)
+    al, z = _augmented(stage, m, r), ca.vertcat(stage.x, stage.u)
+    slope = ca.gradient(al.value + ca.dot(ahead, stage.after), z)
+    before, of_controls = ca.vertsplit(slope, [0, stage.x.numel(), z.numel()])
+    step = _Step([before, of_controls], [ahead], [stage.x, stage.u, m], [r])
+    return _scan(stage, step, N, backward=True, threads=threads)
 
 
 def triangle(n: int) -> list[tuple[int, int]]:
@@ -246,9 +276,9 @@ def _backward(stage: Stage, N: int, threads: int) -> SimdBatch:
     Qu, Quu, Qux = Qz[nx:], Q[nx:, nx:], Q[nx:, :nx]
     k, K = _box_step(u, Qu, Quu, Qux, bounds, mu)
     before = Qz[:nx] + K.T @ (Quu @ k + Qu) + Qux.T @ k
-    curved = Q[:nx, :nx] + K.T @ Quu @ K + K.T @ Qux + Qux.T @ K
+    bent = Q[:nx, :nx] + K.T @ Quu @ K + K.T @ Qux + Qux.T @ K
     step = _Step(
-        [before, _lower(curved), k, ca.vec(K)], [slope, bend], [x, u, m],
+        [before, _lower(bent), k, ca.vec(K)], [slope, bend], [x, u, m],
         [mu, theta, r], bounds,
     )  # fmt: skip
     return _scan(stage, step, N, backward=True, threads=threads)
@@ -311,6 +341,13 @@ def _forward(stage: Stage, N: int, threads: int) -> SimdBatch:
         [after, total + spent, x, moved], [x, total], [x_old, u_old, k, K, m], [a, r],
         bounds,
     )  # fmt: skip
+    return _scan(stage, step, N, threads=threads)
+
+
+def _roll(stage: Stage, N: int, threads: int) -> SimdBatch:
+    total, r, m = _symbols(total=1, r=1, m=stage.rows.numel())
+    after = [stage.after, total + _augmented(stage, m, r).value]
+    step = _Step([*after, stage.x], [stage.x, total], [stage.u, m], [r])
     return _scan(stage, step, N, threads=threads)
 
 

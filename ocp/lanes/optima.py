@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lanes.ddp import LaneAnswers
+from swarmstart.ocp.lanes.augmented import LaneAnswers
 
 Array = NDArray[np.float64]
 

@@ -4,11 +4,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.compiled.engine import NoCompilerError
+from swarmstart.ocp.compiled.simd import SimdBatch
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING, Arguments, Known
-from swarmstart.ocp.lanes.ddp import LaneAnswers, LaneOptions, solve_lanes
-from swarmstart.ocp.lanes.kernels import compile_kernels
+from swarmstart.ocp.lanes.augmented import LaneAnswers, LaneOptions
+from swarmstart.ocp.lanes.ddp import solve_by_sweeps
+from swarmstart.ocp.lanes.kernels import (
+    Sweeps,
+    compile_adjoint,
+    compile_kernels,
+    compile_sweeps,
+)
 from swarmstart.ocp.lanes.posed import Posed, posed
+from swarmstart.ocp.lanes.slopes import solve_by_slopes
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.shooting import Shooting, shooting_of
 from swarmstart.ocp.transcription import multiple_shooting
@@ -58,6 +66,7 @@ class LaneSolver:
             raise NoLanesError(reason)
         try:
             self._kernels = compile_kernels(shooting, threads=threads)
+            self._step = _step_of(shooting, threads)
         except (NoCompilerError, UnknownOperationError) as error:
             raise NoLanesError(str(error)) from error
         self.problem = shooting.problem
@@ -95,13 +104,33 @@ class LaneSolver:
         light = np.arange(n) % 2 == 0
         exponent = rng.uniform(size=n)
         ends = [low * (high / low) ** exponent for low, high in (LIGHT, HEAVY)]
-        return solve_lanes(
-            self.posed(x0, known),
-            within,
-            first,
-            weights=(np.full(n, PATH), np.where(light, *ends)),
-            options=self._options,
+        weights = np.full(n, PATH), np.where(light, *ends)
+        return self.solved(self.posed(x0, known), within, first, weights)
+
+    def solved(
+        self, posed: Posed, controls: Array, starts: Array, weights: tuple[Array, Array]
+    ) -> LaneAnswers:
+        """Return the local optima that starts lead to, with given first weights.
+
+        Args:
+            posed: The problem from one initial state.
+            controls: Shape (nu, N, n), within their bounds.
+            starts: What is decided about the start, (ny, n), within its bounds.
+            weights: First weights of the rows of intervals and of the end, each (n,).
+        """
+        step, options = self._step, self._options
+        if isinstance(step, Sweeps):
+            return solve_by_sweeps(
+                posed, step, controls, starts, weights=weights, options=options
+            )
+        return solve_by_slopes(
+            posed, step, controls, starts, weights=weights, options=options
         )
+
+    @property
+    def method(self) -> str:
+        """How lanes are solved: "sweeps" (second order) or "slopes" (gradients)."""
+        return "sweeps" if isinstance(self._step, Sweeps) else "slopes"
 
     def posed(self, x0: ArrayLike, known: Known = NOTHING) -> Posed:
         """Return the problem from one initial state, as `solve_lanes` takes it."""
@@ -132,6 +161,19 @@ class LaneSolver:
             for side in ("lower", "upper")
         )
         return np.asarray(np.clip(starts, lower, upper))
+
+
+def _step_of(shooting: Shooting, threads: int) -> Sweeps | SimdBatch:
+    """Return the machine code of sweeps; of slopes where sweeps would be too long."""
+    try:
+        return compile_sweeps(shooting, threads=threads)
+    except NoCompilerError:
+        problem = shooting.problem
+        starts = [(one.value.lower, one.value.upper) for one in problem.free_starts]
+        limits = (*problem.control_limits, np.array(starts))
+        if not all(np.isfinite(part).all() for part in limits):
+            raise
+        return compile_adjoint(shooting, threads=threads)
 
 
 def _refused(problem: OptimalControlProblem) -> str:

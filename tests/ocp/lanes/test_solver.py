@@ -17,9 +17,11 @@ from swarmstart.ocp import (
     PathConstraint,
     Planner,
 )
+from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Fitness
-from swarmstart.ocp.lanes.ddp import LaneAnswers, solve_lanes
+from swarmstart.ocp.lanes import solver as module
+from swarmstart.ocp.lanes.augmented import LaneAnswers
 from swarmstart.ocp.lanes.optima import FEASIBLE, distinct_optima
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.search_space import Start
@@ -159,11 +161,9 @@ def test_lane_does_not_depend_on_its_neighbours() -> None:
     weights = 10.0 ** np.linspace(-1, 3, 6)
 
     def costs(order: list[int]) -> Array:
-        known = solver.posed([0.0, 0.0])
-        return solve_lanes(
-            known, controls[:, :, order], starts[:, order],
-            weights=(np.ones(len(order)), weights[order]),
-        ).cost  # fmt: skip
+        given = controls[:, :, order], starts[:, order]
+        firsts = np.ones(len(order)), weights[order]
+        return solver.solved(solver.posed([0.0, 0.0]), *given, firsts).cost
 
     together = costs([0, 1, 2, 3, 4, 5])
     np.testing.assert_array_equal(
@@ -194,8 +194,34 @@ def test_lane_that_leaves_the_numbers_ends_infinite() -> None:
 def test_reason_is_given_where_lanes_do_not_serve() -> None:
     with pytest.raises(NoLanesError, match="blocks of intervals"):
         LaneSolver(cart(blocks=[25, 25]))
-    with pytest.raises(NoLanesError, match="at most 20000 instructions"):
-        LaneSolver(reactor().problem)
+
+
+def test_long_stages_are_solved_by_slopes() -> None:
+    """Luus' reactor: both of its optima on this grid, and no other."""
+    instance = reactor()
+    assert LaneSolver(instance.problem).method == "slopes"
+    planner, answers = solved(instance.problem, instance.x0.tolist(), n=64)
+    found = distinct_optima(answers)
+    assert [round(one.cost, 4) for one in found] == [0.1356, 0.2446]
+    polished = planner.polisher
+    assert polished is not None
+    for one in found:
+        better = polished(answers.controls[:, :, one.lane], instance.x0, near=True)
+        assert better.cost == pytest.approx(one.cost, rel=1e-6)
+
+
+def test_slopes_find_what_sweeps_find(monkeypatch: pytest.MonkeyPatch) -> None:
+    """End conditions, path constraints and a free end time by gradients alone."""
+    x0 = [0.0, 0.0, 0.0]
+    _, sweeps = solved(four_discs(), x0, n=32)
+
+    def too_long(*_: object, **__: object) -> None:
+        raise NoCompilerError("too long")
+
+    monkeypatch.setattr(module, "compile_sweeps", too_long)
+    _, slopes = solved(four_discs(), x0, n=32)
+    best = [distinct_optima(answers)[0].cost for answers in (sweeps, slopes)]
+    assert best[1] == pytest.approx(best[0], rel=1e-4)
 
 
 def test_starts_of_another_shape_are_refused() -> None:
