@@ -168,6 +168,7 @@ def settled(
             evaluations=evaluations,
             polish_status=better.status,
             point=better.point,
+            starts=plan.starts,
         )
     return plan, False
 
@@ -342,6 +343,7 @@ def _judged_by(
         polish_status=plan.polish_status,
         point=point,
         relaxed_cost=before.plan.relaxed_cost if before else plan.relaxed_cost,
+        starts=before.plan.starts if before else plan.starts,
     )
 
 

@@ -7,6 +7,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.ocp.account import StartsAccount
 from swarmstart.ocp.optimality import NlpPoint
 from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -65,6 +66,8 @@ class Plan:
         relaxed_cost: Cost with any numbers where controls take whole numbers, from a
             local solver; NaN: not known.
         start: Initial state of a plan whose states are not kept; None: they are.
+        starts: Where it comes from and what other starts led to; None: there were not
+            many.
     """
 
     controls: Array
@@ -80,6 +83,7 @@ class Plan:
     point: NlpPoint | None = None
     relaxed_cost: float = np.nan
     start: Array | None = None
+    starts: StartsAccount | None = None
 
     @property
     def x0(self) -> Array:
@@ -117,6 +121,7 @@ class Account(TypedDict, total=False):
     polish_status: PolishStatus | None
     point: NlpPoint | None
     relaxed_cost: float
+    starts: StartsAccount | None
 
 
 class PlanningInterrupted(KeyboardInterrupt):

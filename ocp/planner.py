@@ -19,6 +19,7 @@ from swarmstart.heuristics import (
 from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.checking import Checker, Excess
+from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import (
     NOTHING,
     Fitness,
@@ -29,6 +30,7 @@ from swarmstart.ocp.fitness import (
 )
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.integer_polish import IntegerPolisher
+from swarmstart.ocp.many_starts import ManyStarts, Origined
 from swarmstart.ocp.path import Tracer
 from swarmstart.ocp.plan import (
     Account,
@@ -96,6 +98,7 @@ class Planner:
         polish: PolishOptions | None = None,
         family: TrajectoryFamily | None = None,
         backend: str | None = None,
+        lanes: int = 0,
     ) -> None:
         """Compile what planning needs.
 
@@ -108,10 +111,13 @@ class Planner:
                 becomes a plan by its controls, which do not lead exactly where its
                 states are: it wants a polish.
             backend: What evaluates populations, as in compiled/backend.py.
+            lanes: Number of random starts that are solved at once, beside the others,
+                where there is no earlier answer; see many_starts.py. 0 means none.
 
         Raises:
-            InvalidProblemError: If a search is asked for and a control is unbounded, or
-                the family does not fit the problem.
+            InvalidProblemError: If a search is asked for and a control is unbounded,
+                the family does not fit the problem, or there are lanes without a
+                polish.
             InvalidSettingsError: If the search's population does not fit into memory.
         """
         self.fitness = Fitness(Shooting(problem), backend=backend)
@@ -134,11 +140,21 @@ class Planner:
             self.polisher = self._rounding.relaxed
         elif polish:
             self.polisher = Polisher(self.fitness, polish)
+        if lanes and self.polisher is None:
+            raise InvalidProblemError("lanes need a polish, which ends what they begin")
+        self._lanes = 0 if self._rounding else lanes
 
     @cached_property
     def tracer(self) -> Tracer:
         """Traces the paths of plans; compiled when first asked for."""
         return Tracer(self.fitness.shooting, self._checker)
+
+    @cached_property
+    def many_starts(self) -> ManyStarts | None:
+        """Local solves from many starts; None: there are none."""
+        if not self._lanes or self.polisher is None:
+            return None
+        return ManyStarts(self.fitness, self.polisher, self._lanes)
 
     def posed(
         self, x0: ArrayLike, known: Known = NOTHING, guess: Array | Start | None = None
@@ -209,10 +225,15 @@ class Planner:
             found = starts if self.search is not None else []
             starts = [*found, Start(controls, states)]
         progress(0, 0, "polishing")
-        relaxed_cost = np.nan
+        relaxed_cost, account = np.nan, None
         try:
             with heeded():
-                if self._rounding is None:
+                if not near and self.many_starts is not None:
+                    several = self._given(starts, controls, states)
+                    answered = self.many_starts(several, x0, known, rng)
+                    polished, evaluations = answered.polished, answered.evaluations
+                    account = answered.account
+                elif self._rounding is None:
                     polished, evaluations = self._polished(
                         self.polisher, starts, x0, known, near=near
                     )
@@ -234,7 +255,18 @@ class Planner:
             polish_status=polished.status,
             point=polished.point,
             relaxed_cost=relaxed_cost,
+            starts=account,
         )
+
+    def _given(
+        self, starts: Sequence[Start], controls: Array | None, states: Array | None
+    ) -> list[Origined]:
+        """Return what a search found and the guess, if there are any."""
+        found = starts if self.search is not None else ()
+        given = [Origined("the search", one) for one in found if one.states is None]
+        if controls is not None:
+            given.append(Origined("the guess", Start(controls, states)))
+        return given
 
     def _polished(
         self,

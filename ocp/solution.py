@@ -131,6 +131,8 @@ class Solution(Presented):
             lines.insert(-2, f"  decided     {', '.join(values)}")
         if self.member_costs.size:
             lines.insert(4, f"  members     {_spread(self.member_costs)}")
+        if plan.starts is not None:
+            lines += plan.starts.lines(self.problem.sense)
         return "\n".join(lines)
 
 

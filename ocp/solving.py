@@ -14,7 +14,7 @@ from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.fitness import NOTHING, Known
 from swarmstart.ocp.improving import improved
-from swarmstart.ocp.limits import require_choice
+from swarmstart.ocp.limits import require_choice, require_count
 from swarmstart.ocp.plan import PlanningInterrupted
 from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.polish_options import (
@@ -58,6 +58,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     known: Known = NOTHING,
     start: StartRule = "must hold",
     repair: bool = False,
+    lanes: int = 0,
     backend: str | None = None,
     rng: np.random.Generator | None = None,
     seed: int | Sequence[int] | None = None,
@@ -85,6 +86,10 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             constraints ("must hold"), or "may violate" them, which the status says.
         repair: Whether an answer that breaks a constraint between the checks is solved
             again with a margin, at most three times.
+        lanes: Number of random starts that are solved at once, in SIMD lanes; with them
+            the polish begins at zero controls, the middle of the bounds, the guess and
+            the search's best as well, and the answer says what each led to. 0 means
+            none.
         backend: What evaluates populations, as in compiled/backend.py.
         rng: Source of all randomness; either this or a seed.
         seed: Seed of a new generator.
@@ -104,6 +109,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         raise InvalidProblemError(
             f"solve takes an OptimalControlProblem, got {shortened(problem)}"
         )
+    if lanes:
+        require_count("lanes", lanes)
     require_choice("start", start, ("must hold", "may violate"))
     rng = generator_of(rng, seed)
     settings = search_settings(search, budget, order)
@@ -111,7 +118,9 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     if settings is None and polishing is None:
         raise InvalidProblemError("solve needs a search, a polish or both, got neither")
     with stopwatch() as watch:
-        planner = Planner(problem, search=settings, polish=polishing, backend=backend)
+        planner = Planner(
+            problem, search=settings, polish=polishing, backend=backend, lanes=lanes
+        )
         start_at = None if guess is None else _start(guess)
         x0, known, start_at = planner.posed(x0, known, start_at)
         outside = planner.outside(x0, known)

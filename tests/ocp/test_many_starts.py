@@ -1,0 +1,132 @@
+"""Answers from many starts, and what they say of the others."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from swarmstart.ocp import (
+    Bounds,
+    InvalidProblemError,
+    Model,
+    OptimalControlProblem,
+    PathConstraint,
+    solve,
+)
+from swarmstart.tests.ocp.lanes.problems import cart, four_discs, pendulum
+
+pytestmark = pytest.mark.usefixtures("compiler")
+
+
+def test_answer_is_no_worse_than_any_of_its_starts() -> None:
+    """And the lanes find what the cold start does not: 10.8186 beside 11.4386."""
+    x0 = [0.0, 0.0, 0.0]
+    answer = solve(four_discs(), x0, search=None, lanes=64, seed=0)
+    account = answer.plan.starts
+    assert account is not None
+    assert account.lanes is not None
+    feasible = [one.cost for one in account.tried if one.violation <= 1e-6]
+    assert answer.cost == pytest.approx(min(feasible), rel=1e-9)
+    assert answer.cost == pytest.approx(10.8186, abs=1e-4)
+    cold = solve(four_discs(), x0, search=None, seed=0)
+    assert cold.cost > answer.cost + 0.1
+    assert account.won == "the lanes"
+    assert sum(one.count for one in account.lanes.optima) <= account.lanes.starts == 65
+
+
+def test_of_equal_answers_the_cheapest_start_wins() -> None:
+    """A convex problem: neither a search nor lanes were needed."""
+    answer = solve(cart(), [0.0, 1.0], lanes=16, budget=1000, seed=0)
+    account = answer.plan.starts
+    assert account is not None
+    assert account.won == "zero controls"
+    costs = [one.cost for one in account.tried]
+    assert max(costs) - min(costs) <= 1e-5 * abs(min(costs))
+    assert account.lanes is not None
+    assert len(account.lanes.optima) == 1
+
+
+def test_guess_that_is_best_wins() -> None:
+    """A valley that nothing else reaches: lanes have one random start."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=1.0, intervals=4, stage_cost=1e-3 * u**2,
+        terminal_cost=1 - 0.1 * x**2 - 5 * ca.exp(-200 * (x - 0.95) ** 2),
+        bounds=Bounds(controls=(-1, 1)),
+    )  # fmt: skip
+    guess = np.full((1, 4), 0.94)
+    answer = solve(problem, [0.0], search=None, lanes=1, guess=guess, seed=0)
+    assert answer.plan.starts is not None
+    assert answer.plan.starts.won in ("the guess", "the lanes")
+    assert answer.cost < -4
+    found = answer.plan.starts.best_of("the guess")
+    assert found is not None
+    assert found.cost == pytest.approx(answer.cost, rel=1e-6)
+
+
+def test_summary_says_in_three_lines_what_starts_led_to() -> None:
+    said = str(solve(pendulum(), [0.0, 0.0], search=None, lanes=16, seed=0))
+    assert "  won         zero controls" in said
+    assert "  polished    zero controls 36.71264; the lanes 36.71264" in said
+    assert "  lanes       17 starts: 36.712" in said
+    assert "of such starts would end elsewhere" in said
+
+
+def test_reason_is_said_where_lanes_do_not_serve() -> None:
+    answer = solve(cart(blocks=[25, 25]), [0.0, 1.0], search=None, lanes=16, seed=0)
+    assert answer.plan.starts is not None
+    assert answer.plan.starts.lanes is None
+    assert "lanes       none: it has blocks of intervals" in str(answer)
+    assert answer.status.is_confirmed
+
+
+def test_gains_are_told_as_gains() -> None:
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=1.0, intervals=5, stage_cost=2.5 - u**2, maximize=True,
+        bounds=Bounds(controls=(-1, 1)),
+    )  # fmt: skip
+    answer = solve(problem, [0.0], search=None, lanes=4, seed=0)
+    assert answer.cost == pytest.approx(2.5)
+    assert "polished    zero controls 2.5" in str(answer)
+
+
+def test_same_seed_gives_the_same_answer() -> None:
+    one, two = (
+        solve(four_discs(), [0.0, 0.0, 0.0], budget=500, lanes=32, seed=3)
+        for _ in range(2)
+    )
+    np.testing.assert_array_equal(one.controls, two.controls)
+    assert one.plan.starts == two.plan.starts
+
+
+def test_without_lanes_nothing_is_told_of_starts() -> None:
+    answer = solve(cart(), [0.0, 1.0], search=None, seed=0)
+    assert answer.plan.starts is None
+    assert "lanes" not in str(answer)
+
+
+@pytest.mark.parametrize("lanes", [-1, 1.5])
+def test_lanes_must_be_a_positive_whole_number(lanes: float) -> None:
+    with pytest.raises(InvalidProblemError, match="lanes must be an integer"):
+        solve(cart(), [0.0, 1.0], lanes=lanes, seed=0)  # type: ignore[arg-type]
+
+
+def test_lanes_want_a_polish() -> None:
+    with pytest.raises(InvalidProblemError, match="lanes need a polish"):
+        solve(cart(), [0.0, 1.0], lanes=4, polish=None, seed=0)
+
+
+def test_start_that_breaks_down_leaves_the_others() -> None:
+    """From most starts the state explodes; zero controls keep it."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=x**3 + 4 * u),
+        horizon=2.0, intervals=20, stage_cost=x**2 + u**2,
+        constraints=[PathConstraint(expression=x, upper=3.0)],
+        bounds=Bounds(controls=(-2, 2)),
+    )  # fmt: skip
+    answer = solve(problem, [0.1], search=None, lanes=32, seed=0)
+    assert answer.status.is_confirmed
+    assert answer.plan.starts is not None
