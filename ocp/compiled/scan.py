@@ -19,7 +19,6 @@ from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.frame import Frame, Target, module_of, target_of
 from swarmstart.ocp.compiled.operations import emit_tape
 from swarmstart.ocp.compiled.simd import (
-    MOST_INSTRUCTIONS,
     Shape,
     SimdBatch,
     cached,
@@ -35,6 +34,8 @@ Role = Literal["carried", "individual", "interval", "both", "shared"]
 in all intervals, (rows, n); the same for all individuals, (turns * rows,); of each
 interval and individual, (turns * rows, n), interval after interval; or (rows,)."""
 
+MOST_INSTRUCTIONS = 40_000
+"""Of a step: LLVM takes about three seconds for 30,000."""
 PER_INTERVAL: tuple[Role, ...] = ("interval", "both")
 
 

@@ -17,6 +17,7 @@ from swarmstart.ocp import (
     PathConstraint,
     Planner,
 )
+from swarmstart.ocp.compiled import scan
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Fitness
@@ -196,9 +197,10 @@ def test_reason_is_given_where_lanes_do_not_serve() -> None:
         LaneSolver(cart(blocks=[25, 25]))
 
 
-def test_long_stages_are_solved_by_slopes() -> None:
+def test_long_stages_are_solved_by_slopes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Luus' reactor: both of its optima on this grid, and no other."""
     instance = reactor()
+    monkeypatch.setattr(scan, "MOST_INSTRUCTIONS", 20_000)
     assert LaneSolver(instance.problem).method == "slopes"
     planner, answers = solved(instance.problem, instance.x0.tolist(), n=64)
     found = distinct_optima(answers)
