@@ -18,14 +18,8 @@ from swarmstart.cases.kinds.problem.members import (
     shared_of,
 )
 from swarmstart.cases.kinds.problem.model import COSTS
-from swarmstart.cases.kinds.problem.scenario import (
-    Constraint,
-    Decided,
-    Distance,
-    Noise,
-    OverTime,
-    ProblemScenario,
-)
+from swarmstart.cases.kinds.problem.parts import Constraint, Distance, Noise
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     constants_of,
     free,
@@ -33,6 +27,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     number,
     over_time,
 )
+from swarmstart.cases.kinds.problem.values import Decided, OverTime
 from swarmstart.errors import SwarmstartError
 
 Place = tuple[str | int, ...]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.kinds.problem.members import Member, column_of
-from swarmstart.cases.kinds.problem.scenario import (
+from swarmstart.cases.kinds.problem.parts import (
     Constraint,
     Distance,
     PathLimit,

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.attempts import Place
 from swarmstart.cases.kinds.problem.model import horizon_of
-from swarmstart.cases.kinds.problem.scenario import Noise, ProblemScenario
+from swarmstart.cases.kinds.problem.parts import Noise
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     constants_of,
     decided_parameters,

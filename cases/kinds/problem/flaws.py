@@ -24,11 +24,8 @@ from swarmstart.cases.kinds.problem.decided_flaws import (
 from swarmstart.cases.kinds.problem.measures import measure_flaws
 from swarmstart.cases.kinds.problem.members import Member, members_of, shared_of
 from swarmstart.cases.kinds.problem.model import COSTS, planning_problem
-from swarmstart.cases.kinds.problem.scenario import (
-    Control,
-    ProblemScenario,
-    Vehicle,
-)
+from swarmstart.cases.kinds.problem.parts import Control, Vehicle
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     RESERVED,
     limits,

@@ -33,11 +33,7 @@ from swarmstart.cases.kinds.problem.flown_path import (
 from swarmstart.cases.kinds.problem.model import planning_problem
 from swarmstart.cases.kinds.problem.names import END_TIME_MEASURE, MEASURES
 from swarmstart.cases.kinds.problem.pose import ProblemPosed
-from swarmstart.cases.kinds.problem.scenario import (
-    Decided,
-    ProblemScenario,
-    UserScenario,
-)
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario, UserScenario
 from swarmstart.cases.kinds.problem.symbols import ARRAYS, TIME, constants_of
 from swarmstart.cases.kinds.problem.tables import (
     NO_TABLES,
@@ -45,6 +41,7 @@ from swarmstart.cases.kinds.problem.tables import (
     inputs_of,
     operations_of,
 )
+from swarmstart.cases.kinds.problem.values import Decided
 from swarmstart.cases.record.trajectory_arrays import (
     effort,
     found_plans,

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.expressions import parse, previous_of
-from swarmstart.cases.kinds.problem.scenario import Decided, ProblemScenario, Vehicle
+from swarmstart.cases.kinds.problem.parts import Vehicle
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     TIME,
     Scope,
@@ -23,6 +24,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     over_time,
 )
 from swarmstart.cases.kinds.problem.tables import inputs_of
+from swarmstart.cases.kinds.problem.values import Decided
 from swarmstart.ocp import Free
 
 Array = NDArray[np.float64]

@@ -20,13 +20,14 @@ from swarmstart.cases.kinds.problem.constraints import (
     terminal_constraint,
 )
 from swarmstart.cases.kinds.problem.members import Member, column_of
-from swarmstart.cases.kinds.problem.scenario import Decided, ProblemScenario
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     decided_parameters,
     free,
     limits,
     number,
 )
+from swarmstart.cases.kinds.problem.values import Decided
 from swarmstart.ocp import Bounds, Free, Model, OptimalControlProblem
 
 Array = NDArray[np.float64]

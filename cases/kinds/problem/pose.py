@@ -21,12 +21,8 @@ from swarmstart.cases.kinds.problem.model import (
     positions_of,
     previous_controls,
 )
-from swarmstart.cases.kinds.problem.scenario import (
-    DualMode,
-    Noise,
-    OverTime,
-    ProblemScenario,
-)
+from swarmstart.cases.kinds.problem.parts import DualMode, Noise
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     Signal,
     constants_of,
@@ -37,6 +33,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     rows_over_time,
     stacked,
 )
+from swarmstart.cases.kinds.problem.values import OverTime
 from swarmstart.ocp import (
     Free,
     OptimalControlProblem,

@@ -22,13 +22,9 @@ from swarmstart.cases.format.expressions import (
     interpret,
     parse,
 )
-from swarmstart.cases.kinds.problem.scenario import (
-    Decided,
-    OverTime,
-    ProblemScenario,
-    Table,
-)
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.tables import Tables, inputs_of, operations_of
+from swarmstart.cases.kinds.problem.values import Decided, OverTime, Table
 from swarmstart.ocp import Free, InvalidProblemError
 
 Array = NDArray[np.float64]

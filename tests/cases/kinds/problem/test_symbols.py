@@ -13,7 +13,6 @@ from swarmstart.cases.format.expressions import (
     FUNCTIONS,
     ExpressionError,
 )
-from swarmstart.cases.kinds.problem.scenario import Table
 from swarmstart.cases.kinds.problem.symbols import (
     ARRAYS,
     RESERVED,
@@ -25,6 +24,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     over_time,
     rows_over_time,
 )
+from swarmstart.cases.kinds.problem.values import Table
 from swarmstart.tests.cases.kinds.problem.conftest import PENDULUM, scenario_of
 
 NUMBERS = st.one_of(st.floats(-3, 3), st.sampled_from([0.0, 0.5, -0.5, 1.0, -1.0, 2.0]))

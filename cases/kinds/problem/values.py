@@ -1,0 +1,155 @@
+"""Values in the scenario of a problem: expressions, numbers, tables, what is decided.
+
+Expressions are in the file's own names; numbers may be expressions in its constants.
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
+
+from swarmstart.cases.format.expressions import parse
+from swarmstart.cases.format.settings import LARGEST, Number, Part, Positive
+
+Names = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$")]
+
+
+def _text(value: object) -> object:
+    """Return an expression in constants as text; a number is one."""
+    value = _written(value)
+    if isinstance(value, str):
+        parse(value)
+    return value
+
+
+def _text_with_tables(value: object) -> object:
+    """Return an expression as text; which tables there are is not known yet."""
+    value = _written(value)
+    if isinstance(value, str):
+        parse(value, functions=None)
+    return value
+
+
+def _written(value: object) -> object:
+    """Return a number as text, anything else as it is."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return repr(value) if abs(value) <= LARGEST else value
+    return value
+
+
+def _text_of_paths(value: object) -> object:
+    """Return the expression of a measure as text."""
+    if isinstance(value, str):
+        parse(value, of_paths=True, functions=None)
+    return value
+
+
+def _schema(what: str) -> WithJsonSchema:
+    return WithJsonSchema({"type": ["number", "string"], "description": what})
+
+
+Expression = Annotated[
+    str,
+    BeforeValidator(_text_with_tables),
+    _schema("An expression in the names of this file."),
+]
+Quantity = Annotated[
+    str, BeforeValidator(_text), _schema("A number, or an expression in constants.")
+]
+Measured = Annotated[str, BeforeValidator(_text_of_paths)]
+
+
+class Table(Part):
+    """Values at times; held before the first and after the last.
+
+    Attributes:
+        times: Increasing [s].
+        values: One at each of them.
+        between: Whether values change evenly from one to the next, or are held.
+    """
+
+    times: list[Number] = Field(min_length=1, max_length=10_000)
+    values: list[Number] = Field(min_length=1, max_length=10_000)
+    between: Literal["linear", "hold"] = "linear"
+
+    @model_validator(mode="after")
+    def _fits(self) -> "Table":
+        if len(self.times) != len(self.values):
+            raise ValueError(
+                f"expected as many values as times; found {len(self.values)} values "
+                f"and {len(self.times)} times"
+            )
+        if any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
+            raise ValueError("expected times that increase")
+        return self
+
+
+def chosen(key: str, otherwise: str) -> Discriminator:
+    """Return the choice of a part by its key, so that errors are those of one part."""
+
+    def tag(value: Any) -> str:
+        has = key in value if isinstance(value, dict) else hasattr(value, key)
+        is_part = isinstance(value, dict | Part)
+        found = key if has else otherwise if is_part else "text"
+        return f"of {found}"  # No tag is a key: errors are placed by keys.
+
+    return Discriminator(tag)
+
+
+OverTime = Annotated[
+    Annotated[Table, Tag("of table")] | Annotated[Expression, Tag("of text")],
+    chosen("table", "table"),
+]
+"""A table, or an expression in constants and time."""
+Limits = Annotated[list[Quantity | None], Field(min_length=2, max_length=2)]
+"""[lower, upper]; null: no limit."""
+
+
+class Decided(Part):
+    """A number that is decided, within bounds.
+
+    Attributes:
+        free: [lower, upper]; null: no limit, for a polish without a search.
+        guess: Where a polish without a search starts; by default between the bounds.
+    """
+
+    free: Limits
+    guess: Quantity | None = None
+
+
+def _decided_or(otherwise: str) -> Discriminator:
+    """Return the choice of a decided number, or else of another form."""
+
+    def tag(value: Any) -> str:
+        if isinstance(value, Decided) or (isinstance(value, dict) and "free" in value):
+            return "is decided"
+        if otherwise == "over time" and isinstance(value, dict | Table):
+            return "table"
+        return otherwise
+
+    return Discriminator(tag)
+
+
+Start = Annotated[
+    Annotated[Decided, Tag("is decided")] | Annotated[Quantity, Tag("number")],
+    _decided_or("number"),
+]
+"""Of a state: a number, or decided."""
+Parameter = Annotated[
+    Annotated[Decided, Tag("is decided")]
+    | Annotated[Table, Tag("table")]
+    | Annotated[Expression, Tag("over time")],
+    _decided_or("over time"),
+]
+"""As OverTime, or decided."""
+Horizon = Annotated[
+    Annotated[Decided, Tag("is decided")] | Annotated[Positive, Tag("number")],
+    _decided_or("number"),
+]
+"""A length [s], or decided."""
