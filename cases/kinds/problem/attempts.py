@@ -150,11 +150,21 @@ def _symbolic(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
             text = getattr(state, change)
             if text is not None:
                 yield ("states", name, change), change, text
+    yield from _bounds(scenario)
     for cost in COSTS:
         yield (cost,), cost, getattr(scenario, cost)
     separation = scenario.vehicles.separation if scenario.vehicles else None
     for index, text in enumerate(separation.of if separation else ()):
         yield ("vehicles", "separation", "of", index), "path", text
+
+
+def _bounds(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
+    """Yield (place, scope, text) of bounds, which may move."""
+    for part in ("states", "controls"):
+        for name, one in getattr(scenario, part).items():
+            for index, text in enumerate(one.bounds or ()):
+                if text is not None:
+                    yield (part, name, "bounds", index), "bounds", text
 
 
 def _over_time(scenario: ProblemScenario) -> Iterator[tuple[Place, OverTime | Noise]]:

@@ -13,6 +13,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     decided_parameters,
     is_decided,
 )
+from swarmstart.cases.kinds.problem.values import Decided, Tied
 from swarmstart.ocp import Free, OptimalControlProblem
 
 
@@ -32,6 +33,7 @@ def combination_flaws(
         "time": bool(model.time.numel()),
         "signals in rates": bool(model.ns),
         "states with next": model.jumps,
+        "controls of whole numbers": bool(problem.integer),
     }
     if vehicles is not None and vehicles.planning == "priority":
         found = [what for what, is_there in decides.items() if is_there]
@@ -67,6 +69,29 @@ def start_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
                 where,
                 "expected a number with feedback: receding_horizon, whose plans start "
                 "where the state is measured",
+            )
+
+
+def tied_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield starts that are to be the same as one that is not decided."""
+    own: dict[str, object] = {n: state.start for n, state in scenario.states.items()}
+    starts: list[tuple[Place, str, dict[str, object]]] = [
+        (("states", name, "start"), name, own) for name in own
+    ]
+    for index, one in enumerate(scenario.vehicles.members if scenario.vehicles else []):
+        place: Place = ("vehicles", "members", index, "start")
+        every = {**own, **one.start}
+        starts += [((*place, name), name, every) for name in one.start]
+        starts += [(place, name, every) for name in own if name not in one.start]
+    for place, name, every in starts:
+        start = every[name]
+        if not isinstance(start, Tied):
+            continue
+        if not isinstance(every.get(start.same_as), Decided):
+            yield (
+                (*place, "same_as"),
+                "expected a state whose start is decided, {free: [lower, upper]}; "
+                f"found {start.same_as!r}",
             )
 
 

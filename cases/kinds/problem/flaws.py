@@ -4,8 +4,7 @@ Names first, then constants, definitions and all expressions; last the problem i
 as the library takes it.
 """
 
-import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
 import casadi as ca
 
@@ -14,21 +13,19 @@ from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem import attempts
 from swarmstart.cases.kinds.problem.attempts import Place, tried
 from swarmstart.cases.kinds.problem.decided_flaws import (
-    bounded_start_flaws,
     combination_flaws,
-    decided_flaws,
     end_time_flaws,
-    interval_text,
     start_flaws,
+    tied_flaws,
 )
 from swarmstart.cases.kinds.problem.measures import measure_flaws
-from swarmstart.cases.kinds.problem.members import Member, members_of, shared_of
+from swarmstart.cases.kinds.problem.members import members_of, shared_of
 from swarmstart.cases.kinds.problem.model import COSTS, planning_problem
-from swarmstart.cases.kinds.problem.parts import Control, Vehicle
+from swarmstart.cases.kinds.problem.number_flaws import number_flaws
+from swarmstart.cases.kinds.problem.parts import Vehicle
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     RESERVED,
-    limits,
 )
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import OptimalControlProblem, held_step
@@ -55,7 +52,7 @@ def flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         lambda s: tried(attempts.starts(s)),
         lambda s: tried(attempts.definitions(s)),
         lambda s: tried(attempts.expressions(s)),
-        _of_numbers,
+        number_flaws,
         measure_flaws,
         _of_whole,
     ]
@@ -116,6 +113,8 @@ def _of_parts(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     yield from _of_vehicles(scenario)
     yield from _of_feedback(scenario)
     yield from end_time_flaws(scenario)
+    yield from tied_flaws(scenario)
+    yield from _of_blocks(scenario)
 
 
 def _names_given_twice(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
@@ -214,84 +213,17 @@ def _of_feedback(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         yield ("vehicles", "planning"), needs
 
 
+def _of_blocks(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield that blocks of intervals are not all intervals."""
+    grid = scenario.prediction
+    if grid.blocks and sum(grid.blocks) != grid.intervals:
+        yield (
+            ("prediction", "blocks"),
+            f"expected lengths that sum to prediction.intervals = {grid.intervals}, "
+            f"found the sum {sum(grid.blocks)}",
+        )
+
+
 def _unknown(name: str, known: Collection[str], what: str) -> str:
     hint = meant(name, known, otherwise=f"known: {', '.join(known) or 'none'}")
     return f"expected a {what}, found {name!r}; {hint}"
-
-
-def _of_numbers(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield starts and bounds that are invalid, or do not fit each other; once each."""
-    seen: set[Place] = set()
-    yield from decided_flaws(scenario)
-    for member in members_of(scenario, shared_of(scenario)):
-        for place, what in _of_member(scenario, member):
-            if place not in seen:
-                seen.add(place)
-                yield place, what
-
-
-def _of_member(scenario: ProblemScenario, member: Member) -> Iterator[LocatedFlaw]:
-    starts = dict(zip(scenario.states, member.start, strict=True))
-    for name, state in scenario.states.items():
-        for place, found in _ordered(("states", name, "bounds"), state.bounds, member):
-            if not isinstance(found, tuple):
-                yield place, found
-            elif name in member.decided:
-                yield from bounded_start_flaws(
-                    scenario, name, found, member.decided[name]
-                )
-            elif not found[0] <= starts[name] <= found[1]:
-                yield (
-                    ("states", name, "start"),
-                    f"expected a start within the bounds {interval_text(found)}, "
-                    f"found {starts[name]:g}",
-                )
-    for name, control in scenario.controls.items():
-        yield from _of_control(scenario, name, control, member)
-
-
-def _ordered(
-    place: Place, pair: Sequence[str | None] | None, member: Member
-) -> Iterator[tuple[Place, tuple[float, float] | str | SwarmstartError]]:
-    """Yield a place with its bounds, or with what is wrong there."""
-    try:
-        lower, upper = limits(pair, member.constants)
-    except SwarmstartError as error:
-        yield place, error
-        return
-    if lower > upper:
-        yield place, f"expected lower <= upper, found {interval_text((lower, upper))}"
-    else:
-        yield place, (lower, upper)
-
-
-def _of_control(
-    scenario: ProblemScenario, name: str, control: Control, member: Member
-) -> Iterator[LocatedFlaw]:
-    """Yield bounds of a control that are invalid, or leave a search nothing."""
-    place: Place = ("controls", name, "bounds")
-    ((_, bounds),) = _ordered(place, control.bounds, member)
-    if not isinstance(bounds, tuple):
-        yield place, bounds
-        return
-    lower, upper = bounds
-    if control.search_bounds is not None:
-        inner: Place = ("controls", name, "search_bounds")
-        ((_, within),) = _ordered(inner, control.search_bounds, member)
-        if not isinstance(within, tuple):
-            yield inner, within
-            return
-        lower, upper = max(within[0], lower), min(within[1], upper)
-        if lower > upper:
-            yield (
-                inner,
-                f"expected bounds for the search within {interval_text(bounds)}, found "
-                f"{interval_text(within)}",
-            )
-    is_bounded = math.isfinite(lower) and math.isfinite(upper)
-    if scenario.search.name != "none" and not is_bounded:
-        yield (
-            place if control.bounds is not None else place[:-1],
-            "expected bounds of the control, [lower, upper]: the search draws between "
-            "them; without a search (search: {name: none}) it may be unbounded",
-        )

@@ -35,6 +35,7 @@ from swarmstart.cases.kinds.problem.names import END_TIME_MEASURE, MEASURES
 from swarmstart.cases.kinds.problem.pose import ProblemPosed
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario, UserScenario
 from swarmstart.cases.kinds.problem.symbols import ARRAYS, TIME, constants_of
+from swarmstart.cases.kinds.problem.symbols import is_decided as is_decided_number
 from swarmstart.cases.kinds.problem.tables import (
     NO_TABLES,
     Tables,
@@ -163,7 +164,7 @@ def decided_measures(scenario: ProblemScenario) -> dict[str, str]:
         names += [
             f"{name}{end}"
             for end, one in (starts or {"": state.start}).items()
-            if isinstance(one, Decided)
+            if is_decided_number(one)
         ]
     is_free = isinstance(scenario.prediction.horizon_s, Decided)
     found = [END_TIME_MEASURE] if is_free else []

@@ -24,7 +24,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     over_time,
 )
 from swarmstart.cases.kinds.problem.tables import inputs_of
-from swarmstart.cases.kinds.problem.values import Decided
+from swarmstart.cases.kinds.problem.values import Decided, Tied
 from swarmstart.ocp import Free
 
 Array = NDArray[np.float64]
@@ -54,6 +54,7 @@ class Member:
         constants: Name -> number.
         start: Its states at the start, shape (nx,); guessed where decided.
         decided: Name of a state whose start is decided -> within what.
+        tied: Name of a state -> that of the decided one whose start it has.
         states: Name -> symbol.
         controls: Name -> symbol.
         previous: Name of a control -> symbol of its value in the interval before.
@@ -65,11 +66,21 @@ class Member:
     constants: Mapping[str, float]
     start: Array
     decided: Mapping[str, Free]
+    tied: Mapping[str, str]
     states: Mapping[str, ca.SX]
     controls: Mapping[str, ca.SX]
     previous: Mapping[str, ca.SX]
     shared: Shared
     scopes: Mapping[str, Scope]
+
+    def starts(self) -> dict[tuple[str, ...], Free]:
+        """Return what is decided about the start, by the names of its states."""
+        return {
+            self.titled(
+                dict.fromkeys([name, *(n for n in self.tied if self.tied[n] == name)])
+            ): value
+            for name, value in self.decided.items()
+        }
 
     def titled(self, names: Mapping[str, object]) -> tuple[str, ...]:
         """Return names with its suffix."""
@@ -138,11 +149,12 @@ def _member(
     decided = {
         n: free(one, constants) for n, one in given.items() if isinstance(one, Decided)
     }
+    tied = {n: one.same_as for n, one in given.items() if isinstance(one, Tied)}
     start = [
-        free(one, constants).first
-        if isinstance(one, Decided)
-        else number(one, constants)
-        for one in given.values()
+        decided[first].first
+        if (first := tied.get(name, name)) in decided
+        else number("0" if isinstance(one, Decided | Tied) else one, constants)
+        for name, one in given.items()
     ]
     states = _symbols(scenario.states, suffix)
     controls = _symbols(scenario.controls, suffix)
@@ -154,6 +166,7 @@ def _member(
         constants=constants,
         start=np.array(start),
         decided=decided,
+        tied=tied,
         states=states,
         controls=controls,
         previous=previous,
@@ -196,6 +209,7 @@ def _scopes(
         "stage_cost": ("previous control",),
         "step_cost": (),
         "path": (),
+        "bounds": ("state", *ends),
         "initial_cost": ends,
         "terminal_cost": ends,
         "terminal": ends,

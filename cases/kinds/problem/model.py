@@ -23,12 +23,15 @@ from swarmstart.cases.kinds.problem.members import Member, column_of
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     decided_parameters,
+    fixed_limits,
     free,
     limits,
+    moving_limits,
     number,
 )
 from swarmstart.cases.kinds.problem.values import Decided
 from swarmstart.ocp import Bounds, Free, Model, OptimalControlProblem
+from swarmstart.ocp.constraints import MovingLimit
 
 Array = NDArray[np.float64]
 COSTS = ("stage_cost", "step_cost", "initial_cost", "terminal_cost")
@@ -102,8 +105,16 @@ def planning_problem(
     terminal = [
         terminal_constraint(c, member) for member in members for c in scenario.terminal
     ]
+    bounds = _bounds(scenario, members)
+    moving = [
+        limit for side in (bounds.controls, bounds.states) for limit in side or ()
+    ]
     used = column_of(
-        [*costs.values(), *(c.expression for c in (*constraints, *terminal))]
+        [
+            *costs.values(),
+            *(c.expression for c in (*constraints, *terminal)),
+            *(one for side in moving if isinstance(side, list) for one in side),
+        ]
     )
     previous = column_of(u for m in members for u in m.previous.values())
     return OptimalControlProblem(
@@ -115,10 +126,10 @@ def planning_problem(
         initial_cost=costs["initial_cost"],
         terminal_cost=costs["terminal_cost"],
         maximize=scenario.maximize,
-        bounds=_bounds(scenario, members),
+        bounds=bounds,
         constraints=constraints,
         terminal=terminal,
-        start={f"{n}{m.suffix}": f for m in members for n, f in m.decided.items()},
+        start={names: one for m in members for names, one in m.starts().items()},
         periodic=[
             f"{name}{member.suffix}"
             for member in members
@@ -132,6 +143,7 @@ def planning_problem(
         integrator=grid.integrator,
         substeps=grid.substeps,
         checks=grid.checks,
+        blocks=grid.blocks,
         tolerance=grid.tolerance,
         path_tolerance=grid.path_tolerance,
     )
@@ -160,7 +172,7 @@ def previous_controls(
     if all(control.previous is None for control in scenario.controls.values()):
         return None
     values = [
-        np.clip(0.0, *limits(control.bounds, member.constants))
+        np.clip(0.0, *fixed_limits(control.bounds, member.scopes["bounds"]))
         if control.previous is None
         else number(control.previous, member.constants)
         for member in members
@@ -191,21 +203,42 @@ def _cost(scenario: ProblemScenario, members: Sequence[Member], place: str) -> c
 
 def _bounds(scenario: ProblemScenario, members: Sequence[Member]) -> Bounds:
     states, controls = scenario.states.values(), scenario.controls.values()
-    of_controls = [limits(c.bounds, m.constants) for m in members for c in controls]
-    of_states = [limits(s.bounds, m.constants) for m in members for s in states]
+    scopes = [member.scopes["bounds"] for member in members]
+    of_controls = [moving_limits(c.bounds, one) for one in scopes for c in controls]
+    of_states = [moving_limits(s.bounds, one) for one in scopes for s in states]
     of_search = [
-        limits(c.search_bounds or c.bounds, m.constants)
+        fixed_limits(c.bounds, m.scopes["bounds"])
+        if c.search_bounds is None
+        else limits(c.search_bounds, m.constants)
         for m in members
         for c in controls
     ]
     is_narrower = any(c.search_bounds is not None for c in controls)
     return Bounds(
         controls=_pair(of_controls),
-        search=_pair(of_search) if is_narrower else None,
+        search=_arrays(of_search) if is_narrower else None,
         states=_pair(of_states),
+        integer=[
+            name
+            for member in members
+            for name, control in zip(
+                member.titled(scenario.controls), controls, strict=True
+            )
+            if control.integer
+        ],
     )
 
 
-def _pair(ranges: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
+def _pair(
+    ranges: Sequence[tuple[float | ca.SX, float | ca.SX]],
+) -> tuple[MovingLimit, MovingLimit]:
+    """Return lower and upper limits: arrays, or lists where any moves."""
+    lower, upper = ([*side] for side in zip(*ranges, strict=True))
+    if any(isinstance(one, ca.SX) for one in (*lower, *upper)):
+        return lower, upper
+    return np.array(lower), np.array(upper)
+
+
+def _arrays(ranges: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
     lower, upper = np.array(ranges).T
     return lower, upper

@@ -10,6 +10,7 @@ from swarmstart.cases.kinds.problem.values import (
     Expression,
     Horizon,
     Limits,
+    MovingLimits,
     Names,
     OverTime,
     Quantity,
@@ -38,7 +39,7 @@ class State(Part):
     rate: Expression | None = None
     next: Expression | None = None
     periodic: bool = False
-    bounds: Limits | None = None
+    bounds: MovingLimits | None = None
     unit: str = ""
 
 
@@ -49,11 +50,13 @@ class Control(Part):
         search_bounds: Narrower bounds for the search alone.
         previous: Its value in the interval before the first; the nearest to zero within
             the bounds unless given.
+        integer: Whether it takes whole numbers only.
     """
 
-    bounds: Limits | None = None
+    bounds: MovingLimits | None = None
     search_bounds: Limits | None = None
     previous: Quantity | None = None
+    integer: bool = False
     unit: str = ""
 
 
@@ -138,10 +141,13 @@ class Prediction(Part):
 
     Attributes:
         horizon_s: Its length; left out in discrete time, where an interval lasts 1.
+        blocks: Lengths of blocks of intervals with one control each; by default each
+            interval has its own.
     """
 
     horizon_s: Horizon | None = None
     intervals: int = Field(ge=1, le=10_000)
+    blocks: list[Annotated[int, Field(ge=1)]] = Field(default_factory=list)
     checks: Checks = 1
     substeps: int = Field(default=4, ge=1, le=1000)
     integrator: Integrator = "rk4"

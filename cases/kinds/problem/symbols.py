@@ -24,7 +24,7 @@ from swarmstart.cases.format.expressions import (
 )
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.tables import Tables, inputs_of, operations_of
-from swarmstart.cases.kinds.problem.values import Decided, OverTime, Table
+from swarmstart.cases.kinds.problem.values import Decided, OverTime, Table, Tied
 from swarmstart.ocp import Free, InvalidProblemError
 
 Array = NDArray[np.float64]
@@ -152,6 +152,28 @@ def limits(
     )
 
 
+def moving_limits(
+    pair: Sequence[str | None] | None, scope: Scope
+) -> tuple[float | ca.SX, float | ca.SX]:
+    """Return [lower, upper], each a number or an expression of what may change."""
+    lower, upper = (None, None) if pair is None else pair
+    return (
+        -math.inf if lower is None else scope.value(lower, SYMBOLIC),
+        math.inf if upper is None else scope.value(upper, SYMBOLIC),
+    )
+
+
+def fixed_limits(
+    pair: Sequence[str | None] | None, scope: Scope
+) -> tuple[float, float]:
+    """Return [lower, upper] as numbers, infinite where one moves or there is none."""
+    lower, upper = moving_limits(pair, scope)
+    return (
+        -math.inf if isinstance(lower, ca.SX) else float(lower),
+        math.inf if isinstance(upper, ca.SX) else float(upper),
+    )
+
+
 def free(given: Decided, constants: Mapping[str, float]) -> Free:
     """Return a number that is decided, with its bounds and its guess.
 
@@ -170,7 +192,7 @@ def free(given: Decided, constants: Mapping[str, float]) -> Free:
 
 def is_decided(given: object) -> bool:
     """Return whether a number of a scenario is decided."""
-    return isinstance(given, Decided)
+    return isinstance(given, Decided | Tied)
 
 
 def known_parameters(scenario: ProblemScenario) -> dict[str, OverTime]:

@@ -109,6 +109,8 @@ OverTime = Annotated[
 """A table, or an expression in constants and time."""
 Limits = Annotated[list[Quantity | None], Field(min_length=2, max_length=2)]
 """[lower, upper]; null: no limit."""
+MovingLimits = Annotated[list[Expression | None], Field(min_length=2, max_length=2)]
+"""The same; a limit may be an expression of parameters, signals and time."""
 
 
 class Decided(Part):
@@ -123,10 +125,23 @@ class Decided(Part):
     guess: Quantity | None = None
 
 
-def _decided_or(otherwise: str) -> Discriminator:
+class Tied(Part):
+    """A start that is decided with that of another state, whose value it has.
+
+    Attributes:
+        same_as: That state.
+    """
+
+    same_as: Names
+
+
+def _decided_or(otherwise: str, *, or_tied: bool = False) -> Discriminator:
     """Return the choice of a decided number, or else of another form."""
 
     def tag(value: Any) -> str:
+        is_mapping = isinstance(value, dict) and "same_as" in value
+        if or_tied and (isinstance(value, Tied) or is_mapping):
+            return "is tied"
         if isinstance(value, Decided) or (isinstance(value, dict) and "free" in value):
             return "is decided"
         if otherwise == "over time" and isinstance(value, dict | Table):
@@ -137,10 +152,12 @@ def _decided_or(otherwise: str) -> Discriminator:
 
 
 Start = Annotated[
-    Annotated[Decided, Tag("is decided")] | Annotated[Quantity, Tag("number")],
-    _decided_or("number"),
+    Annotated[Decided, Tag("is decided")]
+    | Annotated[Tied, Tag("is tied")]
+    | Annotated[Quantity, Tag("number")],
+    _decided_or("number", or_tied=True),
 ]
-"""Of a state: a number, or decided."""
+"""Of a state: a number, decided, or decided with another."""
 Parameter = Annotated[
     Annotated[Decided, Tag("is decided")]
     | Annotated[Table, Tag("table")]
