@@ -151,6 +151,13 @@ def _symbolic(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
             if text is not None:
                 yield ("states", name, change), change, text
     yield from _bounds(scenario)
+    for name, given in scenario.algebraic.items():
+        place: Place = ("algebraic", name)
+        if isinstance(given, str):
+            yield place, "algebraic", given
+        else:
+            yield (*place, "equation"), "algebraic", given.equation
+            yield (*place, "start"), "algebraic_start", given.start
     for cost in COSTS:
         yield (cost,), cost, getattr(scenario, cost)
     separation = scenario.vehicles.separation if scenario.vehicles else None
@@ -182,7 +189,10 @@ def _over_time(scenario: ProblemScenario) -> Iterator[tuple[Place, OverTime | No
 
 
 def _quantities(scenario: ProblemScenario) -> Iterator[tuple[Place, str]]:
-    """Yield the numbers of the dual mode and of the separation."""
+    """Yield numbers of algebraic variables, of the dual mode and the separation."""
+    for name, given in scenario.algebraic.items():
+        if not isinstance(given, str):
+            yield ("algebraic", name, "scale"), given.scale
     if scenario.dual_mode is not None:
         for key in ("at", "Q", "R"):
             for name, text in getattr(scenario.dual_mode, key).items():

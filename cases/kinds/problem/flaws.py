@@ -11,6 +11,7 @@ import casadi as ca
 from swarmstart.cases.format.document import meant
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem import attempts
+from swarmstart.cases.kinds.problem.algebraic_flaws import algebraic_flaws
 from swarmstart.cases.kinds.problem.attempts import Place, tried
 from swarmstart.cases.kinds.problem.decided_flaws import (
     combination_flaws,
@@ -39,6 +40,7 @@ _NAMED = (
     "parameters",
     "signals",
     "definitions",
+    "algebraic",
     "states",
     "controls",
 )
@@ -53,6 +55,7 @@ def flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         lambda s: tried(attempts.definitions(s)),
         lambda s: tried(attempts.expressions(s)),
         number_flaws,
+        algebraic_flaws,
         measure_flaws,
         _of_whole,
     ]

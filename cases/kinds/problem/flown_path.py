@@ -71,6 +71,40 @@ def decided_rows(
     }
 
 
+def algebraic_rows(
+    flight: Flight[P],
+    trajectory: Trajectory,
+    times: Array,
+    states: Array,
+    controls: Array,
+) -> Array:
+    """Return the algebraic variables along the path, shape (nz, T, m + 1).
+
+    Args:
+        flight: The flight.
+        trajectory: Its path.
+        times: As of `rows_of`, like states and controls.
+        states: Shape (nx, T, m + 1).
+        controls: Shape (nu, T, m + 1).
+    """
+    model, at = flight.plant.model, times.reshape(-1)
+    solution = model.elimination.solution
+    if not solution.numel():
+        return np.empty((0, *times.shape))
+    parameters, names = flight.plant.parameters(at), symbol_names(model.parameters)
+    for name, rows in decided_rows(flight, trajectory, times.shape).items():
+        parameters[names.index(name)] = rows.reshape(-1)
+    symbols = [model.states, model.controls, model.parameters, model.varying]
+    along = ca.Function("along", symbols, [solution]).map(at.size)
+    found = along(
+        states.reshape(len(states), -1),
+        controls.reshape(len(controls), -1),
+        parameters,
+        flight.plant.varying(at),
+    )
+    return np.array(found).reshape(-1, *times.shape)
+
+
 def integrated(values: Array, times: Array) -> float:
     """Return an integral over time of values along a path, as of `rows_of`."""
     if times[0, -1] == times[0, -2]:  # What the end of an interval changes.

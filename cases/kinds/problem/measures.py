@@ -24,6 +24,7 @@ from swarmstart.cases.format.expressions import (
 from swarmstart.cases.format.kind import NEVER, Flight, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.flown_path import (
+    algebraic_rows,
     controls_before,
     decided_rows,
     flown_values,
@@ -197,7 +198,12 @@ def measure_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     owners: dict[str, Mapping[str, str]] = {"": {}}
     if scenario.vehicles is not None:
         owners = {f"_{one.name}": one.constants for one in scenario.vehicles.members}
-    paths = (*scenario.states, *scenario.controls, *scenario.definitions)
+    paths = (
+        *scenario.states,
+        *scenario.controls,
+        *scenario.algebraic,
+        *scenario.definitions,
+    )
     known: dict[str, Any] = {
         **dict.fromkeys(scenario.constants, 0.0),
         **dict.fromkeys((*scenario.parameters, *scenario.signals, TIME), PATH),
@@ -253,8 +259,8 @@ def path_of(
 ) -> dict[str, Value]:
     """Return name -> number or values along the simulated path, shape (T, m + 1).
 
-    Names of states, controls, definitions and a vehicle's constants end with the
-    vehicle's suffix; the file's constants are known without one, too.
+    Names of states, controls, algebraic variables, definitions and a vehicle's
+    constants end with its suffix; the file's constants are known without one, too.
     """
     posed, (times, states, controls) = flight.posed, rows_of(flight, trajectory)
     flat = times.reshape(-1)
@@ -263,13 +269,15 @@ def path_of(
     shared[TIME] = times
     together: dict[str, Value] = {**constants_of(scenario), **shared}
     before = controls_before(flight, controls)
-    nx, nu = len(scenario.states), len(scenario.controls)
+    nx, nu, nz = map(len, (scenario.states, scenario.controls, scenario.algebraic))
+    algebraic = algebraic_rows(flight, trajectory, times, states, controls)
     for number, member in enumerate(posed.members):
         own: dict[str, Value] = {
             **member.constants,
             **shared,
             **dict(zip(scenario.states, states[number * nx :], strict=False)),
             **dict(zip(scenario.controls, controls[number * nu :], strict=False)),
+            **dict(zip(scenario.algebraic, algebraic[number * nz :], strict=False)),
         }
         last = dict(zip(scenario.controls, before[number * nu :], strict=False))
         own |= {previous_of(name): values for name, values in last.items()}

@@ -57,6 +57,7 @@ class Member:
         tied: Name of a state -> that of the decided one whose start it has.
         states: Name -> symbol.
         controls: Name -> symbol.
+        algebraic: Name of an algebraic variable -> symbol.
         previous: Name of a control -> symbol of its value in the interval before.
         shared: Symbols of all.
         scopes: Where an expression stands -> the names that it may use.
@@ -69,6 +70,7 @@ class Member:
     tied: Mapping[str, str]
     states: Mapping[str, ca.SX]
     controls: Mapping[str, ca.SX]
+    algebraic: Mapping[str, ca.SX]
     previous: Mapping[str, ca.SX]
     shared: Shared
     scopes: Mapping[str, Scope]
@@ -158,6 +160,7 @@ def _member(
     ]
     states = _symbols(scenario.states, suffix)
     controls = _symbols(scenario.controls, suffix)
+    algebraic = _symbols(scenario.algebraic, suffix)
     previous = {
         name: ca.SX.sym(f"previous_{name}{suffix}") for name in scenario.controls
     }
@@ -169,6 +172,7 @@ def _member(
         tied=tied,
         states=states,
         controls=controls,
+        algebraic=algebraic,
         previous=previous,
         shared=shared,
         scopes=_scopes(
@@ -177,6 +181,7 @@ def _member(
                 "constant": constants,
                 "state": states,
                 "control": controls,
+                "algebraic variable": algebraic,
                 "previous control": {previous_of(n): v for n, v in previous.items()},
                 "parameter": shared.parameters,
                 "signal": shared.signals,
@@ -205,11 +210,13 @@ def _scopes(
     ends = ("control", "previous control")
     barred: dict[str, tuple[str, ...]] = {
         "rate": ("previous control",),
+        "algebraic": ("previous control",),
+        "algebraic_start": ("algebraic variable", "previous control"),
         "next": ("previous control",),
         "stage_cost": ("previous control",),
         "step_cost": (),
         "path": (),
-        "bounds": ("state", *ends),
+        "bounds": ("state", "algebraic variable", *ends),
         "initial_cost": ends,
         "terminal_cost": ends,
         "terminal": ends,

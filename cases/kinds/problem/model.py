@@ -20,6 +20,7 @@ from swarmstart.cases.kinds.problem.constraints import (
     terminal_constraint,
 )
 from swarmstart.cases.kinds.problem.members import Member, column_of
+from swarmstart.cases.kinds.problem.parts import equation_of
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     decided_parameters,
@@ -30,7 +31,13 @@ from swarmstart.cases.kinds.problem.symbols import (
     number,
 )
 from swarmstart.cases.kinds.problem.values import Decided
-from swarmstart.ocp import Bounds, Free, Model, OptimalControlProblem
+from swarmstart.ocp import (
+    AlgebraicEquations,
+    Bounds,
+    Free,
+    Model,
+    OptimalControlProblem,
+)
 from swarmstart.ocp.constraints import MovingLimit
 
 Array = NDArray[np.float64]
@@ -68,7 +75,10 @@ def model_of(
             elif jumps:
                 after.append(member.states[name])
     ode, next_state = column_of(rates), column_of(after)
+    equations = _equations(scenario, members)
     changes = ca.vertcat(ode, next_state)
+    if equations is not None:
+        changes = ca.vertcat(changes, equations.residual, equations.start)
     signals = column_of(shared.signals.values())
     return Model(
         states=column_of(s for member in members for s in member.states.values()),
@@ -80,6 +90,27 @@ def model_of(
         time=shared.time if timed or _uses(changes, shared.time) else ca.SX(0, 1),
         state_names=tuple(n for m in members for n in m.titled(m.states)),
         control_names=tuple(n for m in members for n in m.titled(m.controls)),
+        algebraic=equations,
+    )
+
+
+def _equations(
+    scenario: ProblemScenario, members: Sequence[Member]
+) -> AlgebraicEquations | None:
+    """Return the algebraic equations of all members together; None without any."""
+    given = [
+        (member, equation_of(one))
+        for member in members
+        for one in scenario.algebraic.values()
+    ]
+    if not given:
+        return None
+    return AlgebraicEquations(
+        symbols=column_of(z for member in members for z in member.algebraic.values()),
+        residual=column_of(m.scopes["algebraic"].symbol(e.equation) for m, e in given),
+        start=column_of(m.scopes["algebraic_start"].symbol(e.start) for m, e in given),
+        scale=np.array([number(e.scale, m.constants) for m, e in given]),
+        iterations=scenario.prediction.newton_iterations,
     )
 
 

@@ -60,6 +60,34 @@ class Control(Part):
     unit: str = ""
 
 
+class Equation(Part):
+    """An equation, one of as many as there are algebraic variables.
+
+    Attributes:
+        equation: Expression that is 0.
+        start: Where Newton's method starts for the variable; equations that are linear
+            in all variables need none.
+        scale: Size of the variable: its error counts in parts of the larger of it and
+            the variable.
+    """
+
+    equation: Expression
+    start: Expression = "0"
+    scale: Quantity = "1"
+
+
+AlgebraicPart = Annotated[
+    Annotated[Equation, Tag("of equation")] | Annotated[Expression, Tag("of text")],
+    chosen("equation", "equation"),
+]
+"""Of an algebraic variable: an equation, or its expression alone."""
+
+
+def equation_of(given: Equation | str) -> Equation:
+    """Return an equation; of an expression alone all else is by default."""
+    return Equation(equation=given) if isinstance(given, str) else given
+
+
 class Constraint(Part):
     """lower <= expression <= upper, or `equals`."""
 
@@ -143,6 +171,7 @@ class Prediction(Part):
         horizon_s: Its length; left out in discrete time, where an interval lasts 1.
         blocks: Lengths of blocks of intervals with one control each; by default each
             interval has its own.
+        newton_iterations: For algebraic equations that are not linear.
     """
 
     horizon_s: Horizon | None = None
@@ -152,6 +181,7 @@ class Prediction(Part):
     substeps: int = Field(default=4, ge=1, le=1000)
     integrator: Integrator = "rk4"
     quadrature: Quadrature = "integral"
+    newton_iterations: int = Field(default=10, ge=1, le=100)
     tolerance: Positive = 1e-6
     path_tolerance: Positive = 1e-4
 

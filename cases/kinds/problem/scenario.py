@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from swarmstart.cases.format.expressions import evaluate
 from swarmstart.cases.format.settings import AnySearch, BudgetPart, Scenario
 from swarmstart.cases.kinds.problem.parts import (
+    AlgebraicPart,
     Constraint,
     Control,
     DualMode,
@@ -64,6 +65,7 @@ class ProblemScenario(UserScenario):
     parameters: Mapping[Names, Parameter] = Field(default_factory=dict)
     signals: Mapping[Names, OverTime] = Field(default_factory=dict)
     definitions: Mapping[Names, Expression] = Field(default_factory=dict)
+    algebraic: Mapping[Names, AlgebraicPart] = Field(default_factory=dict)
     states: Annotated[Mapping[Names, State], Field(min_length=1, max_length=200)]
     controls: Annotated[Mapping[Names, Control], Field(min_length=1, max_length=200)]
     stage_cost: Expression = "0"
