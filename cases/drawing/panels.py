@@ -78,6 +78,7 @@ class Panel:
         lower: Lower bounds, shape (vehicles,), -inf for no bound.
         upper: Upper bounds, likewise.
         beneath: Times and values of thin lines beneath.
+        beneath_name: What these are called.
     """
 
     label: str
@@ -86,6 +87,7 @@ class Panel:
     lower: Array
     upper: Array
     beneath: Sequence[tuple[Array, Array]] = ()
+    beneath_name: str = "plans"
 
 
 def panels_of(
@@ -198,7 +200,9 @@ def _label_time(blocks: "list[list[Axes]]", columns: int) -> None:
 def _draw_panel(axes: "Axes", panel: Panel, labels: Labels) -> None:
     """Draw lines or held steps, and the bounds that are near."""
     for times, values in panel.beneath:
-        axes.plot(times, values, color="0.6", lw=0.6, zorder=1, label="plans")
+        axes.plot(
+            times, values, color="0.6", lw=0.6, zorder=1, label=panel.beneath_name
+        )
     held = panel.times.size == panel.values.shape[1] + 1
     for number, values in enumerate(panel.values):
         own = colour(number)

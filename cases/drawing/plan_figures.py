@@ -132,7 +132,11 @@ def chosen(steps: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def plans_figure(
-    panels: Sequence[Panel], paths: Sequence[PlanPath], labels: Labels
+    panels: Sequence[Panel],
+    paths: Sequence[PlanPath],
+    labels: Labels,
+    *,
+    name: str = "plans",
 ) -> "Figure":
     """Return the flown states over time, and the plans thin beneath them.
 
@@ -140,6 +144,7 @@ def plans_figure(
         panels: Of the states, as `panels_of` returns them.
         paths: The plans.
         labels: The words.
+        name: What the thin lines are called.
     """
     count = len(panels)
     beneath: list[list[tuple[Array, Array]]] = [[] for _ in panels]
@@ -147,7 +152,7 @@ def plans_figure(
         for row, values in enumerate(path.states):
             beneath[row % count].append((path.times, values))
     drawn = [
-        replace(panel, beneath=lines)
+        replace(panel, beneath=lines, beneath_name=name)
         for panel, lines in zip(panels, beneath, strict=True)
     ]
     return panels_figure({"states": drawn}, labels)

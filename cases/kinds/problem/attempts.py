@@ -64,6 +64,11 @@ def _add(name: str, text: str, known: dict[str, float]) -> None:
     known[name] = number(text, known)
 
 
+def quantity(place: Place, text: str, names: Mapping[str, float]) -> Attempt:
+    """Return how a number gets its value."""
+    return place, partial(number, text, names)
+
+
 def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
     """Yield how the definitions get their values, one more at a time."""
     names, shared = list(scenario.definitions), shared_of(scenario)

@@ -1,16 +1,28 @@
 """Figures of a problem: those of any problem, with its own names and units."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.drawing.drawing import write_figures
 from swarmstart.cases.drawing.panels import Labels
 from swarmstart.cases.drawing.problem_figures import draw_problem
 from swarmstart.cases.format.kind import Flight, PosedAgent
+from swarmstart.cases.kinds.problem.member_figures import (
+    member_figures,
+    of_one_member,
+)
+from swarmstart.cases.kinds.problem.model import planning_problem
 from swarmstart.cases.kinds.problem.pose import ProblemPosed
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
-from swarmstart.cases.kinds.problem.symbols import TIMING_S
+from swarmstart.cases.kinds.problem.symbols import (
+    TIMING_S,
+    constants_of,
+    known_parameters,
+    rows_over_time,
+)
 from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import Known, Trajectory
 from swarmstart.ocp.controller import known_at
@@ -26,7 +38,21 @@ def draw(
     folder: Path,
 ) -> list[Path]:
     """Write all figures that apply to a run; return the files."""
-    agents = flight.posed.agents
+    agents, every = flight.posed.agents, trajectory
+    if scenario.uncertain is not None:  # What is flown is one system.
+        (agent,) = agents
+        problem = planning_problem(scenario, flight.posed.members)
+        trajectory = of_one_member(trajectory, problem, agent.problem)
+        parameters = rows_over_time(known_parameters(scenario), constants_of(scenario))
+        agents = (
+            replace(
+                agent,
+                problem=problem,
+                parameters=None
+                if parameters is None
+                else lambda time: parameters(np.array([time]))[:, 0],
+            ),
+        )
     vehicles = scenario.vehicles.members if scenario.vehicles else []
 
     def known(step: int, number: int) -> Known:
@@ -53,19 +79,19 @@ def draw(
             states, _, _ = replay(agent.problem, plan.controls, x0, known(step, number))
         return states[list(agent.shows)]
 
-    return draw_problem(
-        [agent.problem for agent in agents],
-        trajectory,
-        folder,
-        labels=Labels(
-            states=tuple(scenario.states),
-            controls=tuple(scenario.controls),
-            units={
-                **{name: state.unit for name, state in scenario.states.items()},
-                **{name: control.unit for name, control in scenario.controls.items()},
-            },
-            vehicles=[vehicle.name for vehicle in vehicles] or ("",),
-            maximize=scenario.maximize,
-        ),
-        known=known,
+    labels = Labels(
+        states=tuple(scenario.states),
+        controls=tuple(scenario.controls),
+        units={
+            **{name: state.unit for name, state in scenario.states.items()},
+            **{name: control.unit for name, control in scenario.controls.items()},
+        },
+        vehicles=[vehicle.name for vehicle in vehicles] or ("",),
+        maximize=scenario.maximize,
     )
+    problems = [agent.problem for agent in agents]
+    files = draw_problem(problems, trajectory, folder, labels=labels, known=known)
+    if scenario.uncertain is not None:
+        more = member_figures(flight, every, labels, problems[0])
+        files += write_figures(more, folder)
+    return files

@@ -28,6 +28,12 @@ from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     RESERVED,
 )
+from swarmstart.cases.kinds.problem.uncertain import (
+    uncertain_names,
+    uncertain_numbers,
+    uncertain_ranges,
+    with_members,
+)
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import OptimalControlProblem, held_step
 from swarmstart.ocp.integrators import PARTS
@@ -53,8 +59,8 @@ def flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         lambda s: tried(attempts.constants(s)),
         lambda s: tried(attempts.starts(s)),
         lambda s: tried(attempts.definitions(s)),
-        lambda s: tried(attempts.expressions(s)),
-        number_flaws,
+        lambda s: tried([*attempts.expressions(s), *uncertain_numbers(s)]),
+        lambda s: [*number_flaws(s), *uncertain_ranges(s)],
         algebraic_flaws,
         measure_flaws,
         _of_whole,
@@ -84,6 +90,11 @@ def _of_whole(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         yield (), error
         return
     yield from combination_flaws(scenario, problem)
+    try:
+        problem = with_members(scenario, problem)
+    except SwarmstartError as error:
+        yield ("uncertain",), error
+        return
     grid, model = scenario.prediction, problem.model
     symbols = [*problem.symbols().values(), model.time]
     rates = ca.Function("rates", symbols, [model.ode, problem.stage_cost])
@@ -118,6 +129,7 @@ def _of_parts(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     yield from end_time_flaws(scenario)
     yield from tied_flaws(scenario)
     yield from _of_blocks(scenario)
+    yield from uncertain_names(scenario)
 
 
 def _names_given_twice(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:

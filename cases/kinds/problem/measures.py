@@ -32,7 +32,11 @@ from swarmstart.cases.kinds.problem.flown_path import (
     rows_of,
 )
 from swarmstart.cases.kinds.problem.model import planning_problem
-from swarmstart.cases.kinds.problem.names import END_TIME_MEASURE, MEASURES
+from swarmstart.cases.kinds.problem.names import (
+    END_TIME_MEASURE,
+    MEASURES,
+    MEMBERS_MEASURE,
+)
 from swarmstart.cases.kinds.problem.pose import ProblemPosed
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario, UserScenario
 from swarmstart.cases.kinds.problem.symbols import ARRAYS, TIME, constants_of
@@ -93,7 +97,7 @@ def measured(
     Args:
         flight: The flight.
         trajectory: Its path.
-        problem: The planning problem, of all vehicles together.
+        problem: The planning problem, of all vehicles together and one member.
         own: Own measures, as of `own_values`.
     """
     plans, sense = trajectory.decisions[0].plans, problem.sense
@@ -117,8 +121,14 @@ def measured(
         "linear_steps": sum(d.mode is Mode.LINEAR for d in trajectory.decisions),
         **effort(trajectory),
     }
-    decided = decided_values(problem, plans[0].x0) if is_decided(problem) else {}
-    return {**own, **decided, **{name: measures[name] for name in MEASURES}}
+    planned_for = flight.posed.agents[0].problem
+    more: dict[str, Measure] = {}
+    if is_decided(problem):
+        more |= decided_values(planned_for, plans[0].x0)
+    if planned_for.risk is not None:
+        answer = solution or flight.answer(trajectory)
+        more[MEMBERS_MEASURE] = [_finite(float(one)) for one in answer.member_costs]
+    return {**own, **more, **{name: measures[name] for name in MEASURES}}
 
 
 def own_values(
@@ -152,12 +162,21 @@ def decided_values(problem: OptimalControlProblem, x0: Array) -> dict[str, float
         END_TIME_MEASURE if name == END_TIME else f"decided_{name}": value
         for name, value in whole.decided(x0).items()
     }
-    states = [names[i] for one in problem.free_starts for i in one.states]
-    return found | {f"decided_{n}": float(x0[names.index(n)]) for n in states}
+    if problem.risk is None:
+        states = {i: names[i] for one in problem.free_starts for i in one.states}
+    else:  # All members start alike: names are those of the first, without its number.
+        first = len(names) // problem.risk.members
+        states = {
+            i: names[i].removesuffix("_0")
+            for one in problem.free_starts
+            for i in one.states
+            if i < first
+        }
+    return found | {f"decided_{name}": float(x0[i]) for i, name in states.items()}
 
 
 def decided_measures(scenario: ProblemScenario) -> dict[str, str]:
-    """Return the measures of what is decided: name -> why it is null; it never is."""
+    """Return the measures of what is decided or uncertain: name -> why it is null."""
     members = scenario.vehicles.members if scenario.vehicles else []
     names = [n for n, one in scenario.parameters.items() if isinstance(one, Decided)]
     for name, state in scenario.states.items():
@@ -169,6 +188,7 @@ def decided_measures(scenario: ProblemScenario) -> dict[str, str]:
         ]
     is_free = isinstance(scenario.prediction.horizon_s, Decided)
     found = [END_TIME_MEASURE] if is_free else []
+    found += [MEMBERS_MEASURE] if scenario.uncertain else []
     return dict.fromkeys([*found, *(f"decided_{name}" for name in names)], "")
 
 

@@ -4,6 +4,9 @@ END_TIME_MEASURE = "end_time"
 """Length of the first plan's horizon [s], where it is decided; other numbers that are
 decided have measures called decided_NAME."""
 
+MEMBERS_MEASURE = "member_costs"
+"""Costs of the first plan for each member of uncertain parameters, a list."""
+
 MEASURES = {
     "cost": "cost of the first plan, of all vehicles together",
     "violation": "summed violation of the first plan",

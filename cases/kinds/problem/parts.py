@@ -21,9 +21,13 @@ from swarmstart.cases.kinds.problem.values import (
 from swarmstart.ocp.guess import Appended
 from swarmstart.ocp.integrators import Integrator
 from swarmstart.ocp.problem import Quadrature
+from swarmstart.ocp.risk import Measure
 
 MOST_NODES = 10_000
 """Checks of a horizon."""
+MOST_MEMBERS = 1000
+"""Sets of values of uncertain parameters."""
+Pair = Annotated[list[Quantity], Field(min_length=2, max_length=2)]
 
 
 class State(Part):
@@ -257,6 +261,69 @@ class DualMode(Part):
     at: Mapping[Names, Quantity]
     Q: Mapping[Names, Quantity]
     R: Mapping[Names, Quantity]
+
+
+class Normal(Part):
+    """Normal numbers: [mean, deviation]."""
+
+    normal: Pair
+
+    @property
+    def pair(self) -> tuple[str, list[str]]:
+        """Its name and its two numbers."""
+        return "normal", self.normal
+
+
+class Uniform(Part):
+    """Numbers that are as likely everywhere in [lower, upper]."""
+
+    uniform: Pair
+
+    @property
+    def pair(self) -> tuple[str, list[str]]:
+        """Its name and its two numbers."""
+        return "uniform", self.uniform
+
+
+Law = Annotated[
+    Annotated[Normal, Tag("of normal")] | Annotated[Uniform, Tag("of uniform")],
+    chosen("normal", "uniform"),
+]
+"""What a number is drawn by."""
+
+
+class Uncertain(Part):
+    """Several values of parameters, for which one control sequence is planned.
+
+    What is simulated has the value that the parameter itself is given.
+
+    Attributes:
+        values: By parameter: one value for each member.
+        drawn: By parameter: what a value is drawn by, in place of `values`.
+        samples: Number of members that are drawn.
+        seed: Of the drawn numbers.
+        weights: Of the members; by default equal.
+        risk: Which cost counts: the mean of the members' costs, the worst, or the mean
+            of the worst part of them.
+        level: Of "cvar": that part is 1 - level.
+    """
+
+    values: Mapping[Names, list[Quantity]] = Field(default_factory=dict)
+    drawn: Mapping[Names, Law] = Field(default_factory=dict)
+    samples: int | None = Field(default=None, ge=1, le=MOST_MEMBERS)
+    seed: int = Field(default=0, ge=0, lt=2**32)
+    weights: list[Quantity] | None = None
+    risk: Measure = "mean"
+    level: Quantity = "0.9"
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "Uncertain":
+        if bool(self.values) == bool(self.drawn):
+            found = "both" if self.values else "neither"
+            raise ValueError(f"expected values, or drawn and samples; found {found}")
+        if bool(self.drawn) != (self.samples is not None):
+            raise ValueError("expected samples, their number, with drawn and only then")
+        return self
 
 
 class Vehicle(Part):

@@ -33,6 +33,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     rows_over_time,
     stacked,
 )
+from swarmstart.cases.kinds.problem.uncertain import planned_parameters, with_members
 from swarmstart.cases.kinds.problem.values import OverTime
 from swarmstart.ocp import (
     Free,
@@ -110,8 +111,8 @@ def _agent(
     before: Sequence[Member],
 ) -> PosedAgent:
     """Return members that are planned together as one agent."""
-    problem = planning_problem(scenario, group, seen=before)
-    parameters = rows_over_time(known_parameters(scenario), constants)
+    problem = with_members(scenario, planning_problem(scenario, group, seen=before))
+    parameters = rows_over_time(planned_parameters(scenario), constants)
     feedback = scenario.feedback
     return PosedAgent(
         problem=problem,
@@ -168,6 +169,8 @@ def _guessed(
     states = _rows(guess.states, scenario.states, group, times, constants)
     if states is None:
         return controls
+    if problem.risk is not None:  # All members are guessed alike.
+        states = np.tile(states, (problem.risk.members, 1))
     return Start(zero_controls(problem) if controls is None else controls, states)
 
 

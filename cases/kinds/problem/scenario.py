@@ -23,6 +23,7 @@ from swarmstart.cases.kinds.problem.parts import (
     PlantPart,
     Prediction,
     State,
+    Uncertain,
     Vehicles,
 )
 from swarmstart.cases.kinds.problem.tables import TablePart
@@ -76,6 +77,7 @@ class ProblemScenario(UserScenario):
     path: list[PathPart] = Field(default_factory=list)
     terminal: list[Constraint] = Field(default_factory=list)
     vehicles: Vehicles | None = None
+    uncertain: Uncertain | None = None
     guess: Guess = Guess()
     candidates: list[Mapping[Names, Expression]] = Field(default_factory=list)
     prediction: Prediction

@@ -1,0 +1,99 @@
+"""Figures of plans for several values of uncertain parameters.
+
+What is flown is one system. Its figures are those of one member's problem, with plans
+as that member has them; one more figure shows the states of all members.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.drawing.panels import Labels, panels_of, stacked_limits
+from swarmstart.cases.drawing.plan_figures import PlanPath, plans_figure
+from swarmstart.cases.format.kind import Flight
+from swarmstart.cases.kinds.problem.pose import ProblemPosed
+from swarmstart.ocp import OptimalControlProblem, Plan, Trajectory
+from swarmstart.ocp.core_problem import END_TIME
+from swarmstart.ocp.lowering import Lowered, lowered
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+def of_one_member(
+    trajectory: Trajectory, problem: OptimalControlProblem, every: OptimalControlProblem
+) -> Trajectory:
+    """Return a flight whose plans start as one member's do, without states.
+
+    Args:
+        trajectory: The flight.
+        problem: Of one member.
+        every: Of all members, which plans were made for.
+    """
+    many, nx, copies = lowered(every), problem.model.nx, len(problem.periodic)
+    start = _places(many, nx, copies)
+
+    def own(plan: Plan) -> Plan:
+        return replace(plan, states=np.empty((0, 0)), start=plan.x0[start])
+
+    made: dict[int, Plan] = {}  # A plan that is flown on stays the same object.
+    return replace(
+        trajectory,
+        decisions=tuple(
+            replace(
+                decision,
+                plans=tuple(
+                    made.setdefault(id(plan), own(plan)) for plan in decision.plans
+                ),
+            )
+            for decision in trajectory.decisions
+        ),
+    )
+
+
+def _places(many: Lowered, nx: int, copies: int) -> list[int]:
+    """Return which states of all members' core are those of the first one's."""
+    found = many.places
+    return [
+        *found["states"][:nx],
+        *found[END_TIME],
+        *found["decided"],
+        *found["copies"][:copies],
+        *found["previous"],
+    ]
+
+
+def member_figures(
+    flight: Flight[ProblemPosed],
+    trajectory: Trajectory,
+    labels: Labels,
+    problem: OptimalControlProblem,
+) -> "Iterator[tuple[str, Figure]]":
+    """Yield the states of all members of the first plan, beneath what was flown.
+
+    Args:
+        flight: The flight.
+        trajectory: Its path.
+        labels: The words.
+        problem: Of one member.
+    """
+    answer, nx = flight.answer(trajectory), problem.model.nx
+    limits, _ = stacked_limits([problem])
+    panels = panels_of(
+        labels.states,
+        labels,
+        trajectory.dense_times,
+        trajectory.dense_states,
+        limits,
+    )
+    rows = answer.path.states[: answer.problem.model.nx]
+    paths = [
+        PlanPath(times=answer.path.times, states=member)
+        for member in np.split(rows, len(rows) // nx)
+    ]
+    yield "h_members", plans_figure(panels, paths, labels, name="members of the plan")
