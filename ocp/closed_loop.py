@@ -238,6 +238,9 @@ def collected(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> Trajectory:
         )
     dense = np.hstack([steps[0].state[:, None], *[s.dense_states for s in steps]])
     times, dense_times = _times(plant, steps)
+    if isinstance(plant, Plant) and plant.clock:
+        dense_times = dense[plant.state_names.index(plant.clock)]
+        times = dense_times[:: plant.substeps]
     return Trajectory(
         times=times,
         states=dense[:, :: plant.substeps],

@@ -180,7 +180,7 @@ class RecedingHorizon:
 
     Raises:
         InvalidProblemError: If the end time is free and there is no period, or it may
-            not become as short as that; or if the problem is several phases.
+            not become as short as that.
     """
 
     planner: Planner
@@ -196,10 +196,6 @@ class RecedingHorizon:
     def __post_init__(self) -> None:
         """Check that a free end time can be followed to its end."""
         horizon = self.planner.stated.horizon
-        if self.planner.stated.clock:
-            raise InvalidProblemError(
-                "phases cannot be flown in receding horizon: solve() them"
-            )
         if not isinstance(horizon, Free):
             if self.period is not None:
                 raise InvalidProblemError(
@@ -237,8 +233,13 @@ class RecedingHorizon:
 
         Raises:
             InvalidProblemError: If the problem decides where it starts, which is
-                measured here.
+                measured here, or is several phases.
         """
+        if self.planner.stated.clock:
+            raise InvalidProblemError(
+                "phases cannot be flown in receding horizon: solve() them, or fly "
+                "their plan in an OpenLoop"
+            )
         if self.planner.stated.start:
             raise InvalidProblemError(
                 "a receding horizon starts where the state is measured: take "

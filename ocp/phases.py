@@ -396,6 +396,7 @@ def _require(
             "controls of whole numbers": len(phase.integer),
             "blocks of intervals": len(phase.blocks),
             "several members": phase.risk is not None,
+            "an initial cost": number > 0 and not phase.initial_cost.is_zero(),
             "a state named time": CLOCK in phase.model.state_names,
         }
         wrong = [name for name, count in has.items() if count]

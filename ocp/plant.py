@@ -30,6 +30,7 @@ class Plant:
         model: The model.
         dt: Length of a control interval [s].
         substeps: Steps of the integrator in it.
+        clock: Name of the state that is the time of a flight; empty: none is.
     """
 
     def __init__(  # noqa: PLR0913 - a model and what drives it
@@ -42,6 +43,7 @@ class Plant:
         signals: Callable[[Array], Array] | None = None,
         integrator: str = "rk4",
         decided: Mapping[str, float] = NOTHING_DECIDED,
+        clock: str = "",
     ) -> None:
         """Compile the plant.
 
@@ -56,6 +58,8 @@ class Plant:
                 of the integrator; None where the model has none.
             integrator: A key of INTEGRATORS; "stiff" for a stiff model.
             decided: Name of a parameter that plans decide -> its value until one does.
+            clock: Name of the state that is the time of a flight [s], as of phases;
+                empty: intervals of dt after one another.
 
         Raises:
             InvalidProblemError: If the model has parameters or signals that are not
@@ -77,12 +81,18 @@ class Plant:
                 f"the model of a plant has {model.np - len(decided)} parameters: "
                 "expected a function of time for them, got none"
             )
+        if clock and clock not in model.state_names:
+            raise InvalidProblemError(
+                f"clock must name a state, one of {', '.join(model.state_names)}, "
+                f"got {clock!r}"
+            )
         require_count("substeps", substeps)
         if not dt > 0:
             raise InvalidProblemError(f"dt must be positive, got {dt}")
         self.model, self.dt, self.substeps = model, dt, substeps
         self._parameters, self._signals = parameters, signals
         self._decided, self._integrator = dict(decided), integrator
+        self.clock = clock
         step = held_step(model, dt / substeps, method=integrator)
         self._interval = step.mapaccum("plant", substeps)
         self._jump = jump_of(model)
@@ -143,6 +153,7 @@ class Plant:
             signals=self._signals,
             integrator=self._integrator,
             decided=self._decided,
+            clock=self.clock,
         )
 
     def with_decided(self, values: Mapping[str, float]) -> "Plant":

@@ -38,6 +38,9 @@ class Labels:
         units: Unit by name, where there is one.
         vehicles: Name of each vehicle; states and controls come vehicle after vehicle.
         maximize: Whether the cost is what is maximised, times -1.
+        ends: When phases end that another one follows [s].
+        spans: What the name of a phase's constraint ends with -> the phase's first
+            interval, and the one after its last.
     """
 
     states: Sequence[str]
@@ -45,6 +48,8 @@ class Labels:
     units: Mapping[str, str] = field(default_factory=dict)
     vehicles: Sequence[str] = ("",)
     maximize: bool = False
+    ends: Sequence[float] = ()
+    spans: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def of(self, name: str) -> str:
         """Return a name with its unit, as an axis shows it."""
@@ -203,6 +208,8 @@ def _draw_panel(axes: "Axes", panel: Panel, labels: Labels) -> None:
         axes.plot(
             times, values, color="0.6", lw=0.6, zorder=1, label=panel.beneath_name
         )
+    for end in labels.ends:
+        axes.axvline(end, color="0.6", ls=":", lw=1.0, label="end of a phase")
     held = panel.times.size == panel.values.shape[1] + 1
     for number, values in enumerate(panel.values):
         own = colour(number)

@@ -94,12 +94,14 @@ def _figures(flown: Flown) -> "Iterator[tuple[str, Figure]]":
     """Yield the figures that apply, with their names."""
     trajectory, labels = flown.trajectory, flown.labels
     on_states, on_controls = stacked_limits(flown.problems)
+    shown = len(labels.states) * len(labels.vehicles)
+    lower, upper = on_states
     states = panels_of(
         labels.states,
         labels,
         trajectory.dense_times,
-        trajectory.dense_states,
-        on_states,
+        trajectory.dense_states[:shown],  # Others are what phases remember.
+        (lower[:shown], upper[:shown]),
     )
     yield "a_states", panels_figure({"states": states}, labels)
     controls = panels_of(
@@ -115,7 +117,8 @@ def _figures(flown: Flown) -> "Iterator[tuple[str, Figure]]":
         for row in slacks(*part)
     ]
     if rows:
-        yield "c_slack", slack_figure(rows)
+        steps = trajectory.controls.shape[1]
+        yield "c_slack", slack_figure([_within(row, labels, steps) for row in rows])
     costs = cost_figure(flown)
     if costs is not None:
         yield "d_cost", costs
@@ -125,6 +128,16 @@ def _figures(flown: Flown) -> "Iterator[tuple[str, Figure]]":
     if plans:
         yield "f_plans", plans_figure(states, plans, labels)
         yield "g_step_time", step_time_figure(trajectory)
+
+
+def _within(row: Slack, labels: Labels, steps: int) -> Slack:
+    """Return a row that is drawn only while its phase lasts."""
+    for name, (begin, end) in labels.spans.items():
+        if row.name.endswith(name) and not row.is_terminal:
+            interval = np.arange(row.times.size) // (row.times.size // steps)
+            inside = (interval >= begin) & (interval < end)
+            return replace(row, values=np.where(inside, row.values, np.nan))
+    return row
 
 
 def draw_solution(

@@ -59,6 +59,7 @@ def flight_of(posed: P, scenario: Scenario) -> Flight[P]:
             signals=plant.signals,
             decided=plant.decided,
             integrator=verifying_integrator(problem.integrator),
+            clock=problem.clock,
         ),
         controller=controller,
     )

@@ -22,6 +22,7 @@ from swarmstart.ocp import (
     InvalidProblemError,
     IpoptOptions,
     Model,
+    OpenLoop,
     OptimalControlProblem,
     Planner,
     Plant,
@@ -153,7 +154,7 @@ def two_legs() -> tuple[OptimalControlProblem, Array]:
     return both.problem, both.start([0.0])
 
 
-def test_phases_run_in_machine_code_and_are_recorded_but_not_flown(
+def test_phases_run_in_machine_code_are_recorded_and_flown_as_planned(
     tmp_path: Path,
 ) -> None:
     problem, x0 = two_legs()
@@ -167,8 +168,21 @@ def test_phases_run_in_machine_code_and_are_recorded_but_not_flown(
     record = load(answer.save(tmp_path / "answer"))
     assert record.summary["decided"] == dict(answer.decided)
     np.testing.assert_array_equal(record.arrays["states"], answer.states)
+    loop = RecedingHorizon(planner=Planner(problem, search=None, polish=IpoptOptions()))
+    plant = Plant(
+        problem.model,
+        dt=problem.dt,
+        substeps=40,
+        parameters=None,
+        decided=answer.decided,
+        clock=problem.clock,
+    )
     with pytest.raises(InvalidProblemError, match="phases cannot be flown"):
-        RecedingHorizon(planner=Planner(problem, search=None))
+        simulate(plant, loop, x0, steps=3, seed=0)
+    flight = simulate(plant, OpenLoop(loop=loop), x0, steps=6, seed=0)
+    # Its times are seconds, and the plant ends where the answer does.
+    np.testing.assert_allclose(flight.times, answer.times, rtol=1e-6)
+    np.testing.assert_allclose(flight.states[0], answer.states[0], atol=1e-6)
 
 
 def lag(**more: object) -> OptimalControlProblem:

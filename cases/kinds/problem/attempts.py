@@ -127,15 +127,14 @@ def expressions(scenario: ProblemScenario) -> Iterator[Attempt]:
     for part in ("path", "terminal"):
         for index, one in enumerate(getattr(scenario, part)):
             yield from _of_constraint((part, index), one, members)
-    yield from _in_time(scenario, members, fixed)
+    yield from in_time(scenario)
     for place, text in _quantities(scenario):
         yield place, partial(number, text, fixed)
 
 
-def _in_time(
-    scenario: ProblemScenario, members: Members, fixed: Mapping[str, float]
-) -> Iterator[Attempt]:
+def in_time(scenario: ProblemScenario) -> Iterator[Attempt]:
     """Yield how that gets its values which has some at each time."""
+    members, fixed = members_of(scenario, shared_of(scenario)), constants_of(scenario)
     for place, given in _over_time(scenario):
         if isinstance(given, Noise):
             yield (*place, "deviation"), partial(number, given.deviation, fixed)

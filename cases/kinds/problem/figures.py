@@ -15,7 +15,13 @@ from swarmstart.cases.kinds.problem.member_figures import (
     of_one_member,
 )
 from swarmstart.cases.kinds.problem.model import planning_problem
-from swarmstart.cases.kinds.problem.pose import ProblemPosed
+from swarmstart.cases.kinds.problem.phases import (
+    in_phase,
+    interval_ends,
+    phase_names,
+    whole_scenario,
+)
+from swarmstart.cases.kinds.problem.posed import ProblemPosed
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     TIMING_S,
@@ -79,12 +85,22 @@ def draw(
             states, _, _ = replay(agent.problem, plan.controls, x0, known(step, number))
         return states[list(agent.shows)]
 
+    whole = whole_scenario(scenario) if scenario.phases else scenario
+    ends = [0, *interval_ends(scenario)]
+    flown = [k for k in ends[1:-1] if k < trajectory.times.size]
     labels = Labels(
-        states=tuple(scenario.states),
-        controls=tuple(scenario.controls),
+        states=tuple(whole.states),
+        controls=tuple(whole.controls),
         units={
-            **{name: state.unit for name, state in scenario.states.items()},
-            **{name: control.unit for name, control in scenario.controls.items()},
+            **{name: state.unit for name, state in whole.states.items()},
+            **{name: control.unit for name, control in whole.controls.items()},
+        },
+        ends=[float(trajectory.times[k]) for k in flown],
+        spans={
+            in_phase(name): (begin, end)
+            for name, begin, end in zip(
+                phase_names(scenario), ends, ends[1:], strict=False
+            )
         },
         vehicles=[vehicle.name for vehicle in vehicles] or ("",),
         maximize=scenario.maximize,

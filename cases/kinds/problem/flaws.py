@@ -4,11 +4,8 @@ Names first, then constants, definitions and all expressions; last the problem i
 as the library takes it.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
-import casadi as ca
-
-from swarmstart.cases.format.document import meant
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem import attempts
 from swarmstart.cases.kinds.problem.algebraic_flaws import algebraic_flaws
@@ -22,12 +19,16 @@ from swarmstart.cases.kinds.problem.decided_flaws import (
 from swarmstart.cases.kinds.problem.measures import measure_flaws
 from swarmstart.cases.kinds.problem.members import members_of, shared_of
 from swarmstart.cases.kinds.problem.model import COSTS, planning_problem
-from swarmstart.cases.kinds.problem.number_flaws import number_flaws
-from swarmstart.cases.kinds.problem.parts import Vehicle
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario
-from swarmstart.cases.kinds.problem.symbols import (
-    RESERVED,
+from swarmstart.cases.kinds.problem.name_flaws import (
+    names_given_twice,
+    names_of_nothing,
+    unknown,
 )
+from swarmstart.cases.kinds.problem.number_flaws import number_flaws
+from swarmstart.cases.kinds.problem.operation_flaws import operation_flaws
+from swarmstart.cases.kinds.problem.parts import Vehicle
+from swarmstart.cases.kinds.problem.phase_flaws import Stage, phases_flaws
+from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.uncertain import (
     uncertain_names,
     uncertain_numbers,
@@ -35,37 +36,17 @@ from swarmstart.cases.kinds.problem.uncertain import (
     with_members,
 )
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp import OptimalControlProblem, held_step
-from swarmstart.ocp.integrators import PARTS
-
-MOST_OPERATIONS = 40_000
-"""In an interval: they take up to 15 s to prepare, and twice as many a minute."""
-_NAMED = (
-    "constants",
-    "tables",
-    "parameters",
-    "signals",
-    "definitions",
-    "algebraic",
-    "states",
-    "controls",
-)
+from swarmstart.ocp import OptimalControlProblem
 
 
 def flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield what is wrong; a later stage only if the earlier ones are right."""
-    stages: list[Callable[[ProblemScenario], Iterable[LocatedFlaw]]] = [
-        _of_parts,
-        lambda s: tried(attempts.constants(s)),
-        lambda s: tried(attempts.starts(s)),
-        lambda s: tried(attempts.definitions(s)),
-        lambda s: tried([*attempts.expressions(s), *uncertain_numbers(s)]),
-        lambda s: [*number_flaws(s), *uncertain_ranges(s)],
-        algebraic_flaws,
-        measure_flaws,
-        _of_whole,
-    ]
-    for stage in stages:
+    every = phases_flaws(scenario, _STAGES) if scenario.phases else _in_stages(scenario)
+    yield from every
+
+
+def _in_stages(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    for stage in (*_STAGES, measure_flaws, _of_whole):
         found = list(stage(scenario))
         yield from found
         if found:
@@ -95,34 +76,14 @@ def _of_whole(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     except SwarmstartError as error:
         yield ("uncertain",), error
         return
-    grid, model = scenario.prediction, problem.model
-    symbols = [*problem.symbols().values(), model.time]
-    rates = ca.Function("rates", symbols, [model.ode, problem.stage_cost])
-    evaluations = {"rk4": 4, "euler": 1, "stiff": 6}[grid.integrator]
-    steps = grid.substeps * grid.checks
-    found = rates.n_instructions() * evaluations * steps
-    if grid.integrator == "stiff" and found <= MOST_OPERATIONS:  # And linear equations.
-        dt = float(problem.expected_times[-1]) / grid.intervals
-        first = held_step(model, dt, method="stiff")
-        parts = len(PARTS)
-        found = int(first.n_instructions() / parts * (steps + parts - 1))
-    if found > MOST_OPERATIONS:
-        yield (
-            ("prediction",),
-            f"expected at most {MOST_OPERATIONS} operations in an interval, those of "
-            f"the rates in all substeps of all checks; found {found}: take more "
-            "intervals, or fewer checks or substeps",
-        )
+    yield from operation_flaws(problem)
 
 
 def _of_parts(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield names given twice or to nothing, and parts that do not go together."""
     yield from scenario.flaws()
-    yield from _names_given_twice(scenario)
-    for place, given, known, what in _mappings(scenario):
-        for name in given:
-            if name not in known:
-                yield (*place, name), _unknown(name, known, what)
+    yield from names_given_twice(scenario)
+    yield from names_of_nothing(scenario)
     yield from _missing_keys(scenario)
     yield from _of_vehicles(scenario)
     yield from _of_feedback(scenario)
@@ -130,36 +91,6 @@ def _of_parts(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     yield from tied_flaws(scenario)
     yield from _of_blocks(scenario)
     yield from uncertain_names(scenario)
-
-
-def _names_given_twice(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    seen: dict[str, str] = {}
-    for part in _NAMED:
-        for name in getattr(scenario, part):
-            if name in RESERVED or name in seen:
-                found = seen.get(name, "it has a meaning of its own")
-                yield (part, name), f"expected a new name, found {name!r}: {found}"
-            seen[name] = f"it is among the {part}"
-
-
-def _mappings(
-    scenario: ProblemScenario,
-) -> Iterator[tuple[Place, Mapping[str, object], Collection[str], str]]:
-    """Yield (place, mapping, what its keys may be, what they are called)."""
-    states, controls, plant = scenario.states, scenario.controls, scenario.plant
-    yield ("guess", "controls"), scenario.guess.controls, controls, "control"
-    yield ("guess", "states"), scenario.guess.states, states, "state"
-    yield ("plant", "parameters"), plant.parameters, scenario.parameters, "parameter"
-    yield ("plant", "disturbance"), plant.disturbance, states, "state"
-    for index, one in enumerate(scenario.candidates):
-        yield ("candidates", index), one, controls, "control"
-    if scenario.dual_mode is not None:
-        yield ("dual_mode", "at"), scenario.dual_mode.at, states, "state"
-        yield ("dual_mode", "Q"), scenario.dual_mode.Q, states, "state"
-        yield ("dual_mode", "R"), scenario.dual_mode.R, controls, "control"
-    for index, vehicle in enumerate(_vehicles(scenario)):
-        place = ("vehicles", "members", index, "start")
-        yield place, vehicle.start, states, "state"
 
 
 def _vehicles(scenario: ProblemScenario) -> list[Vehicle]:
@@ -206,7 +137,7 @@ def _of_vehicles(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         one_by_one = scenario.vehicles.planning == "priority"
         if one_by_one and text.strip() not in scenario.states:
             where = ("vehicles", "separation", "of", index)
-            yield where, _unknown(text, scenario.states, "state")
+            yield where, unknown(text, scenario.states, "state")
 
 
 def _of_feedback(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
@@ -239,6 +170,12 @@ def _of_blocks(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         )
 
 
-def _unknown(name: str, known: Collection[str], what: str) -> str:
-    hint = meant(name, known, otherwise=f"known: {', '.join(known) or 'none'}")
-    return f"expected a {what}, found {name!r}; {hint}"
+_STAGES: tuple[Stage, ...] = (
+    _of_parts,
+    lambda s: tried(attempts.constants(s)),
+    lambda s: tried(attempts.starts(s)),
+    lambda s: tried(attempts.definitions(s)),
+    lambda s: tried([*attempts.expressions(s), *uncertain_numbers(s)]),
+    lambda s: [*number_flaws(s), *uncertain_ranges(s)],
+    algebraic_flaws,
+)

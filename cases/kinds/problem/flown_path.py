@@ -121,6 +121,8 @@ def flown_values(
     """
     model, (agent, *_) = problem.model, flight.posed.agents
     times, states, controls = rows_of(flight, trajectory)
+    if problem.clock:  # Its costs are of the horizon's own time, of length 1.
+        times = _even_times(problem, times)
     shape, at = times.shape, times.reshape(-1)
     parameters = flight.plant.parameters(at)[: model.np]
     names = symbol_names(model.parameters)
@@ -160,6 +162,13 @@ def flown_values(
         float(path.max(initial=0.0)),
         float(found[5][:, -1].max(initial=0.0)),
     )
+
+
+def _even_times(problem: OptimalControlProblem, times: Array) -> Array:
+    """Return times that go evenly over a horizon, of shape as given, (T, m + 1)."""
+    steps = times.shape[1] - 1 - int(problem.model.jumps)
+    parts = np.minimum(np.arange(times.shape[1]), steps) / steps
+    return np.asarray(problem.dt * (np.arange(times.shape[0])[:, None] + parts))
 
 
 def controls_before(flight: Flight[P], controls: Array) -> Array:

@@ -19,49 +19,46 @@ from swarmstart.cases.format.expressions import (
     Operation,
     interpret,
     parse,
-    previous_of,
 )
 from swarmstart.cases.format.kind import NEVER, Flight, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.cases.kinds.problem.decided_measures import (
+    decided_measures,
+    decided_values,
+    is_decided,
+    with_durations,
+)
 from swarmstart.cases.kinds.problem.flown_path import (
-    algebraic_rows,
-    controls_before,
-    decided_rows,
     flown_values,
     integrated,
-    rows_of,
 )
 from swarmstart.cases.kinds.problem.model import planning_problem
 from swarmstart.cases.kinds.problem.names import (
-    END_TIME_MEASURE,
     MEASURES,
     MEMBERS_MEASURE,
 )
-from swarmstart.cases.kinds.problem.pose import ProblemPosed
+from swarmstart.cases.kinds.problem.own_path import path_of, path_of_phases
+from swarmstart.cases.kinds.problem.phases import phase_scenarios, whole_scenario
+from swarmstart.cases.kinds.problem.posed import ProblemPosed
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario, UserScenario
-from swarmstart.cases.kinds.problem.symbols import ARRAYS, TIME, constants_of
-from swarmstart.cases.kinds.problem.symbols import is_decided as is_decided_number
+from swarmstart.cases.kinds.problem.symbols import ARRAYS, TIME
 from swarmstart.cases.kinds.problem.tables import (
     NO_TABLES,
     Tables,
     inputs_of,
     operations_of,
 )
-from swarmstart.cases.kinds.problem.values import Decided
 from swarmstart.cases.record.trajectory_arrays import (
     effort,
     found_plans,
     planned,
 )
 from swarmstart.ocp import (
-    Free,
     Mode,
     OptimalControlProblem,
     PolishStatus,
     Trajectory,
 )
-from swarmstart.ocp.core_problem import END_TIME
-from swarmstart.ocp.lowering import lowered
 
 Array = NDArray[np.float64]
 P = TypeVar("P", bound=Posed)
@@ -73,6 +70,18 @@ def measure(
     scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
 ) -> Mapping[str, Measure]:
     """Return all measures by name, null where one is not defined."""
+    if scenario.phases:
+        found = measured(
+            flight,
+            trajectory,
+            problem=flight.posed.agents[0].problem,
+            own=own_values(
+                scenario.measures,
+                path_of_phases(scenario, flight, trajectory),
+                scenario.tabled,
+            ),
+        )
+        return with_durations(scenario, flight.posed.agents[0].problem, found)
     return measured(
         flight,
         trajectory,
@@ -144,54 +153,6 @@ def own_values(
     return {name: _own(text, path, tables) for name, text in own.items()}
 
 
-def is_decided(problem: OptimalControlProblem) -> bool:
-    """Return whether a problem decides more than controls."""
-    is_free = isinstance(problem.horizon, Free)
-    return is_free or bool(problem.decided or problem.start)
-
-
-def decided_values(problem: OptimalControlProblem, x0: Array) -> dict[str, float]:
-    """Return what a plan decides besides controls, by the names of its measures.
-
-    Args:
-        problem: The problem.
-        x0: The plan's initial state, as the problem's core has it.
-    """
-    whole, names = lowered(problem), problem.model.state_names
-    found = {
-        END_TIME_MEASURE if name == END_TIME else f"decided_{name}": value
-        for name, value in whole.decided(x0).items()
-    }
-    if problem.risk is None:
-        states = {i: names[i] for one in problem.free_starts for i in one.states}
-    else:  # All members start alike: names are those of the first, without its number.
-        first = len(names) // problem.risk.members
-        states = {
-            i: names[i].removesuffix("_0")
-            for one in problem.free_starts
-            for i in one.states
-            if i < first
-        }
-    return found | {f"decided_{name}": float(x0[i]) for i, name in states.items()}
-
-
-def decided_measures(scenario: ProblemScenario) -> dict[str, str]:
-    """Return the measures of what is decided or uncertain: name -> why it is null."""
-    members = scenario.vehicles.members if scenario.vehicles else []
-    names = [n for n, one in scenario.parameters.items() if isinstance(one, Decided)]
-    for name, state in scenario.states.items():
-        starts = {f"_{one.name}": one.start.get(name, state.start) for one in members}
-        names += [
-            f"{name}{end}"
-            for end, one in (starts or {"": state.start}).items()
-            if is_decided_number(one)
-        ]
-    is_free = isinstance(scenario.prediction.horizon_s, Decided)
-    found = [END_TIME_MEASURE] if is_free else []
-    found += [MEMBERS_MEASURE] if scenario.uncertain else []
-    return dict.fromkeys([*found, *(f"decided_{name}" for name in names)], "")
-
-
 def own_measures(scenario: UserScenario) -> dict[str, str]:
     """Return the scenario's own measures: name -> why it is null, where it is.
 
@@ -218,12 +179,17 @@ def measure_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     owners: dict[str, Mapping[str, str]] = {"": {}}
     if scenario.vehicles is not None:
         owners = {f"_{one.name}": one.constants for one in scenario.vehicles.members}
-    paths = (
-        *scenario.states,
-        *scenario.controls,
-        *scenario.algebraic,
-        *scenario.definitions,
+    parts = (
+        [scenario]
+        if not scenario.phases
+        else [whole_scenario(scenario), *phase_scenarios(scenario)]
     )
+    paths = {
+        name
+        for one in parts
+        for names in (one.states, one.controls, one.algebraic, one.definitions)
+        for name in names
+    }
     known: dict[str, Any] = {
         **dict.fromkeys(scenario.constants, 0.0),
         **dict.fromkeys((*scenario.parameters, *scenario.signals, TIME), PATH),
@@ -272,52 +238,6 @@ def wrong_measures(
                 "expected one number, such as x.end, max(x) or integral(x); found a "
                 f"path: {text}",
             )
-
-
-def path_of(
-    scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
-) -> dict[str, Value]:
-    """Return name -> number or values along the simulated path, shape (T, m + 1).
-
-    Names of states, controls, algebraic variables, definitions and a vehicle's
-    constants end with its suffix; the file's constants are known without one, too.
-    """
-    posed, (times, states, controls) = flight.posed, rows_of(flight, trajectory)
-    flat = times.reshape(-1)
-    shared = {n: f(flat).reshape(times.shape) for n, f in posed.known.items()}
-    shared |= decided_rows(flight, trajectory, times.shape)
-    shared[TIME] = times
-    together: dict[str, Value] = {**constants_of(scenario), **shared}
-    before = controls_before(flight, controls)
-    nx, nu, nz = map(len, (scenario.states, scenario.controls, scenario.algebraic))
-    algebraic = algebraic_rows(flight, trajectory, times, states, controls)
-    for number, member in enumerate(posed.members):
-        own: dict[str, Value] = {
-            **member.constants,
-            **shared,
-            **dict(zip(scenario.states, states[number * nx :], strict=False)),
-            **dict(zip(scenario.controls, controls[number * nu :], strict=False)),
-            **dict(zip(scenario.algebraic, algebraic[number * nz :], strict=False)),
-        }
-        last = dict(zip(scenario.controls, before[number * nu :], strict=False))
-        own |= {previous_of(name): values for name, values in last.items()}
-        for name, text in scenario.definitions.items():
-            own[name] = _along(text, own, scenario.tabled)
-        together |= {
-            f"{name}{member.suffix}": value
-            for name, value in own.items()
-            if name not in shared
-        }
-    return together
-
-
-def _along(text: str, names: Mapping[str, Value], tables: Tables) -> Value:
-    with np.errstate(all="ignore"):
-        return interpret(
-            parse(text, functions=inputs_of(tables)),
-            operations={**ARRAYS, **operations_of(tables)},
-            names=names,
-        )
 
 
 def _own(text: str, path: Mapping[str, Value], tables: Tables) -> float | None:

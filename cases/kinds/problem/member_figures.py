@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from swarmstart.cases.drawing.panels import Labels, panels_of, stacked_limits
 from swarmstart.cases.drawing.plan_figures import PlanPath, plans_figure
 from swarmstart.cases.format.kind import Flight
-from swarmstart.cases.kinds.problem.pose import ProblemPosed
+from swarmstart.cases.kinds.problem.posed import ProblemPosed
 from swarmstart.ocp import OptimalControlProblem, Plan, Trajectory
 from swarmstart.ocp.core_problem import END_TIME
 from swarmstart.ocp.lowering import Lowered, lowered

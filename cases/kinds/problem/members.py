@@ -213,6 +213,7 @@ def _scopes(
         "algebraic": ("previous control",),
         "algebraic_start": ("algebraic variable", "previous control"),
         "next": ("previous control",),
+        "linkage": ("previous control",),
         "stage_cost": ("previous control",),
         "step_cost": (),
         "path": (),

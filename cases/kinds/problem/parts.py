@@ -1,9 +1,9 @@
 """The parts of the scenario of a problem: states, controls, constraints, vehicles."""
 
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Field, Tag, field_serializer, model_validator
 
 from swarmstart.cases.format.settings import Checks, Part, Positive
 from swarmstart.cases.kinds.problem.values import (
@@ -198,6 +198,53 @@ class Prediction(Part):
                 f"found {nodes}"
             )
         return self
+
+
+class Phase(Part):
+    """One of several phases, one after another: what is other than in the file.
+
+    Attributes:
+        name: In names of measures; its number, from 1, unless given.
+        horizon_s: Its length [s], or decided.
+        intervals: Number of its control intervals.
+        constants: In place of, or besides, the file's.
+        definitions: Likewise.
+        states: Likewise, key by key; null: there is no such state in this phase.
+        controls: Likewise.
+        algebraic: Likewise.
+        stage_cost: In place of the file's.
+        step_cost: In place of the file's.
+        terminal_cost: At the end of this phase.
+        path: Besides the file's, which hold in all phases.
+        terminal: At the end of this phase.
+        linkage: By state of the next phase: what the end of this one makes of it; other
+            states go on.
+    """
+
+    name: Names | None = None
+    horizon_s: Horizon
+    intervals: int = Field(ge=1, le=10_000)
+    constants: Mapping[Names, Quantity] = Field(default_factory=dict)
+    definitions: Mapping[Names, Expression] = Field(default_factory=dict)
+    states: Mapping[Names, State | None] = Field(default_factory=dict)
+    controls: Mapping[Names, Control | None] = Field(default_factory=dict)
+    algebraic: Mapping[Names, AlgebraicPart | None] = Field(default_factory=dict)
+    stage_cost: Expression | None = None
+    step_cost: Expression | None = None
+    terminal_cost: Expression | None = None
+    path: list[PathPart] = Field(default_factory=list)
+    terminal: list[Constraint] = Field(default_factory=list)
+    linkage: Mapping[Names, Expression] = Field(default_factory=dict)
+
+    @field_serializer("states", "controls")
+    def _as_given(self, parts: Mapping[str, Part | None]) -> dict[str, Any]:
+        """Return what is laid over the file: no default hides what the file says."""
+        return {
+            name: None
+            if part is None
+            else part.model_dump(mode="json", exclude_unset=True)
+            for name, part in parts.items()
+        }
 
 
 class Feedback(Part):

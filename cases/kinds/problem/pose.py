@@ -1,13 +1,12 @@
 """A problem scenario -> its agents and its plant."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.kind import LinearLaws, Posed, PosedAgent, PosedPlant
+from swarmstart.cases.format.kind import LinearLaws, PosedAgent, PosedPlant
 from swarmstart.cases.kinds.problem.members import (
     Member,
     candidate_scopes,
@@ -22,6 +21,8 @@ from swarmstart.cases.kinds.problem.model import (
     previous_controls,
 )
 from swarmstart.cases.kinds.problem.parts import DualMode, Noise
+from swarmstart.cases.kinds.problem.pose_phases import pose_phases
+from swarmstart.cases.kinds.problem.posed import ProblemPosed
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     Signal,
@@ -47,19 +48,6 @@ from swarmstart.terminal_set import TerminalSet, Weights, certificate_text
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ProblemPosed(Posed):
-    """A problem as posed, with what measures and figures need.
-
-    Attributes:
-        known: Name of a parameter of the plant, or of a signal -> its values over time.
-        members: The vehicles, or the one system.
-    """
-
-    known: Mapping[str, Signal]
-    members: tuple[Member, ...]
-
-
 def pose(scenario: ProblemScenario) -> ProblemPosed:
     """Return the agents of a problem and its plant.
 
@@ -70,6 +58,8 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
         SwarmstartError: If a guess cannot be read, or the dual mode has no certified
             terminal set.
     """
+    if scenario.phases:
+        return pose_phases(scenario)
     shared = shared_of(scenario)
     members, constants = members_of(scenario, shared), constants_of(scenario)
     together = scenario.vehicles is None or scenario.vehicles.planning == "joint"

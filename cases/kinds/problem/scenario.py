@@ -20,6 +20,7 @@ from swarmstart.cases.kinds.problem.parts import (
     Feedback,
     Guess,
     PathPart,
+    Phase,
     PlantPart,
     Prediction,
     State,
@@ -78,6 +79,7 @@ class ProblemScenario(UserScenario):
     terminal: list[Constraint] = Field(default_factory=list)
     vehicles: Vehicles | None = None
     uncertain: Uncertain | None = None
+    phases: list[Phase] = Field(default_factory=list, max_length=20)
     guess: Guess = Guess()
     candidates: list[Mapping[Names, Expression]] = Field(default_factory=list)
     prediction: Prediction
@@ -92,9 +94,13 @@ class ProblemScenario(UserScenario):
     @model_validator(mode="before")
     @classmethod
     def _completed(cls, given: Any) -> Any:
-        """Fill in the steps, those of the prediction, and the plan of a record."""
+        """Fill in the steps, those of the prediction, and the plan of a record.
+
+        With phases the intervals of the prediction are those of all of them.
+        """
         if not isinstance(given, dict):
             return given
+        given = _with_intervals(given)
         guess = given.get("guess")
         given = {"steps": _steps(given), **given}
         if isinstance(guess, dict) and "record" in guess:
@@ -102,6 +108,18 @@ class ProblemScenario(UserScenario):
                 guess, given.get("controls"), given.get("vehicles")
             )
         return given
+
+
+def _with_intervals(given: dict[str, Any]) -> dict[str, Any]:
+    """Return a scenario with the intervals of all phases, unless it says them."""
+    phases, grid = given.get("phases"), given.get("prediction", {})
+    if not (isinstance(phases, list) and phases and isinstance(grid, dict)):
+        return given
+    counts = [one.get("intervals") for one in phases if isinstance(one, dict)]
+    whole = [count for count in counts if type(count) is int]
+    if "intervals" in grid or len(whole) != len(phases):
+        return given
+    return {**given, "prediction": {**grid, "intervals": max(sum(whole), 1)}}
 
 
 def _steps(given: dict[str, Any]) -> int:

@@ -1,0 +1,35 @@
+"""Flaws of problems that would take minutes to build: an interval is one expression."""
+
+from collections.abc import Iterator
+
+import casadi as ca
+
+from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.ocp import OptimalControlProblem, held_step
+from swarmstart.ocp.integrators import PARTS
+
+MOST_OPERATIONS = 40_000
+"""In an interval: they take up to 15 s to prepare, and twice as many a minute."""
+
+
+def operation_flaws(problem: OptimalControlProblem) -> Iterator[LocatedFlaw]:
+    """Yield that an interval of a problem has too many operations."""
+    model = problem.model
+    symbols = [*problem.symbols().values(), model.time]
+    rates = ca.Function("rates", symbols, [model.ode, problem.stage_cost])
+    evaluations = {"rk4": 4, "euler": 1, "stiff": 6}[problem.integrator]
+    steps = problem.substeps * problem.checks
+    found = rates.n_instructions() * evaluations * steps
+    if problem.integrator == "stiff" and found <= MOST_OPERATIONS:
+        # And linear equations.
+        dt = float(problem.expected_times[-1]) / problem.intervals
+        first = held_step(model, dt, method="stiff")
+        parts = len(PARTS)
+        found = int(first.n_instructions() / parts * (steps + parts - 1))
+    if found > MOST_OPERATIONS:
+        yield (
+            ("prediction",),
+            f"expected at most {MOST_OPERATIONS} operations in an interval, those of "
+            f"the rates in all substeps of all checks; found {found}: take more "
+            "intervals, or fewer checks or substeps",
+        )

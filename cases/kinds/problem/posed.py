@@ -1,0 +1,21 @@
+"""A problem as posed, with what its measures and figures need."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from swarmstart.cases.format.kind import Posed
+from swarmstart.cases.kinds.problem.members import Member
+from swarmstart.cases.kinds.problem.symbols import Signal
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ProblemPosed(Posed):
+    """A problem as posed, with what measures and figures need.
+
+    Attributes:
+        known: Name of a parameter of the plant, or of a signal -> its values over time.
+        members: The vehicles, the one system, or the phases.
+    """
+
+    known: Mapping[str, Signal]
+    members: tuple[Member, ...]
