@@ -171,6 +171,21 @@ PARTS = (
         "measures: {'': 1}",
     ),
     *("claims: [{id: a, text: '', source: '', measure: m, relation: '>=', bound: 1}]",),
+    *(
+        "uncertain: {}",
+        "uncertain: {values: {p: [1, 2]}}",
+        "phases: []",
+        "phases: [{}]",
+    ),
+    *(
+        "uncertain: {drawn: {p: {normal: [0, 1e30]}}, samples: 1000}",
+        "algebraic: {z: z}",
+    ),
+    *("algebraic: {z: {equation: z**3 - 1e30, scale: 1e-30}}", "algebraic: {z: 1/0}"),
+    *("phases: [{horizon_s: 1, intervals: 2}]", "phases: [{intervals: 10000}, null]"),
+    *("phases: [{horizon_s: 1, intervals: 2}, {horizon_s: 1, intervals: 3}]",),
+    *("controls: {u: {bounds: [-1, time], integer: true}}", "uncertain: {values: 1}"),
+    *("states: {x: {start: {same_as: y}}, y: {start: {free: [0, 1]}, rate: u}}",),
 )
 ANY = "\t\x00\x1b\u2028\ud7ff#:,[]{}&*!|>'\"%@`-0.9eE\u017c\U0001f600"
 _SCALAR = re.compile(r"(?<=: )[^\s,{}\[\]#]+|(?<=[\[ ])[-+]?[0-9.]+(?:e[-+]?[0-9]+)?")

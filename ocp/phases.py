@@ -249,7 +249,7 @@ class _Joined:
             replace(c, expression=joined(c.expression))
             for c in phase.terminal_constraints
         ]
-        self.constraints = [self._active(c) for c in _own_constraints(phase, union)]
+        self.constraints = [self._active(c) for c in _own_constraints(union, number)]
 
     def _active(self, constraint: PathConstraint) -> PathConstraint:
         """Return a constraint that holds in its phase only."""
@@ -266,10 +266,9 @@ class _Joined:
         return replace(constraint, expression=self.union.selected(every))
 
 
-def _own_constraints(
-    phase: OptimalControlProblem, union: _Union
-) -> list[PathConstraint]:
+def _own_constraints(union: _Union, number: int) -> list[PathConstraint]:
     """Return a phase's path constraints, and its bounds where others' are wider."""
+    phase = union.stated[number]
     model, found = phase.model, []
     for what, names, symbols, limits, widest in (
         (
@@ -298,7 +297,7 @@ def _own_constraints(
                     expression=symbols[own],
                     lower=limits[0][own],
                     upper=limits[1][own],
-                    name=f"bounds of the {what}",
+                    name=f"bounds of the {what} in phase {number + 1}",
                 )
             )
     for constraint in phase.stated:
@@ -396,7 +395,7 @@ def _require(
             "controls of whole numbers": len(phase.integer),
             "blocks of intervals": len(phase.blocks),
             "several members": phase.risk is not None,
-            "an initial cost": number > 0 and not phase.initial_cost.is_zero(),
+            "initial cost": number > 0 and not phase.initial_cost.is_zero(),
             "a state named time": CLOCK in phase.model.state_names,
         }
         wrong = [name for name, count in has.items() if count]

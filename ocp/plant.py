@@ -90,7 +90,8 @@ class Plant:
         if not dt > 0:
             raise InvalidProblemError(f"dt must be positive, got {dt}")
         self.model, self.dt, self.substeps = model, dt, substeps
-        self._parameters, self._signals = parameters, signals
+        # Signals of costs and constraints alone are not the model's.
+        self._parameters, self._signals = parameters, signals if model.ns else None
         self._decided, self._integrator = dict(decided), integrator
         self.clock = clock
         step = held_step(model, dt / substeps, method=integrator)

@@ -177,3 +177,21 @@ def test_phases_that_do_not_follow_each_other_are_refused(
 ) -> None:
     with pytest.raises(InvalidProblemError, match=message):
         phases(stated, linkages)
+
+
+def test_bounds_of_states_in_one_phase_are_named_with_it() -> None:
+    """Broken from the first phase to the second: said once, of the second."""
+    low = Bounds(controls=(-4, 4), states=([-9.0, -9.0], [0.3, 9.0]))
+    wide = Bounds(controls=(-4, 4), states=([-9.0, -9.0], [9.0, 9.0]))
+    both = phases(
+        [leg(1.0, 3, bounds=wide, terminal=[(X[0], 1.0)]), leg(1.0, 3, bounds=low)]
+    )
+    answer = solve(both.problem, both.start([0.0, 0.0]), search=None, seed=0)
+    assert answer.status is SolutionStatus.INFEASIBLE
+    assert "'bounds of the states in phase 2'" in answer.reason
+
+
+def test_initial_cost_of_a_later_phase_is_refused_and_not_dropped() -> None:
+    with pytest.raises(InvalidProblemError, match="no initial cost, phase 2 has"):
+        phases([leg(1.0, 2), leg(1.0, 2, initial_cost=X[0])])
+    phases([leg(1.0, 2, initial_cost=X[0]), leg(1.0, 2)])

@@ -5,7 +5,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from swarmstart.ocp import InvalidProblemError, Model, Plant
+from swarmstart.ocp import (
+    Bounds,
+    InvalidProblemError,
+    IpoptOptions,
+    Model,
+    OptimalControlProblem,
+    Planner,
+    Plant,
+    RecedingHorizon,
+    simulate,
+)
 
 
 @pytest.fixture(scope="module")
@@ -56,3 +66,29 @@ def test_refuses_a_plant_whose_parameters_nobody_gives() -> None:
     model = Model(states=x, controls=ca.SX.sym("u"), parameters=p, ode=p * x)
     with pytest.raises(InvalidProblemError, match="has 1 parameters: expected a func"):
         Plant(model, dt=0.1, substeps=1)
+
+
+def test_signals_of_costs_alone_are_none_of_the_model() -> None:
+    """x' = t, beside a signal that no rate depends on."""
+    x, t = ca.SX.sym("x"), ca.SX.sym("t")
+    model = Model(states=x, controls=ca.SX.sym("u"), ode=t, time=t)
+    plant = Plant(model, dt=0.5, substeps=5, signals=lambda at: np.ones((3, at.size)))
+    dense = plant(np.array([0.0]), np.zeros(1), 2.0)
+    assert dense[0, -1] == pytest.approx((2.5**2 - 2**2) / 2)
+
+
+def test_clock_is_the_time_of_a_flight() -> None:
+    """s' = 3: three seconds pass in each of the plant's."""
+    s, u = ca.SX.sym("s"), ca.SX.sym("u")
+    model = Model(states=s, controls=u, ode=ca.SX(3))
+    one = OptimalControlProblem(
+        model, horizon=1.0, intervals=2, bounds=Bounds(controls=(-1, 1))
+    )
+    plant = Plant(model, dt=0.5, substeps=5, clock="s")
+    loop = RecedingHorizon(planner=Planner(one, search=None, polish=IpoptOptions()))
+    flight = simulate(plant, loop, [0.5], steps=2, seed=0)
+    np.testing.assert_allclose(flight.times, [0.5, 2.0, 3.5])
+    np.testing.assert_allclose(flight.dense_times, 0.5 + 0.3 * np.arange(11))
+    assert plant.with_interval(0.25).clock == "s"
+    with pytest.raises(InvalidProblemError, match="clock must name a state, one of s"):
+        Plant(model, dt=0.5, substeps=5, clock="time")
