@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,12 +17,18 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from swarmstart.cases.campaign.claims import judged
 from swarmstart.cases.format.kind import Flight, Measure, Posed
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.record.files import locked, write_arrays, write_json, write_text
+from swarmstart.cases.record.multiplier_arrays import (
+    multiplier_arrays,
+    multipliers_from,
+    told,
+)
 from swarmstart.cases.record.partial import load_partial, remove_partial, save_partial
 from swarmstart.cases.record.record import (
     FIGURES,
@@ -53,6 +59,7 @@ from swarmstart.ocp import (
     collected,
     fly,
 )
+from swarmstart.ocp.multipliers import Multipliers, multipliers_of
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
 logger = logging.getLogger(__name__)
@@ -98,6 +105,7 @@ class Run:
         folder: Where the record is; None where none was asked for.
         figures: The figures drawn.
         resumed: Steps that an interrupted run before had finished.
+        multipliers: Of the first plan, if one agent plans and a solver has converged.
     """
 
     resolved: Resolved
@@ -113,6 +121,7 @@ class Run:
     folder: Path | None = None
     figures: tuple[Path, ...] = ()
     resumed: int = 0
+    multipliers: Multipliers | None = None
 
     def __repr__(self) -> str:
         """Return scenario, seed and how it ended in one line."""
@@ -133,6 +142,7 @@ class Run:
             "polish": settings["polish"],
             "status": self.status,
             "measures": dict(self.measures),
+            "multipliers": told(self.multipliers),
             "claims": self.claims,
             "evaluations": self.measures.get("evaluations"),
             "wall_s": self.wall_s,
@@ -238,7 +248,7 @@ def _timed(
         flight = flight_of(resolved.posed(), scenario)
     logger.debug("built after %.2f s", watch.seconds)
     folder = recording.folder if recording else None
-    steps, resumed = _flown(resolved, flight, seed, folder, progress)
+    steps, resumed, multipliers = _flown(resolved, flight, seed, folder, progress)
     logger.debug("flown after %.2f s", watch.seconds)
     try:
         with heeded():
@@ -248,6 +258,7 @@ def _timed(
                 wall_s=watch.seconds,
                 compile_s=watch.compile_seconds,
                 resumed=resumed,
+                multipliers=multipliers,
             )
             if recording is None:
                 return finished
@@ -297,15 +308,18 @@ def _flown(
     seed: int,
     folder: Path | None,
     progress: ProgressCallback,
-) -> tuple[list[Step], int]:
-    """Return all steps, and how many an interrupted run before had finished."""
+) -> tuple[list[Step], int, Multipliers | None]:
+    """Return all steps, how many an interrupted run had finished, and multipliers.
+
+    These are of the first plan.
+    """
     key = key_of(resolved, seed)
-    kept, rng = _kept(flight, seed, folder, key)
+    kept, rng, multipliers = _kept(flight, seed, folder, key)
     # A step and the generator's state after it, in one list: an interrupt may come
     # between any two statements.
     flown = [(step, rng.bit_generator.state) for step in kept]
     last = kept[-1] if kept else None
-    save = partial(_save, folder, key, flight, flown)
+    save = partial(_save, folder, key, flight, flown, multipliers)
     saved = clock.perf_counter()
     try:
         with heeded() as asked_to_stop:
@@ -335,7 +349,16 @@ def _flown(
         with contextlib.suppress(KeyboardInterrupt):  # It is said below.
             save()
         raise Interrupted(folder, len(flown)) from None
-    return [step for step, _ in flown], len(kept)
+    steps = [step for step, _ in flown]
+    return steps, len(kept), multipliers if kept else _multipliers(flight, steps)
+
+
+def _multipliers(flight: Flight[Posed], steps: Sequence[Step]) -> Multipliers | None:
+    """Return the multipliers of the first plan; None of several agents' plans."""
+    first, agents = steps[0].decision.plans, flight.posed.agents
+    if len(agents) != 1 or first[0].point is None:
+        return None
+    return multipliers_of(first[0].point, agents[0].problem)
 
 
 def _save(
@@ -343,24 +366,30 @@ def _save(
     key: str,
     flight: Flight[Posed],
     flown: list[tuple[Step, Any]],
+    kept: Multipliers | None,
 ) -> None:
     """Write the finished steps, if there are any and a folder for them."""
     if folder is not None and flown:
         steps, (*_, state) = zip(*flown, strict=True)
         with put_off():
-            save_partial(folder, key, collected(flight.plant, steps), state)
+            first = kept or _multipliers(flight, steps)
+            arrays = multiplier_arrays(first)
+            save_partial(folder, key, collected(flight.plant, steps), state, arrays)
 
 
 def _kept(
     flight: Flight[Posed], seed: int, folder: Path | None, key: str
-) -> tuple[list[Step], np.random.Generator]:
-    """Return the steps of an interrupted run, and the generator as it left it."""
+) -> tuple[list[Step], np.random.Generator, Multipliers | None]:
+    """Return the steps of an interrupted run, the generator as it left it, multipliers.
+
+    These are of the first plan.
+    """
     rng = np.random.default_rng(seed)
     kept = load_partial(folder, key, flight.plant.substeps) if folder else None
     if kept is None:
-        return [], rng
-    steps, rng.bit_generator.state = kept
-    return steps, rng
+        return [], rng, None
+    steps, rng.bit_generator.state, arrays = kept
+    return steps, rng, multipliers_from(arrays)
 
 
 def _status(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]:
@@ -410,7 +439,12 @@ def _recorded(
     if figures is None:
         withdraw(folder)
     write_text(folder / SCENARIO, _scenario_text(resolved))
-    write_arrays(folder / TRAJECTORY, trajectory_arrays(finished.trajectory))
+    arrays: dict[str, NDArray[Any]] = trajectory_arrays(finished.trajectory)
+    arrays |= multiplier_arrays(finished.multipliers)
+    costs = finished.measures.get("member_costs")
+    if isinstance(costs, list):
+        arrays["member_costs"] = np.array(costs, dtype=np.float64)
+    write_arrays(folder / TRAJECTORY, arrays)
     for name, content in flight.documents.items():
         write_text(folder / name, content)
     drawn: list[Path] = []

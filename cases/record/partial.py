@@ -13,6 +13,7 @@ import struct
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from zipfile import BadZipFile
 
@@ -26,10 +27,12 @@ from swarmstart.cases.record.files import (
     write_arrays,
     write_text,
 )
+from swarmstart.cases.record.multiplier_arrays import PREFIX
 from swarmstart.cases.record.trajectory_arrays import steps_of, trajectory_arrays
 from swarmstart.ocp import Step, Trajectory
 
 MARK, ARRAYS = "partial.json", "partial.npz"
+NOTHING: Mapping[str, NDArray[Any]] = MappingProxyType({})
 UNREADABLE = (
     *(OSError, LookupError, TypeError, ValueError, AttributeError, EOFError),
     *(
@@ -44,7 +47,11 @@ UNREADABLE = (
 
 
 def save_partial(
-    folder: Path, key: str, trajectory: Trajectory, rng_state: Mapping[str, Any]
+    folder: Path,
+    key: str,
+    trajectory: Trajectory,
+    rng_state: Mapping[str, Any],
+    multipliers: Mapping[str, NDArray[Any]] = NOTHING,
 ) -> None:
     """Keep what an interrupted run had finished, to go on from.
 
@@ -53,8 +60,10 @@ def save_partial(
         key: The run's key.
         trajectory: The finished steps.
         rng_state: State of the generator after them, `rng.bit_generator.state`.
+        multipliers: Of the first plan, which its steps do not keep.
     """
     arrays: dict[str, NDArray[Any]] = trajectory_arrays(trajectory)
+    arrays |= multipliers
     arrays["key"] = np.array(key)
     checksum = np.array(_checksum_of_arrays(arrays))
     write_arrays(folder / ARRAYS, {**arrays, "checksum": checksum})
@@ -91,8 +100,8 @@ def partial_key(folder: Path) -> str | None:
 
 def load_partial(
     folder: Path, key: str, substeps: int
-) -> tuple[list[Step], Any] | None:
-    """Return the finished steps of an interrupted run and the generator's state.
+) -> tuple[list[Step], Any, dict[str, NDArray[Any]]] | None:
+    """Return the finished steps of an interrupted run, and what goes with them.
 
     Args:
         folder: The run's folder.
@@ -100,7 +109,8 @@ def load_partial(
         substeps: Steps of the plant in a control interval.
 
     Returns:
-        None if there is nothing to go on from.
+        Steps, the generator's state, and the multipliers of the first plan; None if
+        there is nothing to go on from.
 
     Raises:
         RecordError: If there is something, and it cannot be read.
@@ -120,7 +130,8 @@ def load_partial(
             raise ValueError(f"{len(steps)} of {mark['steps']} steps")
     except UNREADABLE as error:
         raise _broken(folder, error) from error
-    return steps, mark["rng"]
+    kept = {name: one for name, one in arrays.items() if name.startswith(PREFIX)}
+    return steps, mark["rng"], kept
 
 
 def _mark(folder: Path) -> Mapping[str, Any]:

@@ -9,7 +9,7 @@ A record of `swarmstart run` is read the same way. No file is unpickled, no code
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -26,6 +26,11 @@ from swarmstart.cases.record.files import (
     write_arrays,
     write_json,
 )
+from swarmstart.cases.record.multiplier_arrays import (
+    multiplier_arrays,
+    multipliers_from,
+    told,
+)
 from swarmstart.cases.record.partial import UNREADABLE
 from swarmstart.cases.record.record import (
     MARK,
@@ -36,6 +41,7 @@ from swarmstart.cases.record.record import (
 )
 from swarmstart.cases.record.trajectory_arrays import trajectory_arrays, trajectory_of
 from swarmstart.ocp import Solution, Trajectory
+from swarmstart.ocp.multipliers import Multipliers
 
 RESULT, SOLUTION = "result.json", "solution.npz"
 T = TypeVar("T")
@@ -52,6 +58,9 @@ class Record:
         trajectory: The flight; None in the record of a Solution. Its plans are without
             states.
         scenario: The scenario as it was run, plain data; None if it is missing.
+        multipliers: Of the answer, or of the first plan of a flight; None if no solver
+            has converged to it, or the record is an older one.
+        member_costs: Of the members of an ensemble, shape (M,); empty of any other.
     """
 
     folder: Path
@@ -59,6 +68,8 @@ class Record:
     arrays: Mapping[str, NDArray[Any]]
     trajectory: Trajectory | None = None
     scenario: Mapping[str, Any] | None = None
+    multipliers: Multipliers | None = None
+    member_costs: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def __repr__(self) -> str:
         """Return folder and status in one line."""
@@ -76,6 +87,8 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
         "dense_states": path.states,
         "state_names": np.array(solution.state_names),
         "control_names": np.array(solution.control_names),
+        "member_costs": solution.member_costs,
+        **multiplier_arrays(solution.multipliers),
     }
     summary = {
         "result": "solution",
@@ -90,6 +103,8 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
         "source": plan.source.value,
         "evaluations": plan.evaluations,
         "compile_seconds": solution.compile_seconds,
+        "member_costs": solution.member_costs.tolist(),
+        "multipliers": told(solution.multipliers),
     }
     return _saved(folder, SOLUTION, arrays, summary, force=force)
 
@@ -165,6 +180,8 @@ def load(folder: str | Path) -> Record:
         if is_solution
         else _read(file, lambda _: trajectory_of(arrays)),
         scenario=read_yaml(str(folder / SCENARIO)).data if is_run else None,
+        multipliers=_read(file, lambda _: multipliers_from(arrays)),
+        member_costs=arrays.get("member_costs", np.empty(0)),
     )
 
 

@@ -33,6 +33,7 @@ from swarmstart.ocp import (
     solve,
 )
 from swarmstart.ocp.lowering import lowered
+from swarmstart.ocp.multipliers import Multipliers
 from swarmstart.tests.ocp.feature_pairs.comparison import Ours, drawn_point
 from swarmstart.tests.ocp.feature_pairs.features import FEATURES, drawn
 from swarmstart.tests.ocp.feature_pairs.stated import Stated
@@ -139,6 +140,23 @@ def test_record_keeps_the_answer(name: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(record.arrays[role], values)
     assert record.arrays["states"].shape == (stated.x0.size, stated.nodes)
     assert record.arrays["state_names"].tolist() == list(answer.state_names)
+    assert_same_multipliers(record.multipliers, answer.multipliers)
+
+
+def assert_same_multipliers(
+    found: Multipliers | None, expected: Multipliers | None
+) -> None:
+    assert (found is None) == (expected is None)
+    if found is None or expected is None:
+        return
+    for part in ("costates", "controls", "states"):
+        np.testing.assert_array_equal(getattr(found, part), getattr(expected, part))
+    for part in ("path", "terminal"):
+        kept, given = getattr(found, part), getattr(expected, part)
+        assert list(kept) == list(given)
+        for name, values in given.items():
+            np.testing.assert_array_equal(kept[name], values)
+    assert found.decided == expected.decided
 
 
 def two_legs() -> tuple[OptimalControlProblem, Array]:
@@ -222,6 +240,8 @@ def test_other_controls_run_in_machine_code_are_flown_and_recorded(
     record = load(answer.save(tmp_path / "answer"))
     np.testing.assert_array_equal(record.arrays["states"], answer.states)
     assert record.summary["cost"] == answer.cost
+    np.testing.assert_array_equal(record.member_costs, answer.member_costs)
+    assert_same_multipliers(record.multipliers, answer.multipliers)
 
     def plant_step(x: Array, u: Array, dt: float) -> Array:
         return np.asarray(u + np.exp(-dt) * (x - u))

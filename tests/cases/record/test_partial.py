@@ -85,7 +85,8 @@ def test_a_partial_record_gives_back_every_bit(tmp_path: Path) -> None:
     save_partial(tmp_path, "key", flight(3), rng.bit_generator.state)
     kept = load_partial(tmp_path, "key", SUBSTEPS)
     assert kept is not None
-    steps, state = kept
+    steps, state, multipliers = kept
+    assert not multipliers
     again = np.random.default_rng()
     again.bit_generator.state = state
     assert again.random() == rng.random()
