@@ -1,4 +1,4 @@
-"""Multipliers are kept in records, and come back from them; also of an interrupted run."""
+"""Multipliers are kept in records, and come back; also of an interrupted run."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,11 +16,10 @@ from swarmstart.cases.record.multiplier_arrays import (
 )
 from swarmstart.cases.record.record import Recording
 from swarmstart.cases.record.results import load
-from swarmstart.ocp import Step
+from swarmstart.ocp import Step, fly
 from swarmstart.tests.cases.kinds.problem.conftest import stated
 
-# The cost is the square of the way, 2, over the time: 2 * 2 of what is asked at the
-# end, and at a speed limit of 1.5 what is lost over the second half.
+# The least cost is the square of the way over the time, 2² / 1.
 WAY = """\
 kind: problem
 states: {x: {start: 0, rate: u}}
@@ -49,9 +48,8 @@ def test_record_of_a_run_tells_what_limits_are_worth(tmp_path: Path) -> None:
 
 
 def test_run_that_is_searched_only_keeps_none(tmp_path: Path) -> None:
-    text = WAY.replace(
-        "search: {name: none}", "polish: none\nbudget: {evaluations: 100}"
-    )
+    searched = "polish: none\nbudget: {evaluations: 100}"
+    text = WAY.replace("search: {name: none}", searched)
     run(stated(text), seed=0, recording=Recording(folder=tmp_path, figures=False))
     kept = load(tmp_path)
     assert kept.multipliers is None and kept.summary["multipliers"] is None
@@ -65,10 +63,9 @@ def test_interrupted_run_keeps_those_of_its_first_plan(
     whole = Recording(folder=tmp_path / "whole", figures=False)
     broken = Recording(folder=tmp_path / "broken", figures=False)
     run(resolved, seed=0, recording=whole)
-    flown = campaign.fly
 
     def stopped(*arguments: object, **more: object) -> Iterator[Step]:
-        for step in flown(*arguments, **more):  # type: ignore[arg-type]
+        for step in fly(*arguments, **more):  # type: ignore[arg-type]
             yield step
             raise KeyboardInterrupt
 
