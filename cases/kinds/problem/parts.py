@@ -3,7 +3,16 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, Tag, field_serializer, model_validator
+from pydantic import (
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    Tag,
+    field_serializer,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from swarmstart.cases.format.settings import Checks, Part, Positive
 from swarmstart.cases.kinds.problem.values import (
@@ -168,6 +177,11 @@ class Guess(Part):
     states: Mapping[Names, OverTime] = Field(default_factory=dict)
 
 
+def _without_required(schema: dict[str, Any]) -> None:
+    """Take from a schema what is required: phases say what the intervals are."""
+    schema.pop("required", None)
+
+
 class Prediction(Part):
     """The horizon and its grid.
 
@@ -177,6 +191,8 @@ class Prediction(Part):
             interval has its own.
         newton_iterations: For algebraic equations that are not linear.
     """
+
+    model_config = ConfigDict(json_schema_extra=_without_required)
 
     horizon_s: Horizon | None = None
     intervals: int = Field(ge=1, le=10_000)
@@ -265,6 +281,16 @@ class Feedback(Part):
     @classmethod
     def _from_name(cls, value: object) -> object:
         return {"law": value} if isinstance(value, str) else value
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Describe it as it may be written: as a mapping, or as its law alone."""
+        schema = handler.resolve_ref_schema(handler(core_schema))
+        law = schema["properties"]["law"]["enum"]
+        schema["anyOf"] = [{"type": schema.pop("type")}, {"enum": law}]
+        return schema
 
 
 class Noise(Part):

@@ -1,16 +1,20 @@
 from __future__ import annotations
 
 import copy
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 from jsonschema import Draft7Validator
 
+import swarmstart
 from swarmstart.cases.format.overrides import overlay
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.format.scenario import read_document, shipped
 from swarmstart.cases.format.schema import DIALECT, scenario_schema
+from swarmstart.cases.format.yaml_reader import parse_yaml
 
 SCHEMA = scenario_schema("formation_flight")
 VALIDATOR = Draft7Validator(SCHEMA)
@@ -67,3 +71,16 @@ def test_a_range_is_a_list_of_two() -> None:
     for wrong in ([1], [1, 2, 3], {"lower": 1, "upper": 2}, 3):
         scenario["vehicle"]["acceleration_m_s2"] = wrong
         assert flaws(scenario)
+
+
+def test_documented_problems_and_mutated_ones_fit_the_schema() -> None:
+    validator = Draft7Validator(scenario_schema("problem"))
+    root = Path(swarmstart.__file__).parent
+    page = (root / "docs" / "problem.md").read_text(encoding="utf-8")
+    texts = re.findall(r"^```yaml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    bases = sorted((root / "benchmarks" / "mutation_bases").glob("*.yaml"))
+    texts += [path.read_text(encoding="utf-8") for path in bases]
+    for text in texts:
+        if "kind: problem" in text:
+            data = parse_yaml(text.encode(), name="text").data
+            assert not [error.message for error in validator.iter_errors(data)], text
