@@ -111,6 +111,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         OpenLoop as OpenLoop,
         OptimalControlProblem as OptimalControlProblem,
         PathConstraint as PathConstraint,
+        PhasedHorizon as PhasedHorizon,
         Phases as Phases,
         Plan as Plan,
         Planner as Planner,
@@ -144,6 +145,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         fly as fly,
         interpolate as interpolate,
         multistart as multistart,
+        phased_horizon as phased_horizon,
         phases as phases,
         simulate as simulate,
         solve as solve,
@@ -215,13 +217,14 @@ _NAMES = {
         Agent AlgebraicEquations BackendWarning Bounds Connection Decision DivergedError
         DualMode Fitness
         Free InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Mode Model
-        NlpOptions OpenLoop OptimalControlProblem PathConstraint Phases Plan Planner
-        PlanningInterrupted Plant PolishStatus RecedingHorizon SearchReport
+        NlpOptions OpenLoop OptimalControlProblem PathConstraint PhasedHorizon Phases
+        Plan Planner PlanningInterrupted Plant PolishStatus RecedingHorizon SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError
         SolveInterrupted Source Start StartOutcome Step SteppedPlant Table Team
         TerminalConstraint Trajectory TrajectoryFamily UncertifiedSetError
         WarmStartReport WarmStartedSolver compile_batch disc ensemble fly interpolate
-        multistart phases simulate solve stack_models table terminal_set_of warm_start
+        multistart phased_horizon phases simulate solve stack_models table
+        terminal_set_of warm_start
     """,
     "swarmstart.terminal_set": """
         AsymmetricMatrixError Certificate CoarseHoldError

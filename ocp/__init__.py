@@ -33,6 +33,7 @@ from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.multipliers import Multipliers
 from swarmstart.ocp.multistart import multistart
 from swarmstart.ocp.opti import warm_start
+from swarmstart.ocp.phased_horizon import PhasedHorizon, phased_horizon
 from swarmstart.ocp.phases import Phases, phases
 from swarmstart.ocp.plan import Plan, PlanningInterrupted, SearchReport, Source
 from swarmstart.ocp.planner import Planner
@@ -85,6 +86,7 @@ __all__ = [
     "OpenLoop",
     "OptimalControlProblem",
     "PathConstraint",
+    "PhasedHorizon",
     "Phases",
     "Plan",
     "Planner",
@@ -128,6 +130,7 @@ __all__ = [
     "interpolate",
     "largest_distance",
     "multistart",
+    "phased_horizon",
     "phases",
     "right_hand_side",
     "shifted_controls",

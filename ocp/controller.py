@@ -237,8 +237,8 @@ class RecedingHorizon:
         """
         if self.planner.stated.clock:
             raise InvalidProblemError(
-                "phases cannot be flown in receding horizon: solve() them, or fly "
-                "their plan in an OpenLoop"
+                "phases cannot be flown in receding horizon by their joined problem: "
+                "take phased_horizon(), or fly one plan in an OpenLoop"
             )
         if self.planner.stated.start:
             raise InvalidProblemError(
@@ -330,7 +330,7 @@ class RecedingHorizon:
         )
         if plan.feasible or shifted is None:
             return plan
-        return self._fallback(plan, shifted, state, known)
+        return fallback_of(self.planner, plan, shifted, state, known)
 
     def _left(self, last: Plan | None) -> float | None:
         """Return what is left of the last plan's time [s]; None: nothing shrinks."""
@@ -359,28 +359,32 @@ class RecedingHorizon:
         profile, N = _profile(last, self._length(last)), last.controls.shape[1]
         return start, profile.sampled(period, left, N)
 
-    def _fallback(self, plan: Plan, again: Array, state: Array, known: Known) -> Plan:
-        """Return the shifted last plan in place of an infeasible one, unless worse.
 
-        Args:
-            plan: What planning found; its search values and effort are kept.
-            again: The shifted last plan's controls, shape (nu, N).
-            state: Shape (nx,).
-            known: Parameters and signals of the plan.
-        """
-        shifted = self.planner.evaluated(
-            again,
-            state,
-            known=known,
-            source=Source.SHIFTED,
-            search=plan.search,
-            evaluations=plan.evaluations,
-            polish_status=plan.polish_status,
-        )
-        found, last = (plan.cost, plan.violation), (shifted.cost, shifted.violation)
-        if is_better(found, last, tolerance=self.planner.problem.tolerance):
-            return plan
-        return shifted
+def fallback_of(
+    planner: Planner, plan: Plan, again: Array, state: Array, known: Known
+) -> Plan:
+    """Return the shifted last plan in place of an infeasible one, unless worse.
+
+    Args:
+        planner: That has made the plan.
+        plan: What planning found; its search values and effort are kept.
+        again: The shifted last plan's controls, shape (nu, N).
+        state: Of the core, shape (nx,).
+        known: Parameters and signals of the plan.
+    """
+    shifted = planner.evaluated(
+        again,
+        state,
+        known=known,
+        source=Source.SHIFTED,
+        search=plan.search,
+        evaluations=plan.evaluations,
+        polish_status=plan.polish_status,
+    )
+    found, last = (plan.cost, plan.violation), (shifted.cost, shifted.violation)
+    return (
+        plan if is_better(found, last, tolerance=planner.problem.tolerance) else shifted
+    )
 
 
 def _profile(plan: Plan, length: float) -> Profile:

@@ -35,7 +35,7 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "dense_states": trajectory.dense_states,
         "step_seconds": trajectory.step_seconds,
         "linear": np.array(linear),
-        "plan_controls": np.array([[p.controls for p in row] for row in plans]),
+        "plan_controls": _stacked([[p.controls for p in row] for row in plans]),
         "plan_cost": _of_plans(plans, lambda p: p.cost),
         "plan_violation": _of_plans(plans, lambda p: p.violation),
         "plan_feasible": _of_plans(plans, lambda p: p.feasible).astype(bool),
@@ -97,7 +97,10 @@ def steps_of(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
         is_last = bool(arrays["is_last"][number]) if "is_last" in arrays else False
         profile = None
         if piece is not None:
-            profile = Profile(controls=plans[0].controls, piece=piece)
+            held = plans[0].controls
+            if "profile_controls" in arrays:
+                held = _unstacked(arrays["profile_controls"][number])
+            profile = Profile(controls=held, piece=piece)
         steps.append(
             Step(
                 number=number,
@@ -155,7 +158,37 @@ def _lengths(decisions: Sequence[Decision]) -> dict[str, Array]:
             [np.nan if d.profile is None else d.profile.piece for d in decisions]
         ),
         "is_last": np.array([d.is_last for d in decisions]),
+        **_profiles(decisions),
     }
+
+
+def _profiles(decisions: Sequence[Decision]) -> dict[str, Array]:
+    """Return the controls held in each step, if they are not those of its plan."""
+    same = [d.profile is None or d.profile.controls is d.plans[0].controls
+            for d in decisions]  # fmt: skip
+    if all(same):
+        return {}
+    none = np.empty((decisions[0].control.size, 0))
+    rows = [[none if d.profile is None else d.profile.controls] for d in decisions]
+    return {"profile_controls": _stacked(rows)[:, 0]}
+
+
+def _stacked(rows: Sequence[Sequence[Array]]) -> Array:
+    """Return controls of plans, shape (T, agents, nu, N), NaN where one has fewer."""
+    shapes = np.array([[one.shape for one in row] for row in rows])
+    if not shapes.size or (shapes == shapes[0, 0]).all():
+        return np.array(rows)
+    stacked = np.full((*shapes.shape[:2], *shapes.max(axis=(0, 1))), np.nan)
+    for k, row in enumerate(rows):
+        for agent, one in enumerate(row):
+            stacked[k, agent, : one.shape[0], : one.shape[1]] = one
+    return stacked
+
+
+def _unstacked(controls: Array) -> Array:
+    """Return controls without the rows and columns that `_stacked` has filled."""
+    kept = ~np.isnan(controls)
+    return controls[kept.any(axis=1)][:, kept.any(axis=0)]
 
 
 def _start_of(plan: Plan) -> Array:
@@ -196,7 +229,7 @@ def _of_plans(plans: Sequence[Sequence[Plan]], value: Callable[[Plan], float]) -
 def _plan(arrays: Mapping[str, NDArray[Any]], number: int, agent: int) -> Plan:
     """Return the plan of an agent at a step."""
     return Plan(
-        controls=arrays["plan_controls"][number, agent],
+        controls=_unstacked(arrays["plan_controls"][number, agent]),
         states=np.empty((0, 0)),  # Not needed to go on, so not kept.
         cost=float(arrays["plan_cost"][number, agent]),
         violation=float(arrays["plan_violation"][number, agent]),

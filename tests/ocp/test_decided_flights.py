@@ -18,7 +18,6 @@ from swarmstart.ocp import (
     Plant,
     RecedingHorizon,
     fly,
-    phases,
     simulate,
     solve,
 )
@@ -101,9 +100,6 @@ def test_end_time_must_be_able_to_shrink_to_the_period() -> None:
     fixed = replace(fastest(), horizon=1.0)
     with pytest.raises(InvalidProblemError, match="whose end time is free"):
         RecedingHorizon(planner=Planner(fixed, search=None), period=0.3)
-    cut = Planner(phases([fixed, fixed]).problem, search=None)
-    with pytest.raises(InvalidProblemError, match="phases cannot be flown"):
-        RecedingHorizon(planner=cut)
     loop = RecedingHorizon(planner=planner)
     with pytest.raises(InvalidProblemError, match="needs a period"):
         simulate(Plant(double_integrator(), dt=1.0, substeps=1), loop, [1, 0],

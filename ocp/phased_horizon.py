@@ -1,0 +1,408 @@
+"""Phases flown in closed loop: what is left of them is planned anew every period.
+
+    phase k, now for e seconds:  decide T, the rest of it, and all later phases
+                                 lower <= T + e <= upper of its horizon
+
+A problem for each number of phases that are left is built once. A step flies the plan
+for a period; where the phase ends within about that, it flies the rest of the phase,
+and the linkage makes the next phase's state. The number of intervals stays, so that
+they get shorter towards the end of a phase.
+
+The plant knows what a state alone does not say: its phase, and for how long it has
+been in it.
+
+Source: the shrinking horizon of controller.py, phase after phase.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.constraints import TerminalConstraint
+from swarmstart.ocp.controller import Decision, Profile, fallback_of
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import symbol_names, symbol_of
+from swarmstart.ocp.fitness import Known
+from swarmstart.ocp.free import Free
+from swarmstart.ocp.model import Model
+from swarmstart.ocp.phases import CLOCK, Linkage, Phases, phases
+from swarmstart.ocp.plan import Plan
+from swarmstart.ocp.planner import Planner
+from swarmstart.ocp.plant import Plant
+from swarmstart.ocp.polish_options import PolishOptions
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.search_settings import SearchGiven
+
+Array = NDArray[np.float64]
+PHASE, SINCE, ENDS = "phase", "time in the phase", "phase ends"
+"""States of the plant, and the parameter by which a phase is ended: 1, else 0."""
+NO_PARAMETERS: Mapping[str, float] = MappingProxyType({})
+_REST = "duration of phase 1"
+"""What phases call the length of the first one that is left."""
+_SHORTEST = 0.01
+"""Part of a period that a phase may be left with."""
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PhasedHorizon:
+    """A controller that plans what is left of several phases; see `phased_horizon`.
+
+    Attributes:
+        stated: The phases.
+        period: Time from one plan to the next [s].
+        left: What is left from each phase on, as one problem.
+        planners: Its planner.
+        model: The plant's model: all states by their names, then time, phase, and time
+            in the phase.
+        parameters: Values of the known parameters by name.
+    """
+
+    stated: tuple[OptimalControlProblem, ...]
+    period: float
+    left: tuple[Phases, ...]
+    planners: tuple[Planner, ...]
+    model: Model
+    parameters: Mapping[str, float]
+
+    @property
+    def dt(self) -> float:
+        """Time from one plan to the next [s]; a phase's last step may be shorter."""
+        return self.period
+
+    def start(self, x0: ArrayLike) -> Array:
+        """Return the plant's state at the start, of one of the first phase.
+
+        Args:
+            x0: State of the first phase, shape (nx of it,).
+
+        Raises:
+            InvalidProblemError: If the shape is another.
+        """
+        names = self.stated[0].model.state_names
+        given = np.asarray(x0, dtype=np.float64).ravel()
+        if given.size != len(names) or not np.isfinite(given).all():
+            raise InvalidProblemError(
+                f"x0 must have a finite number for each of {', '.join(names)}, "
+                f"got {x0!r}"
+            )
+        values = dict(zip(names, given.tolist(), strict=True))
+        return np.array([values.get(name, 0.0) for name in self.model.state_names])
+
+    def plant(
+        self, *, substeps: int, parameters: Mapping[str, float] = NO_PARAMETERS
+    ) -> Plant:
+        """Return the phases as a plant, which ends each when the controller says so.
+
+        Args:
+            substeps: Steps of the integrator in a period.
+            parameters: By name, where they are other than planned with.
+        """
+        given = {**self.parameters, **parameters}
+        decided = {n: f.first for one in self.stated for n, f in one.decided.items()}
+        known = [n for n in symbol_names(self.model.parameters) if n in given]
+        values = np.array([given[name] for name in known])
+        return Plant(
+            self.model,
+            dt=self.period,
+            substeps=substeps,
+            parameters=(lambda times: np.repeat(values[:, None], times.size, axis=1))
+            if known
+            else None,
+            decided={**{n: v for n, v in decided.items() if n not in given}, ENDS: 0.0},
+            clock=CLOCK,
+        )
+
+    def decide(
+        self,
+        time: float,
+        state: Array,
+        previous: Decision | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Decision:
+        """Return what to fly of a new plan; see Controller. The time is the state's."""
+        del time
+        values = dict(zip(self.model.state_names, state.tolist(), strict=True))
+        number = min(max(round(values[PHASE]), 0), len(self.stated) - 1)
+        planner = self.planners[number]
+        plan = self._plan(number, values, previous, rng)
+        found = planner.lowered.decided(plan.x0)
+        rest, intervals = found[_REST], self.stated[number].intervals
+        ends = rest < self.period * (1 + _ROUNDING + _SHORTEST)
+        is_last = number == len(self.stated) - 1 and ends
+        held = self._in_plant(number, plan.controls[:, :intervals])
+        own = {n: v for n, v in found.items() if n in planner.stated.decided}
+        return Decision(
+            control=held[:, 0],
+            plans=(plan,),
+            dt=rest if ends else self.period,
+            is_last=is_last,
+            profile=Profile(controls=held, piece=rest / intervals),
+            decided={**own, ENDS: float(ends and not is_last)},
+        )
+
+    def _plan(
+        self,
+        number: int,
+        values: Mapping[str, float],
+        previous: Decision | None,
+        rng: np.random.Generator,
+    ) -> Plan:
+        """Return the plan of the phases that are left."""
+        planner, names = self.planners[number], self.stated[number].model.state_names
+        x0 = self.left[number].start([values[name] for name in names])
+        x0[self.left[number].problem.model.state_names.index(CLOCK)] = values[CLOCK]
+        decided = planner.stated.decided
+        known = {**self.parameters, SINCE: values[SINCE]}
+        told = Known(
+            parameters=[
+                known[name]
+                for name in symbol_names(planner.stated.model.parameters)
+                if name not in decided
+            ]
+        )
+        start, core, _ = planner.posed(x0, told)
+        state = np.array(start, dtype=np.float64)
+        shifted: Array | None = None
+        if previous is not None:
+            guesses, shifted = self._shifted(number, previous)
+            places = planner.lowered.places["decided"]
+            for place, name in zip(places, decided, strict=True):
+                guess = guesses.get(name, float(state[place]))
+                limits = decided[name]
+                state[place] = np.clip(guess, limits.lower, limits.upper)
+        plan = planner.plan(
+            state, known=core, guess=shifted, near=previous is not None, rng=rng
+        )
+        if plan.feasible or shifted is None:
+            return plan
+        return fallback_of(planner, plan, shifted, state, core)
+
+    def _shifted(
+        self, number: int, previous: Decision
+    ) -> tuple[dict[str, float], Array]:
+        """Return guesses of what is decided, and controls, of what is left of a plan.
+
+        Args:
+            number: Of the phase now.
+            previous: The last decision.
+        """
+        dropped = int(previous.decided.get(ENDS, 0.0) > 0)
+        last, before = previous.plans[0], number - dropped
+        found = self.planners[before].lowered.decided(last.x0)
+        controls = self._in_plant(before, last.controls)
+        intervals = self.stated[before].intervals
+        if dropped:
+            guesses = {
+                _renumbered(name, -1): one
+                for name, one in found.items()
+                if name != _REST
+            }
+            return guesses, self._of_plan(number, controls[:, intervals:])
+        rest = found[_REST]
+        left = max(rest - self.period, _SHORTEST * self.period)
+        first = Profile(controls=controls[:, :intervals], piece=rest / intervals)
+        moved = first.sampled(self.period, left, intervals)
+        every = np.hstack([moved, controls[:, intervals:]])
+        return {**found, _REST: left}, self._of_plan(number, every)
+
+    def _in_plant(self, number: int, controls: Array) -> Array:
+        """Return controls of a plan in the plant's order, 0 where it has none."""
+        names = self.left[number].problem.model.control_names
+        found = np.zeros((self.model.nu, controls.shape[1]))
+        found[[self.model.control_names.index(name) for name in names]] = controls
+        return found
+
+    def _of_plan(self, number: int, controls: Array) -> Array:
+        """Return controls in the plant's order in that of a plan."""
+        names = self.left[number].problem.model.control_names
+        return controls[[self.model.control_names.index(name) for name in names]]
+
+
+def phased_horizon(
+    stated: Sequence[OptimalControlProblem],
+    linkages: Sequence[Linkage] = (),
+    *,
+    period: float,
+    search: SearchGiven = None,
+    polish: PolishOptions | None,
+    parameters: Mapping[str, float] = NO_PARAMETERS,
+) -> PhasedHorizon:
+    """Return a controller that flies phases, planned anew every period.
+
+    Args:
+        stated: The phases, as for `phases`; none makes jumps at the ends of intervals.
+        linkages: As for `phases`.
+        period: Time from one plan to the next [s].
+        search: The population search of each plan, as of a Planner; None: none.
+        polish: Options of the polish; None: none.
+        parameters: Values of the parameters that are not decided, by name.
+
+    Raises:
+        InvalidProblemError: As in `phases`; or if a phase jumps, decides its start or
+            has an initial cost, or the parameters are not those of the phases.
+
+    Example:
+        >>> import casadi as ca
+        >>> from swarmstart.ocp import Bounds, IpoptOptions, Model, simulate
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> leg = OptimalControlProblem(
+        ...     Model(states=x, controls=u, ode=u), horizon=0.5, intervals=4,
+        ...     stage_cost=u**2, bounds=Bounds(controls=(-4, 4)), terminal=[(x, 1.0)]
+        ... )
+        >>> back = replace(leg, terminal=[(x, 0.0)])
+        >>> loop = phased_horizon([leg, back], period=0.2, polish=IpoptOptions())
+        >>> flight = simulate(
+        ...     loop.plant(substeps=8), loop, loop.start([0.0]), steps=9, seed=0
+        ... )
+        >>> [round(float(time), 3) for time in flight.times]
+        [0.0, 0.2, 0.4, 0.5, 0.7, 0.9, 1.0]
+    """
+    together = phases(stated, linkages)
+    _require(stated, period, parameters)
+    links = [dict(link) for link in linkages] or [{} for _ in stated[1:]]
+    left = tuple(
+        phases([_rest_of(one, period), *stated[k + 1 :]], links[k:])
+        for k, one in enumerate(stated)
+    )
+    return PhasedHorizon(
+        stated=tuple(stated),
+        period=float(period),
+        left=left,
+        planners=tuple(
+            Planner(one.problem, search=search, polish=polish) for one in left
+        ),
+        model=_plant_model(stated, links, together),
+        parameters=dict(parameters),
+    )
+
+
+def _require(
+    stated: Sequence[OptimalControlProblem],
+    period: float,
+    parameters: Mapping[str, float],
+) -> None:
+    if not (isinstance(period, int | float) and np.isfinite(period) and period > 0):
+        raise InvalidProblemError(f"period must be positive, got {period!r}")
+    names = {n for one in stated for n in symbol_names(one.model.parameters)}
+    needed = names - {name for one in stated for name in one.decided}
+    if {*parameters} != needed:
+        raise InvalidProblemError(
+            f"parameters must be values of {', '.join(sorted(needed)) or 'nothing'}, "
+            f"got {', '.join(map(str, parameters)) or 'none'}"
+        )
+    for number, one in enumerate(stated, 1):
+        has = {
+            "no jumps at the ends of intervals (next_state)": one.model.jumps,
+            "no decided start": bool(one.start),
+            "no initial cost": not one.initial_cost.is_zero(),
+        }
+        wrong = [name for name, found in has.items() if found]
+        if wrong:
+            raise InvalidProblemError(
+                "phases that are flown in receding horizon must have "
+                f"{' and '.join(wrong)}, phase {number} has"
+            )
+
+
+def _rest_of(phase: OptimalControlProblem, period: float) -> OptimalControlProblem:
+    """Return the rest of a phase, in which it has been for a known time."""
+    horizon, model = phase.horizon, phase.model
+    lower, upper = (
+        (horizon.lower, horizon.upper)
+        if isinstance(horizon, Free)
+        else (float(horizon), float(horizon))
+    )
+    since, rest = symbol_of(SINCE), symbol_of(_REST)
+    guess = horizon.first if isinstance(horizon, Free) else float(horizon)
+    shortest = min(_SHORTEST * period, lower)
+    return replace(
+        phase,
+        model=replace(model, parameters=ca.vertcat(model.parameters, since, rest)),
+        horizon=Free(shortest, upper, guess),
+        terminal=[
+            *phase.terminal,
+            TerminalConstraint(
+                expression=rest + since,
+                lower=lower,
+                upper=upper,
+                scale=period,
+                name="length of the phase",
+            ),
+        ],
+    )
+
+
+def _renumbered(name: str, by: int) -> str:
+    """Return the name of a duration with another number of its phase."""
+    head, _, number = name.rpartition(" ")
+    is_duration = f"{head} 1" == _REST and number.isdigit()
+    return f"{head} {int(number) + by}" if is_duration else name
+
+
+def _plant_model(
+    stated: Sequence[OptimalControlProblem],
+    links: Sequence[Mapping[str, ca.SX]],
+    together: Phases,
+) -> Model:
+    """Return all phases as one model in seconds, with its phase as a state."""
+    controls = {name: symbol_of(name) for name in together.problem.model.control_names}
+    states = {n: symbol_of(n) for one in stated for n in one.model.state_names}
+    parameters = {
+        n: symbol_of(n) for one in stated for n in symbol_names(one.model.parameters)
+    }
+    time, phase, since, ends = map(symbol_of, (CLOCK, PHASE, SINCE, ENDS))
+    rates, after = [], []
+    for one, link in zip(stated, [*links, {}], strict=True):
+        joined = _joined(one.model, (states, controls, parameters), time)
+        own = dict(
+            zip(one.model.state_names, ca.vertsplit(joined(one.model.ode)), strict=True)
+        )
+        rates.append(ca.vertcat(*[own.get(name, ca.SX(0)) for name in states]))
+        after.append(
+            ca.vertcat(
+                *[
+                    joined(ca.SX(link[name])) if name in link else state
+                    for name, state in states.items()
+                ]
+            )
+        )
+    every = ca.vertcat(*states.values())
+    linked = ca.if_else(ends > 0.5, _selected(phase, after), every)  # noqa: PLR2004
+    return Model(
+        states=ca.vertcat(every, time, phase, since),
+        controls=ca.vertcat(*controls.values()),
+        ode=ca.vertcat(_selected(phase, rates), 1, 0, 1),
+        next_state=ca.vertcat(linked, time, phase + ends, since * (1 - ends)),
+        parameters=ca.vertcat(*parameters.values(), ends),
+        state_names=(*states, CLOCK, PHASE, SINCE),
+        control_names=tuple(controls),
+    )
+
+
+def _joined(
+    model: Model, every: tuple[Mapping[str, ca.SX], ...], time: ca.SX
+) -> Callable[[ca.SX], ca.SX]:
+    """Return what writes an expression of a phase in the symbols of all."""
+    states, controls, parameters = every
+    own = ca.vertcat(model.states, model.controls, model.parameters, model.time)
+    new = ca.vertcat(
+        *[states[name] for name in model.state_names],
+        *[controls[name] for name in model.control_names],
+        *[parameters[name] for name in symbol_names(model.parameters)],
+        *([time] if model.time.numel() else []),
+    )
+    return lambda expression: ca.substitute(expression, own, new)
+
+
+def _selected(phase: ca.SX, of_phases: Sequence[ca.SX]) -> ca.SX:
+    """Return what the present phase has."""
+    found = of_phases[-1]
+    for number, one in reversed([*enumerate(of_phases)][:-1]):
+        found = ca.if_else(phase < number + 0.5, one, found)
+    return found
