@@ -82,7 +82,8 @@ def finished_steps(folder: Path) -> dict[str, str]:
     if not (folder / "partial.json").exists():
         return {}
     mark = json.loads((folder / "partial.json").read_text())
-    steps, _ = load_partial(folder, mark["key"], substeps=20) or ([], None)
+    kept = load_partial(folder, mark["key"], substeps=20)
+    steps = [] if kept is None else kept[0]
     return {f"step {step.number}": step.state.tobytes().hex() for step in steps}
 
 

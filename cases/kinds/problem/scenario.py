@@ -20,11 +20,9 @@ from swarmstart.cases.kinds.problem.parts import (
     Feedback,
     Guess,
     PathPart,
-    Phase,
     PlantPart,
     Prediction,
     State,
-    Uncertain,
     Vehicles,
 )
 from swarmstart.cases.kinds.problem.tables import TablePart
@@ -36,6 +34,7 @@ from swarmstart.cases.kinds.problem.values import (
     Parameter,
     Quantity,
 )
+from swarmstart.cases.kinds.problem.variations import Phase, Uncertain
 from swarmstart.cases.record.first_plan import recorded_plan
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp.tables import Table as LookupTable

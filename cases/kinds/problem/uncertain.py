@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.attempts import Attempt, Place, quantity
-from swarmstart.cases.kinds.problem.parts import MOST_MEMBERS, Uncertain
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     constants_of,
@@ -19,6 +18,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     number,
 )
 from swarmstart.cases.kinds.problem.values import OverTime
+from swarmstart.cases.kinds.problem.variations import MOST_MEMBERS, Uncertain
 from swarmstart.ocp import OptimalControlProblem, ensemble
 
 Array = NDArray[np.float64]

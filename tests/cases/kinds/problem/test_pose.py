@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.cases.campaign.run import run
-from swarmstart.cases.kinds.problem.pose import ProblemPosed, pose
+from swarmstart.cases.kinds.problem.pose import pose
+from swarmstart.cases.kinds.problem.posed import ProblemPosed
 from swarmstart.ocp import Start
 from swarmstart.tests.cases.kinds.problem.conftest import (
     PENDULUM,
