@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics.interrupts import heeded
-from swarmstart.ocp.blocks import averaged
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls
@@ -342,7 +341,7 @@ def _within(
         value = np.clip(decided[place], one.value.lower, one.value.upper)
         start[list(one.states)] = value
         place += len(one.states)
-    return np.clip(averaged(controls, problem.blocks), lower, upper), start
+    return np.clip(problem.averaged(controls), lower, upper), start
 
 
 def _last_line(error: Exception) -> str:

@@ -38,7 +38,7 @@ from swarmstart.heuristics import (
     SearchResult,
 )
 from swarmstart.heuristics.algorithm import first_size_of
-from swarmstart.ocp.blocks import block_numbers, first_intervals
+from swarmstart.ocp.blocks import first_of, variables_of
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import (
@@ -101,7 +101,8 @@ class SearchSpace(Protocol):
 
 
 class ControlSpace:
-    """All control sequences within the bounds; ca.vec of (nu, blocks).
+    """All control sequences within the bounds; ca.vec of (nu, blocks),
+    of several members with those they share once.
 
     Attributes:
         box: The box of all control sequences.
@@ -120,7 +121,7 @@ class ControlSpace:
 
     def objective(self, x0: ArrayLike, known: Known) -> Objective:
         """Return population -> cost and violation; see SearchSpace."""
-        if self._fitness.problem.blocks:
+        if self._fitness.problem.ties_controls:
             return BlockObjective(
                 self._fitness.objective(x0, known), self._coordinates, self.box.dim
             )
@@ -149,15 +150,11 @@ class ControlSpace:
 
 def _block_coordinates(problem: OptimalControlProblem) -> tuple[Index, Index]:
     """Return which decisions a search has, and which of these each decision is."""
-    nu, N, blocks = problem.model.nu, problem.intervals, problem.blocks
-    rows = np.arange(nu)
-    more = np.arange(len(problem.free_starts))
-    of_blocks = first_intervals(blocks, N)
-    first = (of_blocks[:, None] * nu + rows).ravel()
-    place = (block_numbers(blocks, N)[:, None] * nu + rows).ravel()
+    labels, more = problem.control_labels, np.arange(len(problem.free_starts))
+    first = first_of(labels)
     return (
-        np.concatenate([first, nu * N + more]),
-        np.concatenate([place, nu * of_blocks.size + more]),
+        np.concatenate([first, labels.size + more]),
+        np.concatenate([variables_of(labels), first.size + more]),
     )
 
 
@@ -185,11 +182,12 @@ def _control_box(fitness: Fitness) -> Box:
                 "both bounds"
             )
     lower, upper = widened((lower, upper), problem.integer)
-    steps = len(problem.blocks) or problem.intervals
+    first = first_of(problem.control_labels)
+    lower, upper = (np.tile(side, problem.intervals)[first] for side in (lower, upper))
     return Box(
-        lower=np.append(np.tile(lower, steps), [one.value.lower for one in starts]),
-        upper=np.append(np.tile(upper, steps), [one.value.upper for one in starts]),
-        per_step=problem.model.nu,
+        lower=np.append(lower, [one.value.lower for one in starts]),
+        upper=np.append(upper, [one.value.upper for one in starts]),
+        per_step=problem.flown_controls,
         constant=len(starts),
     )
 
