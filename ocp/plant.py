@@ -111,14 +111,26 @@ class Plant:
             controls: At both ends of the steps, shape (nu, substeps + 1).
             time: Of its beginning [s].
         """
+        states = self.along_until_end(state, controls, time)
+        return self._ended(states, controls[:, -1], time)
+
+    def along_until_end(
+        self, state: Array, controls: Array, time: float = 0.0
+    ) -> Array:
+        """Return the same, but for what the end of the interval changes.
+
+        Args:
+            state: At the beginning of the interval, shape (nx,).
+            controls: At both ends of the steps, shape (nu, substeps + 1).
+            time: Of its beginning [s].
+        """
         if self._linear is None:
             step = linear_step(
                 self.model, self.dt / self.substeps, method=self._integrator
             )
             self._linear = step.mapaccum("plant", self.substeps)
         both = np.vstack([controls[:, :-1], controls[:, 1:]])
-        states = np.array(self._linear(state, both, *self._known(time)))
-        return self._ended(states, controls[:, -1], time)
+        return np.array(self._linear(state, both, *self._known(time)))
 
     def _ended(self, states: Array, last: Array, time: float) -> Array:
         """Return states with what the end of the interval changes, in place."""

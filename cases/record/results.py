@@ -77,6 +77,8 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
         "state_names": np.array(solution.state_names),
         "control_names": np.array(solution.control_names),
     }
+    if solution.problem.has_knots:
+        arrays["knots"] = np.array(True)
     summary = {
         "result": "solution",
         "status": solution.status.value,
