@@ -51,9 +51,7 @@ class Knots:
             controls: At the end of the interval, shape (nu, 1).
             dt: Length of an interval, in units of the core's time.
         """
-        return ca.vertcat(
-            (controls - self.first) / dt, ca.SX.zeros(self.first.numel())
-        )
+        return ca.vertcat((controls - self.first) / dt, ca.SX.zeros(self.first.numel()))
 
     def after(self, controls: ca.SX) -> ca.SX:
         """Return both as the end of an interval leaves them; `now` goes on."""

@@ -77,9 +77,7 @@ class Profile:
         """
         m = self.controls.shape[1]
         if self.start is None:
-            return self.controls[
-                :, np.clip((times / self.piece).astype(int), 0, m - 1)
-            ]
+            return self.controls[:, np.clip((times / self.piece).astype(int), 0, m - 1)]
         knots, at = np.hstack([self.start[:, None], self.controls]), np.arange(m + 1)
         rows = [np.interp(times / self.piece, at, row) for row in knots]
         return np.array(rows).reshape(len(knots), times.size)
@@ -322,9 +320,7 @@ class RecedingHorizon:
         if not self.planner.stated.has_knots:
             return Profile(controls=controls, piece=piece)
         end = None if pieces is None else pieces + 1
-        return Profile(
-            controls=controls[:, 1:end], piece=piece, start=controls[:, 0]
-        )
+        return Profile(controls=controls[:, 1:end], piece=piece, start=controls[:, 0])
 
     @property
     def _shortest(self) -> float:

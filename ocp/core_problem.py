@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from swarmstart.ocp.control_shape import Knots, knot_names, knots_of
 from swarmstart.ocp.constraints import Bounds, Constraint, TerminalConstraint
+from swarmstart.ocp.control_shape import Knots, knot_names, knots_of
 from swarmstart.ocp.expressions import symbol_names, symbol_of
 from swarmstart.ocp.free import Free
 from swarmstart.ocp.model import Model

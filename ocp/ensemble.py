@@ -158,17 +158,13 @@ class _Member:
         self.controls, self.previous = model.controls, problem.previous
         if apart:
             self.controls, self.previous = (
-                ca.vertcat(
-                    ca.SX(0, 1), *[ca.SX.sym(f"{name}_{m}") for name in symbols]
-                )
+                ca.vertcat(ca.SX(0, 1), *[ca.SX.sym(f"{name}_{m}") for name in symbols])
                 for symbols in (model.control_names, symbol_names(problem.previous))
             )
         self._old = ca.vertcat(
             model.states, *uncertain, model.controls, problem.previous
         )
-        self._new = ca.vertcat(
-            self.states, ca.DM(values), self.controls, self.previous
-        )
+        self._new = ca.vertcat(self.states, ca.DM(values), self.controls, self.previous)
         self.parameters = self.of(model.parameters)
         known = [self.states, self.controls, self.parameters, model.varying]
         self.ode = rate_of(model)(*known)
@@ -283,8 +279,10 @@ def _together(key: str | tuple[str, ...]) -> tuple[str, ...]:
 def _require_branches(problem: OptimalControlProblem, robust_horizon: int) -> None:
     """Refuse a robust horizon that is no number of the problem's intervals."""
     is_count = isinstance(robust_horizon, int | np.integer)
-    if not is_count or isinstance(robust_horizon, bool) or not (
-        0 <= robust_horizon <= problem.intervals
+    if (
+        not is_count
+        or isinstance(robust_horizon, bool)
+        or not (0 <= robust_horizon <= problem.intervals)
     ):
         raise InvalidProblemError(
             "robust_horizon must be a number of intervals, from 0 to "

@@ -226,7 +226,9 @@ def followed_down(
         )
         near = part < PARTS[0]
         start = start_of(problem, at.plan, x0)
-        plan = other.plan(start, known=known, guess=at.plan.controls, near=near, rng=rng)
+        plan = other.plan(
+            start, known=known, guess=at.plan.controls, near=near, rng=rng
+        )
         # Stationary for the rounded problem only.
         plan = _judged_by(planner, plan, x0, known, before=at, point=None)
         at = verified(planner.tracer, plan, x0, known)

@@ -143,7 +143,7 @@ def linear_step(model: Model, dt: float, *, method: str = "rk4") -> ca.Function:
     )
 
 
-def _step(  # noqa: PLR0913 - a model, its controls and a step of a method
+def _step(
     model: Model,
     dt: float,
     u: ca.SX,

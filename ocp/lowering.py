@@ -127,7 +127,7 @@ class Lowered:
         """Return the controls before the first interval, shape (nu,)."""
         if previous is None:
             return zero_controls(self.stated)[:, 0]
-        given, nu = _numbers("previous", previous), self.stated.model.nu
+        given, nu = numbers_of("previous", previous).ravel(), self.stated.model.nu
         if given.size and given.size == self.stated.flown_controls:
             given = np.tile(given, nu // given.size)
         return _sized("previous", given, nu)

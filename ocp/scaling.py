@@ -17,7 +17,8 @@ With the horizon T, the initial state x0 and f the right-hand side, the size of
     the cost      T |stage cost| + |terminal cost|, the largest at those points
 
 A size that the problem gives by name (`scales`) takes the place of that of a state or
-control. A start, a target or a guess that is nothing beside what the dynamics say is zero.
+control. A start, a target or a guess that is nothing beside what the dynamics say is
+zero.
 All of these are homogeneous: numbers in units that are a power of two larger give sizes
 that are larger by exactly that power.
 """

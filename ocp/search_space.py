@@ -101,8 +101,9 @@ class SearchSpace(Protocol):
 
 
 class ControlSpace:
-    """All control sequences within the bounds; ca.vec of (nu, blocks),
-    of several members with those they share once.
+    """All control sequences within the bounds; ca.vec of (nu, blocks).
+
+    What must be the same for several members of an ensemble is there once.
 
     Attributes:
         box: The box of all control sequences.

@@ -140,7 +140,8 @@ def flown_values(
 def controls_before(flight: Flight[P], controls: Array) -> Array:
     """Return the controls of the interval before along the path, as of `rows_of`.
 
-    Of linear controls it is the one at the beginning of the interval. Of vehicles that plan one by one, those before the flight are zero.
+    Of linear controls it is the one at the beginning of the interval. Of vehicles that
+    plan one by one, those before the flight are zero.
     """
     (agent, *others) = flight.posed.agents
     if agent.problem.has_knots:

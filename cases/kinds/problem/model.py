@@ -127,6 +127,8 @@ def planning_problem(
         decided=decided_parameters(scenario, first.constants),
         previous=previous if _uses(used, previous) else ca.SX(0, 1),
         signals=column_of([*first.shared.signals.values(), *others]),
+        control_shape=grid.control_shape,
+        scales=_scales(scenario, members),
         quadrature=grid.quadrature,
         integrator=grid.integrator,
         substeps=grid.substeps,
@@ -203,6 +205,17 @@ def _bounds(scenario: ProblemScenario, members: Sequence[Member]) -> Bounds:
         search=_pair(of_search) if is_narrower else None,
         states=_pair(of_states),
     )
+
+
+def _scales(scenario: ProblemScenario, members: Sequence[Member]) -> dict[str, float]:
+    """Return the sizes of states and controls that are given, by name."""
+    given = {**scenario.states, **scenario.controls}
+    return {
+        f"{name}{member.suffix}": number(part.scale, member.constants)
+        for member in members
+        for name, part in given.items()
+        if part.scale is not None
+    }
 
 
 def _pair(ranges: Sequence[tuple[float, float]]) -> tuple[Array, Array]:

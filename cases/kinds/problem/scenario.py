@@ -31,6 +31,7 @@ from swarmstart.cases.format.settings import (
 from swarmstart.cases.kinds.problem.tables import TablePart
 from swarmstart.cases.record.first_plan import recorded_plan
 from swarmstart.errors import SwarmstartError
+from swarmstart.ocp.control_shape import ControlShape
 from swarmstart.ocp.guess import Appended
 from swarmstart.ocp.integrators import Integrator
 from swarmstart.ocp.problem import Quadrature
@@ -187,6 +188,7 @@ class State(Part):
         rate: Its derivative in time; 0 unless given.
         next: Its value that the end of a control interval makes; as it is unless given.
         periodic: Whether it ends where it starts.
+        scale: Its size, in place of the natural one.
     """
 
     start: Start | None = None
@@ -194,6 +196,7 @@ class State(Part):
     next: Expression | None = None
     periodic: bool = False
     bounds: Limits | None = None
+    scale: Quantity | None = None
     unit: str = ""
 
 
@@ -204,11 +207,13 @@ class Control(Part):
         search_bounds: Narrower bounds for the search alone.
         previous: Its value in the interval before the first; the nearest to zero within
             the bounds unless given.
+        scale: Its size, in place of the natural one.
     """
 
     bounds: Limits | None = None
     search_bounds: Limits | None = None
     previous: Quantity | None = None
+    scale: Quantity | None = None
     unit: str = ""
 
 
@@ -293,6 +298,8 @@ class Prediction(Part):
 
     Attributes:
         horizon_s: Its length; left out in discrete time, where an interval lasts 1.
+        control_shape: Whether controls are held, or linear between knots; of
+            "continuous" ones the first knot is the control before.
     """
 
     horizon_s: Horizon | None = None
@@ -301,6 +308,7 @@ class Prediction(Part):
     substeps: int = Field(default=4, ge=1, le=1000)
     integrator: Integrator = "rk4"
     quadrature: Quadrature = "integral"
+    control_shape: ControlShape = "constant"
     tolerance: Positive = 1e-6
     path_tolerance: Positive = 1e-4
 
