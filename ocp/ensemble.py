@@ -196,10 +196,8 @@ def _of(
     model, M = problem.model, len(copies)
     branches = 1 if risk.robust_horizon is None else M
     lower, upper = (np.tile(side, M) for side in problem.state_limits)
-    limits, search = (
-        None if pair is None else tuple(np.tile(side, branches) for side in pair)
-        for pair in (problem.control_limits, problem.bounds.search)
-    )
+    most = (np.tile(side, branches) for side in problem.control_limits)
+    within = (np.tile(side, branches) for side in problem.search_limits)
     uncertain = [
         i
         for i in range(model.np)
@@ -244,8 +242,10 @@ def _of(
         bounds=replace(
             problem.bounds,
             states=(lower, upper),
-            controls=limits,
-            search=search,
+            controls=(next(most), next(most)),
+            search=None
+            if problem.bounds.search is None
+            else (next(within), next(within)),
             state_scale=None if scale is None else np.tile(np.asarray(scale), M),
         ),
         start={

@@ -242,7 +242,7 @@ class Planner:
             PlanningInterrupted: On Ctrl-C, with the best plan so far, if there is one.
         """
         given = guess if isinstance(guess, Start) or guess is None else Start(guess)
-        controls, states, start = given or (None, None, None)
+        controls, states, start = given[:3] if given else (None, None, None)
         x0 = x0 if start is None else start
         if controls is not None:
             controls = bounded_controls(self.problem, controls)
@@ -255,7 +255,7 @@ class Planner:
             return plan
         if controls is not None and states is not None:
             found = starts if self.search is not None else []
-            starts = [*found, Start(controls, states)]
+            starts = [*found, Start(controls, states, is_guess=True)]
         progress(0, 0, "polishing")
         relaxed_cost, account = np.nan, None
         try:

@@ -3,7 +3,8 @@
 No absolute number decides anything, so that metres or kilometres give the same answer.
 With the horizon T, the initial state x0 and f the right-hand side, the size of
 
-    a state       the largest of the width of its bounds, |x0| and its target; if all
+    a state       the largest of the width of its bounds, |x0| and its target, and of a
+                  guess where it has no bounds; if all
                   of these are zero: T max |f_i| at x0 and around it, as far as the
                   sizes known so far, under the controls' lower, middle and upper
                   values; else what the rate of a known state needs of it,
@@ -108,6 +109,7 @@ class Sizing:
         parameters: Array,
         signals: Array,
         guess: ArrayLike | None = None,
+        along: Array | None = None,
     ) -> Sizes:
         """Return the sizes for an initial state.
 
@@ -116,18 +118,29 @@ class Sizing:
             parameters: Shape (np,).
             signals: At the nodes, shape (ns, nodes).
             guess: Controls, shape (nu, N), which give sizes to unbounded controls.
+            along: A guess of the states at the nodes, shape (nx, nodes), which gives
+                sizes to unbounded states.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # No size, but no error.
-            return self._found(x0, parameters, signals, guess)
+            return self._found(x0, parameters, signals, guess, along)
 
     def _found(
-        self, x0: Array, parameters: Array, signals: Array, guess: ArrayLike | None
+        self,
+        x0: Array,
+        parameters: Array,
+        signals: Array,
+        guess: ArrayLike | None,
+        along: Array | None,
     ) -> Sizes:
         first, last = signals[:, 0], signals[:, -1]
         middle = _middle(*self._problem.control_limits)
         slopes = np.abs(np.array(self._slopes(x0, middle, parameters, first)))
         at = _Point(x0, parameters, first, slopes)
         states = self._first_states(x0, parameters, last)
+        if along is not None and np.isfinite(along).all():
+            said = (self._widths > 0) | (self._given[0] > 0)
+            reach = np.abs(along).max(axis=1)
+            states = np.where(said, states, np.maximum(states, reach))
         controls = self._first_controls()
         states = self._without_tiny(at, states, controls, None)
         if controls.all():

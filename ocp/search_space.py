@@ -72,11 +72,13 @@ class Start(NamedTuple):
         controls: Shape (nu, N).
         states: At the nodes, shape (nx, nodes); None: where the controls lead.
         x0: Initial state, shape (nx,), with what is decided about it; None: as given.
+        is_guess: Whether the states are a guess of how large they get; see scaling.py.
     """
 
     controls: Array
     states: Array | None = None
     x0: Array | None = None
+    is_guess: bool = False
 
 
 class SearchSpace(Protocol):
