@@ -12,7 +12,7 @@ Source: von Stryk and Bulirsch (1992), Direct and indirect methods for trajector
 optimization, Annals of Operations Research 37, for controls linear between nodes.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -71,6 +71,11 @@ def knots_of(names: tuple[str, ...], shape: ControlShape) -> Knots:
 def knot_names(control: str) -> tuple[str, str]:
     """Return the names of the two states that a linear control has."""
     return f"control {control}", f"knot of {control}"
+
+
+def control_of(knot: str, controls: Sequence[str]) -> int | None:
+    """Return the number of the control that a state is the knot of, or None."""
+    return next((j for j, u in enumerate(controls) if knot == knot_names(u)[1]), None)
 
 
 def require_shape(shape: str, *, is_discrete: bool, integer: int) -> None:

@@ -364,7 +364,7 @@ def _first_knots(
         names = [knot_names(stated.model.control_names[j]) for j in together]
         j = int(together[0])
         limits = Free(float(lower[j]), float(upper[j]))
-        yield tuple(name for pair in names for name in pair), limits
+        yield tuple(name for pair in names for name in reversed(pair)), limits
 
 
 def _scales(stated: OptimalControlProblem) -> dict[str, float]:

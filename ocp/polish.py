@@ -133,7 +133,7 @@ class Polisher:
                 f"types, found {dict(options.options)}: {_last_line(error)}"
             ) from error
 
-    def __call__(
+    def __call__(  # noqa: PLR0913 - a guess, what is known of it and what is held
         self,
         controls: Array,
         x0: ArrayLike,

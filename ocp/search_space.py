@@ -40,6 +40,7 @@ from swarmstart.heuristics import (
 from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.ocp.blocks import first_of, variables_of
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
+from swarmstart.ocp.control_shape import control_of
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import (
     BlockObjective,
@@ -49,6 +50,7 @@ from swarmstart.ocp.fitness import (
     started,
     unflatten,
 )
+from swarmstart.ocp.free import FreeStart
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_settings import SearchSettings
 from swarmstart.ocp.shooting import Shooting
@@ -169,30 +171,39 @@ def _control_box(fitness: Fitness) -> Box:
             "solve it with search=None"
         )
     lower, upper = problem.search_limits
-    starts = problem.free_starts
+    starts = [_searched(problem, one) for one in problem.free_starts]
     if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
         raise InvalidProblemError(
             "a population search needs finite bounds on every control, "
             f"got lower {lower} and upper {upper}: "
             "Bounds(search=(lower, upper)) bounds the search alone"
         )
-    for one in starts:
-        if not np.isfinite(one.value.upper - one.value.lower):
+    for one, (least, most) in zip(problem.free_starts, starts, strict=True):
+        if not np.isfinite(most - least):
             name = problem.model.state_names[one.states[0]]
             raise InvalidProblemError(
                 f"a population search needs finite bounds on what is decided, got "
-                f"{name} in [{one.value.lower:g}, {one.value.upper:g}]: give its Free "
-                "both bounds"
+                f"{name} in [{least:g}, {most:g}]: give its Free both bounds"
             )
     lower, upper = widened((lower, upper), problem.integer)
     first = first_of(problem.control_labels)
     lower, upper = (np.tile(side, problem.intervals)[first] for side in (lower, upper))
     return Box(
-        lower=np.append(lower, [one.value.lower for one in starts]),
-        upper=np.append(upper, [one.value.upper for one in starts]),
+        lower=np.append(lower, [least for least, _ in starts]),
+        upper=np.append(upper, [most for _, most in starts]),
         per_step=problem.flown_controls,
         constant=len(starts),
     )
+
+
+def _searched(problem: OptimalControlProblem, one: FreeStart) -> tuple[float, float]:
+    """Return the bounds of what is decided; a knot has those of its control."""
+    model = problem.model
+    j = control_of(model.state_names[one.states[0]], model.control_names)
+    if j is None:
+        return one.value.lower, one.value.upper
+    lower, upper = problem.search_limits
+    return float(lower[j]), float(upper[j])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -125,66 +125,83 @@ LIMITS: dict[str, tuple[ca.SX, float]] = {
 X0, BEFORE = np.array([0.2, 0.0]), 0.4
 
 
-def by_opti(name: str) -> tuple[float, Array]:
-    """Return cost and knots by CasADi's Opti, with knots as its variables."""
-    problem = P.problem(**CASES[name])
-    opti, K, checks = ca.Opti(), problem.intervals, problem.checks
-    knots, x = opti.variable(1, K + 1), opti.variable(2, K + 1)
-    length: Any = problem.horizon
-    if isinstance(length, Free):
-        length = opti.variable()
-        opti.set_initial(length, 1.5)
-        opti.subject_to(opti.bounded(0.8, length, 2.5))
-    known = [P.x, P.u, P.wind]
-    f = ca.Function("f", known, [P.ode])
-    stage = ca.Function("stage", known, [problem.stage_cost])
-    limit, most = LIMITS.get(name, (ca.SX(-1), 0.0))
-    watched = ca.Function("watched", known, [limit])
-    opti.subject_to(opti.bounded(-3, knots, 3))
-    opti.subject_to(x[:, 0] == X0)
-    if name == "continuous":
-        opti.subject_to(knots[0] == BEFORE)
-    dt, cost = length / K, ca.sumsqr(x[:, K])
-    for k in range(K):
-        begin, end = knots[k], knots[k + 1]
-        if name == "blocks" and k in (3, 5, 6, 7):
-            opti.subject_to(end == begin)
-        if name == "rate limit":
-            opti.subject_to(end - begin <= 0.3)
-        at, spent, excess = x[:, k], 0, [watched(x[:, k], begin, P.signals[0, 2 * k])]
-        if name == "moves":
-            cost += 0.3 * (end - begin) ** 2
-        if name == "left sums":
-            cost += dt * stage(at, begin, P.signals[0, 2 * k])
-        for c in range(checks):
-            s0, s1 = P.signals[0, k * checks + c : k * checks + c + 2]
+class ByOpti:
+    """A case in CasADi's Opti, with knots as its variables."""
 
-            def rate(part: float, y: Any, c: int = c, s: Any = (s0, s1, begin, end)):  # type: ignore[no-untyped-def]
-                u = s[2] + (c + part) / checks * (s[3] - s[2])
-                wind = s[0] + part * (s[1] - s[0])
-                return f(y, u, wind), stage(y, u, wind)
+    def __init__(self, name: str) -> None:
+        self.name, self.problem = name, P.problem(**CASES[name])
+        self.opti, self.cost, K = ca.Opti(), ca.MX(0), self.problem.intervals
+        self.knots, self.x = self.opti.variable(1, K + 1), self.opti.variable(2, K + 1)
+        self.length: Any = self.problem.horizon
+        if isinstance(self.length, Free):
+            self.length = self.opti.variable()
+            self.opti.set_initial(self.length, 1.5)
+            self.opti.subject_to(self.opti.bounded(0.8, self.length, 2.5))
+        known = [P.x, P.u, P.wind]
+        limit, self.most = LIMITS.get(name, (ca.SX(-1), 0.0))
+        self.f = ca.Function("f", known, [P.ode])
+        self.stage = ca.Function("stage", known, [self.problem.stage_cost])
+        self.watched = ca.Function("watched", known, [limit])
+
+    def solved(self) -> tuple[float, Array]:
+        """Return cost and knots."""
+        opti, K = self.opti, self.problem.intervals
+        opti.subject_to(opti.bounded(-3, self.knots, 3))
+        opti.subject_to(self.x[:, 0] == X0)
+        if self.name == "continuous":
+            opti.subject_to(self.knots[0] == BEFORE)
+        for k in range(K):
+            self._tie(k)
+            self._hold(self._lead(k))
+        opti.minimize(self.cost + ca.sumsqr(self.x[:, K]))
+        quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+        opti.solver("ipopt", {**quiet, "ipopt.tol": 1e-10})
+        answer = opti.solve()
+        return float(answer.value(opti.f)), np.array(answer.value(self.knots)).ravel()
+
+    def _tie(self, k: int) -> None:
+        """State what is asked of the knots of an interval alone."""
+        begin, end = self.knots[k], self.knots[k + 1]
+        if self.name == "blocks" and k in (3, 5, 6, 7):
+            self.opti.subject_to(end == begin)
+        if self.name == "rate limit":
+            self.opti.subject_to(end - begin <= 0.3)
+        if self.name == "moves":
+            self.cost += 0.3 * (end - begin) ** 2
+
+    def _lead(self, k: int) -> list[ca.MX]:
+        """Integrate an interval; return the limited expression at its checks."""
+        checks, begin, end = self.problem.checks, self.knots[k], self.knots[k + 1]
+        dt, at, spent = self.length / self.problem.intervals, self.x[:, k], ca.MX(0)
+        winds = P.signals[0, k * checks : (k + 1) * checks + 1]
+        found = [self.watched(at, begin, winds[0])]
+        first = dt * self.stage(at, begin, winds[0])
+        for c in range(checks):
+
+            def rate(part: float, y: Any, c: int = c) -> tuple[Any, Any]:
+                u = begin + (c + part) / checks * (end - begin)
+                wind = winds[c] + part * (winds[c + 1] - winds[c])
+                return self.f(y, u, wind), self.stage(y, u, wind)
 
             at, more = rk4_twice(rate, at, dt / checks)
             spent += more
             u = begin + (c + 1) / checks * (end - begin)
-            excess.append(watched(at, u, s1))
-        opti.subject_to(x[:, k + 1] == at)
-        if name == "right sums":
-            cost += dt * stage(at, end, P.signals[0, 2 * k + 2])
-        if problem.quadrature == "integral":
-            cost += spent
-        if name == "soft":
-            e = opti.variable()
-            opti.subject_to(e >= 0)
-            opti.subject_to([value - most <= e for value in excess])
-            cost += dt * 0.7 * e
-        elif name in LIMITS:
-            opti.subject_to([value <= most for value in excess])
-    opti.minimize(cost)
-    quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
-    opti.solver("ipopt", {**quiet, "ipopt.tol": 1e-10})
-    answer = opti.solve()
-    return float(answer.value(cost)), np.array(answer.value(knots)).ravel()
+            found.append(self.watched(at, u, winds[c + 1]))
+        self.opti.subject_to(self.x[:, k + 1] == at)
+        last = dt * self.stage(at, end, winds[-1])
+        sums = {"left": first, "right": last, "integral": spent}
+        self.cost += sums[self.problem.quadrature]
+        return found
+
+    def _hold(self, values: list[ca.MX]) -> None:
+        """Limit an expression over an interval, at a cost where that is soft."""
+        excess: Any = 0
+        if self.name == "soft":
+            excess = self.opti.variable()
+            self.opti.subject_to(excess >= 0)
+            self.cost += self.length / self.problem.intervals * 0.7 * excess
+        if self.name in LIMITS:
+            self.opti.subject_to([value - self.most <= excess for value in values])
 
 
 def rk4_twice(
@@ -207,7 +224,7 @@ def test_answers_are_those_of_opti_with_knots(name: str) -> None:
     known = Known(signals=P.signals, previous=[BEFORE])
     problem = P.problem(**CASES[name])
     answer = solve(problem, X0, known=known, search=None, seed=0)
-    cost, knots = by_opti(name)
+    cost, knots = ByOpti(name).solved()
     assert answer.status.is_confirmed
     assert answer.cost == pytest.approx(cost, rel=1e-6)
     np.testing.assert_allclose(answer.controls[0], knots, atol=2e-3)
@@ -263,6 +280,26 @@ def test_machine_code_gives_what_casadi_gives(shape: str, integrator: str) -> No
         for backend in ("llvm", "casadi")
     ]
     np.testing.assert_allclose(values[0], values[1], rtol=1e-11)
+
+
+def test_search_bounds_are_those_of_the_first_knot_too() -> None:
+    problem = cart(bounds=Bounds(search=(-6, 6)))
+    answer = solve(problem, [0, 0], budget=3000, seed=0)
+    assert answer.cost == pytest.approx(BEST, rel=1e-9)
+    with pytest.raises(InvalidProblemError, match="finite bounds on every control"):
+        solve(cart(bounds=Bounds()), [0, 0], seed=0)
+
+
+def test_bounds_of_knots_have_their_multipliers() -> None:
+    """With |u| <= 2.1 the first and last knots are at their bounds."""
+    answer, other = (
+        solve(cart(bounds=Bounds(controls=(-most, most))), [0, 0], search=None, seed=0)
+        for most in (2.1, 2.1 + 1e-4)
+    )
+    worth = answer.multipliers
+    assert worth is not None
+    found = np.abs(worth.controls).sum() + abs(worth.decided["knot of u"])
+    assert found == pytest.approx((answer.cost - other.cost) / 1e-4, rel=1e-2)
 
 
 @pytest.mark.parametrize("knots", [N + 1, N])
