@@ -27,6 +27,8 @@ from swarmstart.ocp.limits import numbers_of
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
+_ROUNDING = 1e-9
+"""Of a control that was flown to a bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,7 @@ class Lowered:
         if place["previous"]:
             state[place["previous"]] = self._before(previous)
         if place["knots"]:
-            state[place["knots"]] = np.tile(self._before(previous), 2)
+            state[place["knots"]] = np.tile(self._first_knot(previous), 2)
         for copy, name in zip(place["copies"], self.stated.periodic, strict=True):
             state[copy] = given[self.stated.model.state_names.index(name)]
         for one in self.core.free_starts:
@@ -131,6 +133,19 @@ class Lowered:
         if given.size and given.size == self.stated.flown_controls:
             given = np.tile(given, nu // given.size)
         return _sized("previous", given, nu)
+
+    def _first_knot(self, previous: ArrayLike | None) -> Array:
+        """Return the first knots, or a guess of those that are decided, in bounds."""
+        found, (lower, upper) = self._before(previous), self.stated.control_limits
+        within = np.clip(found, lower, upper)
+        room = _ROUNDING * np.maximum(np.abs(found), np.abs(within))
+        is_given = self.stated.control_shape == "continuous"
+        if is_given and (np.abs(found - within) > room).any():
+            raise InvalidProblemError(
+                "continuous controls begin at the previous ones, which must be within "
+                f"the bounds {lower} and {upper}, got {found}"
+            )
+        return within
 
     def knots(self, controls: Array, x0: Array) -> Array:
         """Return controls as the problem states them: those held, or the knots.

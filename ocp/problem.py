@@ -620,6 +620,7 @@ class OptimalControlProblem:
             f", {self.checks} check(s) in each, "
             f"{self.integrator} in {self.substeps} step(s) a check"
             + ("; its costs are maximised" if self.maximize else ""),
+            *(["  controls are linear between knots"] if self.has_knots else []),
             f"  states: {', '.join(model.state_names)}",
             f"  controls: {', '.join(map(self._with_limits, range(model.nu)))}",
             f"  path constraints: {', '.join(map(label, kinds)) or 'none'}",

@@ -114,7 +114,7 @@ CASES: dict[str, dict[str, Any]] = {
     "left sums": {"quadrature": "left"},
     "right sums": {"quadrature": "right"},
     "moves": {"step_cost": 0.3 * (P.u - P.before) ** 2, "previous": P.before},
-    "rate limit": {"constraints": [P.u - P.before <= 0.3], "previous": P.before},
+    "rate limit": {"constraints": [P.before - P.u <= 0.1], "previous": P.before},
     "continuous": {"control_shape": "continuous"},
 }
 LIMITS: dict[str, tuple[ca.SX, float]] = {
@@ -165,7 +165,7 @@ class ByOpti:
         if self.name == "blocks" and k in (3, 5, 6, 7):
             self.opti.subject_to(end == begin)
         if self.name == "rate limit":
-            self.opti.subject_to(end - begin <= 0.3)
+            self.opti.subject_to(begin - end <= 0.1)
         if self.name == "moves":
             self.cost += 0.3 * (end - begin) ** 2
 
@@ -323,6 +323,19 @@ def test_other_guesses_are_refused(given: Array) -> None:
         solve(cart(), [0, 0], guess=given, search=None, seed=0)
 
 
+def test_continuous_controls_begin_within_their_bounds() -> None:
+    problem = cart(control_shape="continuous")
+    for previous in ([9.1], [-10.0]):
+        known = Known(previous=previous)
+        with pytest.raises(InvalidProblemError, match="must be within the bounds"):
+            solve(problem, [0, 0], known=known, search=None, seed=0)
+    answer = solve(
+        problem, [0, 0], known=Known(previous=[9 + 1e-12]), search=None, seed=0
+    )
+    assert answer.controls[0, 0] == 9
+    assert "linear between knots" in repr(problem)
+
+
 def flown(loop: RecedingHorizon | OpenLoop, dt: float, steps: int) -> Any:
     model = loop.planner.stated.model if isinstance(loop, RecedingHorizon) else None
     model = model or loop.loop.planner.stated.model  # type: ignore[union-attr]
@@ -408,6 +421,38 @@ def test_members_of_an_ensemble_share_the_first_knots_of_their_robust_horizon() 
     ]
     cost = solve(apart, [0.0], search=None, seed=0).cost
     assert cost == pytest.approx(np.mean(each), rel=1e-7)
+
+
+@pytest.mark.parametrize("r", [None, 1])
+def test_left_sums_of_members_have_the_control_at_the_beginning(r: int | None) -> None:
+    x, u, gain = (ca.SX.sym(n) for n in ("x", "u", "gain"))
+    one = OptimalControlProblem(
+        Model(states=x, controls=u, ode=gain * u - x, parameters=gain),
+        horizon=1.0, intervals=3, stage_cost=0.1 * u**2, terminal_cost=(x - 1) ** 2,
+        bounds=Bounds(controls=(-3, 3)), control_shape="linear", quadrature="left",
+    )  # fmt: skip
+    several = ensemble(one, {"gain": [0.5, 2.0]}, risk="worst", robust_horizon=r)
+    answer = solve(several, [0.0], search=None, seed=0)
+    sums = 0.1 / 3 * (answer.controls[:, :-1] ** 2).sum(axis=1)
+    ends = (answer.states[:, -1] - 1) ** 2
+    np.testing.assert_allclose(answer.member_costs, sums + ends, rtol=1e-5)
+    assert answer.cost == pytest.approx((sums + ends).max(), rel=1e-5)
+    assert answer.status is SolutionStatus.CONVERGED
+    # The NLP minimises what is evaluated.
+    assert answer.plan.point is not None
+    w, q = answer.plan.point.w, answer.plan.point.q
+    nlp = answer.plan.point.program.nlp
+    f = ca.Function("f", [nlp["x"], nlp["p"]], [nlp["f"]])
+    told = float(f(w, q)) * answer.plan.point.cost_size
+    assert told == pytest.approx(answer.cost, rel=1e-6)
+
+
+def test_states_of_lines_are_as_large_as_their_controls() -> None:
+    for shape in ("linear", "continuous"):
+        shooting = Planner(cart(control_shape=shape), search=None).fitness.shooting
+        start = shooting.lowered.start([0, 0])
+        sizes = shooting.sizing(start, np.empty(0), np.empty((0, N + 1)))
+        np.testing.assert_array_equal(sizes.states[2:], [18, 18])
 
 
 def test_what_cannot_be_linear_is_refused() -> None:

@@ -156,17 +156,20 @@ def test_block_that_begins_in_the_robust_horizon_is_shared_to_its_end() -> None:
 
 
 def test_what_members_share_is_one_direction_of_the_second_derivatives() -> None:
-    """Costs 2 x^2 and -x^2: a minimum of one control, a saddle of two."""
+    """Costs 2 x^2 and -x^2: a minimum of one control, a saddle of two.
+
+    Costs x^2 and -2 x^2 are a saddle of one.
+    """
     x, u, k = (ca.SX.sym(n) for n in "xuk")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=u - x, parameters=k),
         horizon=1.0, intervals=3, terminal_cost=k * x**2, bounds=Bounds(
             controls=(-1, 1)), stage_cost=0.1 * k * u**2,
     )  # fmt: skip
-    found = {}
-    for r in (3, 0):
+    found = []
+    for r, gains in ((3, [2.0, -1.0]), (0, [2.0, -1.0]), (3, [1.0, -2.0])):
         planner = Planner(
-            ensemble(problem, {"k": [2.0, -1.0]}, robust_horizon=r),
+            ensemble(problem, {"k": gains}, robust_horizon=r),
             search=None,
             polish=IpoptOptions(),
         )
@@ -174,8 +177,8 @@ def test_what_members_share_is_one_direction_of_the_second_derivatives() -> None
         start, known, _ = planner.posed([0.0])
         polished = planner.polisher(np.zeros((2, 3)), start, known)
         assert polished.point is not None
-        found[r] = curvature(polished.point)
-    assert found == {3: Curvature.POSITIVE, 0: Curvature.NEGATIVE}
+        found.append(curvature(polished.point))
+    assert found == [Curvature.POSITIVE, Curvature.NEGATIVE, Curvature.NEGATIVE]
 
 
 def test_closed_loop_flies_what_all_members_share() -> None:

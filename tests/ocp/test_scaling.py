@@ -13,6 +13,7 @@ from swarmstart.ocp import (
     Bounds,
     Fitness,
     InvalidProblemError,
+    Known,
     Model,
     OptimalControlProblem,
     PathConstraint,
@@ -283,6 +284,20 @@ def test_fast_state_of_a_stiff_problem_is_as_large_as_it_gets() -> None:
 
     np.testing.assert_allclose(size("stiff"), [0.002, 10.0])
     np.testing.assert_allclose(size("rk4"), [10.0, 10.0])
+
+
+def test_given_size_of_a_stiff_state_stays() -> None:
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    model = Model(states=x, controls=u, ode=ca.vertcat(u - 100 * x[0], u))
+    problem = OptimalControlProblem(
+        model, horizon=50.0, intervals=5, stage_cost=x[0] ** 2, integrator="stiff",
+        bounds=Bounds(controls=(0.0, 0.2)), scales={model.state_names[0]: 7.0},
+    )  # fmt: skip
+    fitness = Fitness(problem, backend="casadi")
+    controls, x0 = np.full((1, 5), 0.1), [0.0, 0.0]
+    states = fitness.states(controls, x0)
+    sizes = fitness.arguments.sizes_along(controls, states, x0, Known())
+    np.testing.assert_allclose(sizes.states, [7.0, states[1].max()])
 
 
 def rocket(unit: float = 1.0, **more: object) -> OptimalControlProblem:
