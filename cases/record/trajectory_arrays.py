@@ -17,7 +17,7 @@ from swarmstart.ocp import (
     Step,
     Trajectory,
 )
-from swarmstart.ocp.controller import Profile
+from swarmstart.ocp.profile import Profile
 
 Array = NDArray[np.float64]
 

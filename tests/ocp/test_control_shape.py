@@ -154,8 +154,8 @@ class ByOpti:
             self._tie(k)
             self._hold(self._lead(k))
         opti.minimize(self.cost + ca.sumsqr(self.x[:, K]))
-        quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
-        opti.solver("ipopt", {**quiet, "ipopt.tol": 1e-10})
+        quiet: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0}
+        opti.solver("ipopt", {**quiet, "ipopt.sb": "yes", "ipopt.tol": 1e-10})
         answer = opti.solve()
         return float(answer.value(opti.f)), np.array(answer.value(self.knots)).ravel()
 

@@ -58,7 +58,7 @@ def tree_of_opti(r: int, risk: str, gains: list[float], weights: list[float]) ->
         def rate(y: Any, v: Any, k: float = k) -> Any:
             return ca.vertcat(-y[0] + k * v, (y[0] - 1) ** 2)
 
-        y, moves, before = ca.MX(2, 1), 0, BEFORE
+        y, moves, before = ca.MX(2, 1), ca.MX(0), ca.MX(BEFORE)
         for i in range(N):
             if i < r and m:
                 opti.subject_to(u[m, i] == u[0, i])
@@ -81,8 +81,8 @@ def tree_of_opti(r: int, risk: str, gains: list[float], weights: list[float]) ->
     cost, rows = told[risk]
     opti.minimize(cost)
     opti.subject_to(rows)
-    options = {"ipopt.tol": 1e-10, "ipopt.sb": "yes", "ipopt.print_level": 0}
-    opti.solver("ipopt", {"print_time": False, **options})
+    quiet: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0}
+    opti.solver("ipopt", {**quiet, "ipopt.sb": "yes", "ipopt.tol": 1e-10})
     return float(opti.solve().value(cost))
 
 

@@ -20,7 +20,12 @@ from swarmstart.cases.kinds.problem.constraints import (
     terminal_constraint,
 )
 from swarmstart.cases.kinds.problem.members import Member, column_of
-from swarmstart.cases.kinds.problem.scenario import Decided, ProblemScenario
+from swarmstart.cases.kinds.problem.scenario import (
+    Control,
+    Decided,
+    ProblemScenario,
+    State,
+)
 from swarmstart.cases.kinds.problem.symbols import (
     decided_parameters,
     free,
@@ -209,7 +214,7 @@ def _bounds(scenario: ProblemScenario, members: Sequence[Member]) -> Bounds:
 
 def _scales(scenario: ProblemScenario, members: Sequence[Member]) -> dict[str, float]:
     """Return the sizes of states and controls that are given, by name."""
-    given = {**scenario.states, **scenario.controls}
+    given: dict[str, State | Control] = {**scenario.states, **scenario.controls}
     return {
         f"{name}{member.suffix}": number(part.scale, member.constants)
         for member in members
