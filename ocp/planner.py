@@ -297,7 +297,8 @@ class Planner:
         found = starts if self.search is not None else ()
         given = [Origined("the search", one) for one in found if one.states is None]
         if controls is not None:
-            given.append(Origined("the guess", Start(controls, states)))
+            start = Start(controls, states, is_guess=states is not None)
+            given.append(Origined("the guess", start))
         return given
 
     def _polished(

@@ -217,3 +217,11 @@ def test_what_one_plant_cannot_fly_is_refused() -> None:
         tree(1, bounds=Bounds(controls=(0, 1), integer=["u"]))
     with pytest.raises(InvalidProblemError, match="previous must be 3 finite numbers"):
         solve(tree(1), [0.0], known=Known(previous=[0, 1]), search=None, seed=0)
+
+
+def test_lanes_say_that_members_share_controls() -> None:
+    account = solve(
+        tree(2), [0.0], known=KNOWN, search=None, lanes=8, seed=0
+    ).plan.starts  # fmt: skip
+    assert account is not None
+    assert account.without_lanes == "its members share controls for a while"
