@@ -118,6 +118,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         PlanningInterrupted as PlanningInterrupted,
         Plant as Plant,
         PolishStatus as PolishStatus,
+        Radau as Radau,
         RecedingHorizon as RecedingHorizon,
         SearchReport as SearchReport,
         SearchSettings as SearchSettings,
@@ -218,7 +219,8 @@ _NAMES = {
         DualMode Fitness
         Free InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Mode Model
         NlpOptions OpenLoop OptimalControlProblem PathConstraint PhasedHorizon Phases
-        Plan Planner PlanningInterrupted Plant PolishStatus RecedingHorizon SearchReport
+        Plan Planner PlanningInterrupted Plant PolishStatus Radau RecedingHorizon
+        SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError
         SolveInterrupted Source Start StartOutcome Step SteppedPlant Table Team
         TerminalConstraint Trajectory TrajectoryFamily UncertifiedSetError

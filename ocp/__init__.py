@@ -41,6 +41,7 @@ from swarmstart.ocp.plant import Plant, SteppedPlant, Steps
 from swarmstart.ocp.polish import Polished, Polisher
 from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.radau import Radau
 from swarmstart.ocp.search_settings import SearchSettings, WarmStart
 from swarmstart.ocp.search_space import Start, TrajectoryFamily
 from swarmstart.ocp.separation import Connection, Separation, disc
@@ -96,6 +97,7 @@ __all__ = [
     "Polished",
     "Polisher",
     "Prepared",
+    "Radau",
     "RecedingHorizon",
     "Rows",
     "SearchReport",

@@ -27,9 +27,9 @@ confirmed. A matrix that is singular at one point gives NaN there, which is an i
 violation.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import cast
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -43,13 +43,18 @@ from swarmstart.ocp.expressions import (
     require_symbols,
     shortened,
     symbol_names,
+    symbol_of,
 )
 from swarmstart.ocp.limits import Limit, require_count, vector_of
 from swarmstart.ocp.symbol_map import SymbolMap, in_sx
 from swarmstart.ocp.symbolic_solve import solve_in_symbols
 
+_EXPRESSIONS = ("solution", "unsolved", "residual", "size", "start")
+"""Attributes of an Elimination that are expressions."""
 UNSOLVED = "algebraic equations"
 """Name of the path constraint that the algebraic equations are."""
+SOLVED_WITHIN = 1e-8
+"""Largest r of equations that a plant takes as solved."""
 _LARGEST_RESIDUAL = 1e-9
 _RESIDUAL_SCALE = 1e-4  # a path tolerance of 1e-4 of it allows another 1e-8
 _ROOTS = (2.0, 3.0)  # sqrt of 2 + k and of 3 + k: points at which dg/dz is looked at
@@ -103,11 +108,48 @@ class Elimination:
         solution: z in states, controls and parameters, shape (nz, 1).
         unsolved: r in states, controls and parameters, shape (nz, 1); empty for
             equations that are linear in z.
+        residual: g in z and the others, shape (nz, 1); empty as well.
+        size: g / r, the size of each equation at z; empty as well.
+        start: Where Newton's method starts, shape (nz, 1); empty as well.
+        scale: Size of each z, shape (nz,).
     """
 
     symbols: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     solution: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     unsolved: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    residual: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    size: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    start: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    scale: tuple[float, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the algebraic variables."""
+        return symbol_names(self.symbols)
+
+    def rewritten(
+        self, change: Callable[[ca.SX], ca.SX], number: int | None = None
+    ) -> "Elimination":
+        """Return the same with another form of all expressions.
+
+        Args:
+            change: An expression -> another.
+            number: Of a member, whose algebraic variables are its own; None: the same.
+        """
+        own, renamed = self.symbols, number is not None and bool(self.names)
+        if renamed:
+            named = [symbol_of(f"{z}_{number}") for z in self.names]
+            own = ca.vertcat(ca.SX(0, 1), *named)
+
+        def changed(expression: ca.SX) -> ca.SX:
+            if renamed:
+                expression = ca.substitute(expression, self.symbols, own)
+            return change(expression)
+
+        columns: dict[str, Any] = {
+            role: changed(getattr(self, role)) for role in _EXPRESSIONS
+        }
+        return replace(self, symbols=own, **columns)
 
     def applied(self, expression: ca.SX) -> ca.SX:
         """Return an expression with the solution in place of z."""
@@ -128,6 +170,16 @@ class Elimination:
                 name=UNSOLVED,
             ),
         )
+
+
+def joined(several: Sequence[Elimination]) -> Elimination:
+    """Return the algebraic variables of several models as those of one."""
+    columns: dict[str, ca.SX] = {
+        role: ca.vertcat(ca.SX(0, 1), *[getattr(one, role) for one in several])
+        for role in ("symbols", *_EXPRESSIONS)
+    }
+    scale = tuple(size for one in several for size in one.scale)
+    return Elimination(**columns, scale=scale)
 
 
 def require_algebraic(equations: object) -> None:
@@ -187,20 +239,27 @@ def eliminate(equations: AlgebraicEquations, known: dict[str, ca.SX]) -> Elimina
     if not ca.depends_on(jacobian, z):
         offset = ca.substitute(g, z, ca.SX.zeros(z.numel()))
         return Elimination(z, ca.cse(-solve_in_symbols(jacobian, offset)))
-    scale = ca.SX(_filled("scale", equations.scale, z.numel()))
+    sizes = _filled("scale", equations.scale, z.numel())
+    scale = ca.SX(sizes)
+    size = ca.sqrt(ca.mtimes(jacobian**2, z**2 + scale**2))
     newton = ca.Function(
         "newton",
         [*every.values()],
-        [
-            z - solve_in_symbols(jacobian, g),
-            g / ca.sqrt(ca.mtimes(jacobian**2, z**2 + scale**2)),
-        ],
+        [z - solve_in_symbols(jacobian, g), g / size],
     )
     others = list(known.values())
     found = start
     for _ in range(equations.iterations):
         found = newton.call([*others, found])[0]
-    return Elimination(z, found, newton.call([*others, found])[1])
+    return Elimination(
+        z,
+        found,
+        newton.call([*others, found])[1],
+        residual=g,
+        size=size,
+        start=start,
+        scale=tuple(map(float, sizes)),
+    )
 
 
 def _start(equations: AlgebraicEquations, size: int) -> ca.SX:

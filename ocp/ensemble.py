@@ -29,6 +29,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.ocp.algebraic import UNSOLVED, joined
 from swarmstart.ocp.constraints import Constraint
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened, symbol_names
@@ -94,11 +95,6 @@ def ensemble(  # noqa: PLR0913 - the members, and how their costs count
     """
     if problem.risk is not None:
         raise InvalidProblemError("problem must be that of one member, got an ensemble")
-    if problem.model.elimination.unsolved.numel():
-        raise InvalidProblemError(
-            "ensemble needs a model without nonlinear algebraic equations: the path "
-            "constraint that these are solved would be lost"
-        )
     if problem.soft:
         raise InvalidProblemError(
             "ensemble needs a problem without soft constraints: their cost is that of "
@@ -215,6 +211,9 @@ def _of(
         control_names=model.control_names
         if risk.robust_horizon is None
         else tuple(one.named(name) for one in copies for name in model.control_names),
+        elimination=joined(
+            [model.elimination.rewritten(one.of, one.number) for one in copies]
+        ),
     )
     smooth = risk.measure == "mean" or M == 1
     zero = ca.SX(0)
@@ -229,7 +228,12 @@ def _of(
         step_cost=risk.of(risk.step) if smooth else zero,
         initial_cost=risk.of(risk.initial) if smooth else zero,
         terminal_cost=risk.of(risk.terminal) if smooth else zero,
-        constraints=[one.constraint(c) for one in copies for c in problem.stated],
+        constraints=[
+            one.constraint(c)
+            for one in copies
+            for c in problem.stated
+            if c.name != UNSOLVED
+        ],
         terminal=[
             replace(
                 c,

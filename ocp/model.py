@@ -64,7 +64,8 @@ class Model:
         signature: A letter for each argument of a function given as ode, such as
             "txup"; empty: told by the arguments' names, else by their number.
         symbol_map: The MX symbols and their SX symbols; added to by the model.
-        elimination: The algebraic variables as expressions; made by the model.
+        elimination: The algebraic variables as expressions; made by the model. Only a
+            core is given that of the model that it is made of.
 
     Raises:
         InvalidProblemError: Where shapes do not match, something that ought to be a
@@ -83,7 +84,7 @@ class Model:
     algebraic: AlgebraicEquations | None = None
     signature: str = ""
     symbol_map: SymbolMap = field(default_factory=SymbolMap)
-    elimination: Elimination = field(init=False)
+    elimination: Elimination = field(default_factory=Elimination)
 
     def __post_init__(self) -> None:
         """Check the symbols against each other and fill in the names."""
@@ -96,10 +97,9 @@ class Model:
             raise InvalidProblemError(
                 f"time must be one symbol, got {self.time.numel()}"
             )
-        elimination = Elimination()
         if self.algebraic is not None:
             elimination = eliminate(self.algebraic, self.symbols())
-        object.__setattr__(self, "elimination", elimination)
+            object.__setattr__(self, "elimination", elimination)
         given = {role: self._rows(role) for role in CHANGES}
         if not any(rows.numel() for rows in given.values()):
             raise InvalidProblemError(
@@ -261,6 +261,11 @@ def jump_of(model: Model) -> ca.Function:
     return _function_of(
         model, "jump", model.next_state if model.jumps else model.states
     )
+
+
+def unsolved_of(model: Model) -> ca.Function:
+    """Return r(x, u, p, s): what is left of nonlinear algebraic equations."""
+    return _function_of(model, "unsolved", model.elimination.unsolved)
 
 
 def _function_of(model: Model, name: str, rows: ca.SX) -> ca.Function:

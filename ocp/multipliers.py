@@ -80,7 +80,7 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
     nx, nu, N = core.model.nx, inputs_of(core), core.intervals
     splits = np.cumsum(parts.argument_sizes(core))[:-1]
     _, shared, *weights, _ = np.split(point.q, splits)
-    sizes_x, sizes_u = np.split(shared[core.model.np : -1], [nx])
+    sizes_x, sizes_u, _ = np.split(shared[core.model.np :], [nx, nx + nu])
     cost = stated.sense * point.cost_size
     lam_x, lam_start = np.split(cost * point.lam_x, [(nu + nx) * N])
     of_bounds = lam_x.reshape((nu + nx, N), order="F")
@@ -121,15 +121,18 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
 
 
 def _of_parts(point: NlpPoint, cost: float) -> list[Array]:
-    """Return the multipliers of each part's rows, shape (rows, its intervals)."""
+    """Return the multipliers of each part's rows, shape (rows, its intervals).
+
+    Those that tie the controls of blocks come last, and are left out.
+    """
     parts, N = point.program.parts.present, point.program.problem.intervals
     heights = [int(part.value.numel_out(0)) for part in parts]
     counts = [N, *[1 for _ in parts[1:]]]
-    ends = np.cumsum([h * n for h, n in zip(heights, counts, strict=True)])[:-1]
+    ends = np.cumsum([h * n for h, n in zip(heights, counts, strict=True)])
     return [
         lam.reshape((height, -1), order="F") if height else np.empty((0, count))
         for lam, height, count in zip(
-            np.split(cost * point.lam_g, ends), heights, counts, strict=True
+            np.split(cost * point.lam_g, ends)[:-1], heights, counts, strict=True
         )
     ]
 

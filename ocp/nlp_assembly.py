@@ -1,9 +1,10 @@
 """The derivatives of an NLP put together from those of one interval.
 
 Interval k of a transcription (transcription.py) has the variables z = (x_k, u_k) and
-the rows g_k = (x after, constraint rows) - (x_k+1, 0): its gradient, Jacobian and
-Hessian are evaluated by one mapped function and their numbers put in their places, so
-that the time to build them does not grow with the number of intervals.
+the rows g_k = (x after, rows that are 0, constraint rows) - (x_k+1, 0, 0): its
+gradient, Jacobian and Hessian are evaluated by one mapped function and their numbers
+put in their places, so that the time to build them does not grow with the number of
+intervals.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.blocks import ties
+from swarmstart.ocp.collocation import inner_unknowns
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
@@ -89,9 +91,9 @@ class Parts(NamedTuple):
 def inputs_of(problem: OptimalControlProblem) -> int:
     """Return the number of variables of an interval besides its state.
 
-    The controls, and the excess of each row of a soft constraint.
+    The controls, the excess of each row of a soft constraint, and what is collocated.
     """
-    return int(problem.model.nu) + problem.slacks
+    return int(problem.model.nu) + problem.slacks + inner_unknowns(problem)
 
 
 class Mapped:

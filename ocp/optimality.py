@@ -8,7 +8,7 @@ upper limit):
 Second order: the Hessian of the Lagrangian is positive on the directions that keep the
 dynamics and the active constraints. The dynamics are eliminated by the Riccati
 recursion of the linearised problem, interval by interval from the end, with z = (x, u),
-the excesses of soft constraints among the controls,
+the excesses of soft constraints among the controls; what is collocated follows from z,
 
     M_k = H_k + [A B]' P_k+1 [A B] + rho C'C,    M_uu > 0 in every interval
     P_k = M_xx - M_xu M_uu^-1 M_ux
@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.blocks import ties
+from swarmstart.ocp.collocation import inner_unknowns
 from swarmstart.ocp.fitness import at_nodes
 from swarmstart.ocp.nlp_assembly import Part, decided_states, inputs_of
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -196,9 +197,11 @@ class _Stages:
         for k in range(N):
             at = z[:, k], known, s[:, k * checks : (k + 1) * checks + 1]
             H, J = _derivatives(interval, at, lam[:, k])
+            H, J = _without_inner(H, J, nx, inner_unknowns(problem))
             self.hessian.append(H)
             self.dynamics.append(J[:nx])
-            self.active.append(J[nx:][active[k * rows + nx : (k + 1) * rows]])
+            kept = active[(k + 1) * rows - (len(J) - nx) : (k + 1) * rows]
+            self.active.append(J[nx:][kept])
         self.ends, first = [], rows * N
         nodes = ((both[nu:, -1], s[:, -1]), (start, s[:, 0]))
         for part, (at_node, known_there), own in zip(
@@ -224,7 +227,7 @@ class _Stages:
         fixed = point.limits.lbx == point.limits.ubx
         at_bound = fixed | (np.abs(point.lam_x) > room)
         inside_bounds = at_bound[:inner].reshape((nu + nx, -1), order="F")
-        self.held_controls = inside_bounds[:nu].T
+        self.held_controls = inside_bounds[: nu - inner_unknowns(problem)].T
         self.held_states = inside_bounds[nu:].T.astype(np.float64)
         self.held_start = at_bound[inner:]
 
@@ -253,6 +256,19 @@ class _Stages:
         self.ends[0] = (
             np.pad(H, (0, nu)), np.pad(active, ((0, 0), (0, nu)))
         )  # fmt: skip
+
+
+def _without_inner(H: Array, J: Array, nx: int, count: int) -> tuple[Array, Array]:
+    """Return Hessian and Jacobian without what is collocated, and its rows.
+
+    Its rows, which follow those of the states, determine these last of the variables.
+    """
+    if not count:
+        return H, J
+    rows = J[nx : nx + count]
+    follow = -np.linalg.lstsq(rows[:, -count:], rows[:, :-count], rcond=None)[0]
+    T = np.vstack([np.eye(H.shape[0] - count), follow])
+    return T.T @ H @ T, np.delete(J, slice(nx, nx + count), axis=0) @ T
 
 
 def _derivatives(

@@ -11,6 +11,10 @@ answer, IPOPT begins with a small barrier and small pushes: with its defaults it
 away from what it is given before it comes back, if it does. What does not converge so
 is tried once more with the defaults.
 
+Collocation (collocation.py) does not follow the dynamics as the evaluator does. If the
+evaluator finds another cost or a limit broken, the NLP is solved again with its rows of
+motion shifted to where the evaluator gets to (correction.py), until both agree.
+
 A search's best point need not lie in the basin of the best local optimum: the search's
 archive (`heuristics/archive.py`) keeps the best points that are apart in the box, and
 each is a guess for the NLP solver.
@@ -25,8 +29,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics.interrupts import heeded
+from swarmstart.ocp.correction import MOST_CORRECTIONS, corrected
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
-from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
+from swarmstart.ocp.fitness import NOTHING, Fitness, Known, at_nodes, shared_arguments
 from swarmstart.ocp.guess import bounded_controls
 from swarmstart.ocp.optimality import NlpPoint, is_stationary
 from swarmstart.ocp.polish_options import (
@@ -38,7 +43,7 @@ from swarmstart.ocp.polish_options import (
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.search_space import Start
-from swarmstart.ocp.transcription import multiple_shooting
+from swarmstart.ocp.transcription import Given, Limits, multiple_shooting
 
 Array = NDArray[np.float64]
 SAME_COST = 1e-6
@@ -58,6 +63,44 @@ class _How(NamedTuple):
     near: bool
     held: Sequence[int]
     is_guess: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Asked:
+    """What a solver is given: where it begins, arguments and limits, and of what."""
+
+    first: Array
+    q: Array
+    limits: Limits
+    sizes: Sizes
+    parameters: Array
+    signals: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answer:
+    """A solver's answer in the NLP's numbers, and its statistics."""
+
+    point: NlpPoint
+    stats: Mapping[str, Any]
+    sizes: Sizes
+
+    @property
+    def effort(self) -> tuple[int, int]:
+        """Its iterations, and its evaluations of the objective."""
+        counts = (self.stats.get(name, 0) for name in ("iter_count", "n_call_nlp_f"))
+        iterations, evaluations = map(int, counts)
+        return iterations, evaluations
+
+    def agrees(
+        self, value: tuple[float, float], problem: OptimalControlProblem
+    ) -> bool:
+        """Return whether the evaluator finds its cost, and no limit broken."""
+        point = self.point
+        slope = point.program.derivatives["grad_f"](point.w, point.q)
+        differs = abs(float(slope[0]) * point.cost_size - value[0])
+        size = self.sizes.cost * _STEEP
+        return differs <= SAME_COST * size and value[1] <= problem.tolerance
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -191,17 +234,27 @@ class Polisher:
         how: "_How",
     ) -> Polished:
         """Return the better of a guess of known value and the solver's answer."""
-        problem, fitness = self._fitness.problem, self._fitness
+        problem = self._fitness.problem
         given = np.asarray(x0, dtype=np.float64).ravel()
-        point, stats, found = self._solve(controls, states, given, known, how)
-        better, start = _within(problem, given, *found)
-        better[list(how.held)] = controls[list(how.held)]
-        after = (
-            fitness.value(better, start, known)
-            if np.isfinite(better).all() and np.isfinite(start).all()
-            else (np.inf, np.inf)
-        )
-        status = self._judged(stats, point)
+        asked = self._asked(controls, states, given, known, how)
+        answer = self._solve(asked, near=how.near)
+        better, start, after = self._evaluated(answer, controls, given, known, how)
+        status = self._judged(answer)
+        iterations, evaluations = answer.effort
+        for _ in range(MOST_CORRECTIONS if self._program.inner_guess else 0):
+            if status is not PolishStatus.CONVERGED or answer.agrees(after, problem):
+                break
+            known_here = asked.sizes, asked.parameters, asked.signals
+            shifted = corrected(answer.point, *known_here)
+            if shifted is None:
+                break
+            again = replace(asked, first=shifted[0], limits=shifted[1])
+            answer = self._solve(again, near=True)
+            better, start, after = self._evaluated(answer, controls, given, known, how)
+            status = self._judged(answer)
+            iterations += answer.effort[0]
+            evaluations += answer.effort[1]
+        point = answer.point
         ended = status is PolishStatus.CONVERGED
         improved = is_better(after, before, tolerance=problem.tolerance) or (
             ended and _pays_for_violation(point, before, after, problem.tolerance)
@@ -217,45 +270,75 @@ class Polisher:
             violation=violation,
             improved=improved,
             status=status,
-            iterations=int(stats.get("iter_count", 0)),
-            evaluations=int(stats.get("n_call_nlp_f", 0)),
+            iterations=iterations,
+            evaluations=evaluations,
             point=point if status is PolishStatus.CONVERGED else None,
         )
 
-    def _judged(self, stats: Mapping[str, Any], point: NlpPoint) -> PolishStatus:
+    def _evaluated(
+        self,
+        answer: "_Answer",
+        controls: Array,
+        x0: Array,
+        known: Known,
+        how: "_How",
+    ) -> tuple[Array, Array, tuple[float, float]]:
+        """Return controls and start of an answer within bounds, with their value."""
+        found = self._program.split(answer.point.w, answer.sizes)
+        better, start = _within(self._fitness.problem, x0, *found)
+        better[list(how.held)] = controls[list(how.held)]
+        if not (np.isfinite(better).all() and np.isfinite(start).all()):
+            return better, start, (np.inf, np.inf)
+        return better, start, self._fitness.value(better, start, known)
+
+    def _judged(self, answer: "_Answer") -> PolishStatus:
         """Return how the solver ended; of a solver other than IPOPT, by its answer."""
         if self._options.plugin == "ipopt":
             return IPOPT_STATUS.get(
-                str(stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
+                str(answer.stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
             )
-        if is_stationary(point):
+        if is_stationary(answer.point):
             return PolishStatus.CONVERGED
         return PolishStatus.NUMERICAL_FAILURE
 
-    def _solve(
+    def _asked(
         self,
         controls: Array,
         states: Array,
         x0: Array,
         known: Known,
         how: "_How",
-    ) -> tuple[NlpPoint, dict[str, Any], tuple[Array, Array]]:
-        """Return the solver's answer, its statistics, and what it says in our units.
-
-        That is the controls, and the states at the start that are decided.
-        """
+    ) -> "_Asked":
+        """Return what the solver is given for a guess."""
         program, problem = self._program, self._fitness.problem
-        ends = np.hstack([x0[:, None], states[:, problem.checks :: problem.checks]])
+        nodes = np.hstack([x0[:, None], states[:, 1:]])
         sizes = self._sizes(controls, states, x0, known, is_guess=how.is_guess)
-        q = program.arguments(*shared_arguments(problem, x0, known), sizes)
+        start, parameters, flat = shared_arguments(problem, x0, known)
+        signals = at_nodes(problem, flat)
+        q = program.arguments(start, parameters, flat, sizes)
         limits = program.limits(sizes)
-        first = program.variables(controls, ends, sizes)
+        if program.inner_guess is not None:  # Which needs no rollout to begin from.
+            nodes = np.where(np.isfinite(nodes).all(axis=0), nodes, x0[:, None])
+        first = program.variables(controls, nodes[:, :: problem.checks], sizes)
+        if program.inner_guess is not None:
+            pieces = program.inner_guess.pieces_of(nodes)
+            given = Given(controls, pieces, parameters, signals)
+            first = program.with_points(first, given, sizes)
         first = program.with_slacks(first, q, limits)
         program.hold(limits, first, how.held)
-        solver = self._near if how.near else self._far
+        return _Asked(first, q, limits, sizes, parameters, signals)
+
+    def _solve(self, asked: "_Asked", *, near: bool) -> "_Answer":
+        """Return the solver's answer.
+
+        Args:
+            asked: What it is given.
+            near: Whether it stays near where it begins.
+        """
+        solver = self._near if near else self._far
         try:
             with heeded():
-                answer = solver(x0=first, p=q, **limits._asdict())
+                answer = solver(x0=asked.first, p=asked.q, **asked.limits._asdict())
         except RuntimeError as error:
             raise SolveError(
                 f"{self._options.plugin} could not be run: {_last_line(error)}"
@@ -264,15 +347,15 @@ class Polisher:
             np.array(answer[name]).ravel() for name in ("x", "lam_g", "lam_x")
         )
         point = NlpPoint(
-            program=program,
-            cost_size=sizes.cost,
+            program=self._program,
+            cost_size=asked.sizes.cost,
             w=w,
-            q=q,
+            q=asked.q,
             lam_g=lam_g,
             lam_x=lam_x,
-            limits=limits,
+            limits=asked.limits,
         )
-        return point, solver.stats(), program.split(w, sizes)
+        return _Answer(point, solver.stats(), asked.sizes)
 
     def _sizes(
         self,

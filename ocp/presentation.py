@@ -53,8 +53,8 @@ class Presented:
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame: a row a node, a column a state or a control.
 
-        The index is the time [s]. Controls are held from a row to the next, so that the
-        last row has none (NaN).
+        Algebraic variables of a Solution come last. The index is the time [s]. Controls
+        are held from a row to the next, so that the last row has none (NaN).
 
         Raises:
             MissingPackageError: If pandas is not installed.

@@ -74,6 +74,7 @@ from swarmstart.ocp.limits import (
 )
 from swarmstart.ocp.model import Model
 from swarmstart.ocp.moving_bounds import fixed_and_moving
+from swarmstart.ocp.radau import Radau, Transcription, as_transcription
 from swarmstart.ocp.risk import Epigraph, Risk
 from swarmstart.ocp.symbol_map import in_sx
 from swarmstart.ocp.units import without_power_of_two
@@ -143,6 +144,8 @@ class OptimalControlProblem:
         quadrature: "integral", "left" or "right".
         integrator: A key of INTEGRATORS.
         substeps: Steps of the integrator from one check to the next.
+        transcription: How the polish has the states within an interval: "shooting", by
+            the integrator's steps, or "radau", as unknowns; a `Radau` says how many.
         checks: Number of checks in an interval.
         tolerance: Largest summed violation that counts as feasible, in parts of the
             constraints' scales.
@@ -179,6 +182,7 @@ class OptimalControlProblem:
     quadrature: Quadrature = "integral"
     integrator: str = "rk4"
     substeps: int = 4
+    transcription: Transcription | Radau = "shooting"
     checks: int = 1
     tolerance: float = 1e-6
     path_tolerance: float = 1e-4
@@ -270,6 +274,11 @@ class OptimalControlProblem:
         )
         self._set("blocks", block_lengths(self.blocks, self.intervals))
         require_integrator(self.integrator, self.substeps)
+        if self.collocation is not None and self.model.is_discrete:
+            raise InvalidProblemError(
+                "a discrete-time model has nothing to collocate: transcription must be "
+                "'shooting'"
+            )
         require_choice("quadrature", self.quadrature, get_args(Quadrature))
         for role in ("tolerance", "path_tolerance"):
             self._set(role, require_number(role, getattr(self, role)))
@@ -388,6 +397,11 @@ class OptimalControlProblem:
     def sense(self) -> float:
         """1 of costs that are minimised, -1 of those that are maximised."""
         return -1.0 if self.maximize else 1.0
+
+    @property
+    def collocation(self) -> Radau | None:
+        """The collocation of the polish; None: it shoots."""
+        return as_transcription(self.transcription)
 
     @property
     def length(self) -> float:
@@ -619,6 +633,7 @@ class OptimalControlProblem:
             f"OptimalControlProblem over {horizon}: {self.intervals} intervals"
             f", {self.checks} check(s) in each, "
             f"{self.integrator} in {self.substeps} step(s) a check"
+            + ("; polished by collocation" if self.collocation else "")
             + ("; its costs are maximised" if self.maximize else ""),
             *(["  controls are linear between knots"] if self.has_knots else []),
             f"  states: {', '.join(model.state_names)}",

@@ -18,6 +18,7 @@ the path touches no kink or jump of the problem's expressions.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -69,6 +70,8 @@ class Solution(Presented):
         plan: The plan, with its source and what it took.
         compile_seconds: Wall time of `solve` spent on loading and compiling machine
             code [s].
+        algebraic: Algebraic variables of the model at the nodes, each with the control
+            that follows, shape (nz, nodes); empty of a model without such.
         member_costs: Costs of the members of an ensemble on the problem's own grid,
             shape (M,); empty of any other problem.
     """
@@ -88,6 +91,7 @@ class Solution(Presented):
     path: Path
     plan: Plan
     compile_seconds: float = 0.0
+    algebraic: Array = field(default_factory=lambda: np.empty((0, 0)))
     member_costs: Array = field(default_factory=lambda: np.empty(0))
 
     @property
@@ -109,6 +113,11 @@ class Solution(Presented):
         """The model's names of the controls."""
         return self.problem.model.control_names
 
+    @property
+    def algebraic_names(self) -> tuple[str, ...]:
+        """Names of the model's algebraic variables."""
+        return self.problem.model.elimination.names
+
     def __repr__(self) -> str:
         """Return a summary in about ten lines."""
         plan = self.plan
@@ -126,9 +135,12 @@ class Solution(Presented):
             f"  states      {_ranges(self.state_names, self.states)}",
             f"  controls    {_ranges(self.control_names, self.controls)}",
         ]
+        if self.algebraic.size:
+            shown = _ranges(self.algebraic_names, self.algebraic)
+            lines.append(f"  algebraic   {shown}")
         if self.decided:
             values = [f"{name} {value:.9g}" for name, value in self.decided.items()]
-            lines.insert(-2, f"  decided     {', '.join(values)}")
+            lines.insert(7, f"  decided     {', '.join(values)}")
         if self.member_costs.size:
             lines.insert(4, f"  members     {_spread(self.member_costs)}")
         if plan.starts is not None:
@@ -225,9 +237,29 @@ def verified(
         verified_violation=sum(e.relative for e in path.broken),
         path=path,
         plan=plan,
+        algebraic=_algebraic(
+            problem, path.states[:, ::every], plan, parameters, signals
+        ),
         member_costs=sense
         * member_costs(trace.shooting, plan.controls, state, parameters, signals),
     )
+
+
+def _algebraic(
+    core: OptimalControlProblem,
+    states: Array,
+    plan: Plan,
+    parameters: Array,
+    signals: Array,
+) -> Array:
+    """Return the algebraic variables at the nodes, shape (nz, nodes)."""
+    found = core.model.elimination
+    if not found.symbols.numel():
+        return np.empty((0, states.shape[1]))
+    at = ca.Function("algebraic", [*core.symbols().values()], [found.solution])
+    u = np.repeat(plan.controls, core.checks, axis=1)
+    p = np.repeat(parameters[:, None], states.shape[1], axis=1)
+    return np.array(at(states, np.hstack([u, u[:, -1:]]), p, signals))
 
 
 def _judged(

@@ -2,7 +2,8 @@
 
     minimise  f(w, q)   subject to  lbg <= g(w, q) <= ubg,  lbw <= w <= ubw
     w = (u_0, x_1, u_1, x_2, ... u_N-1, x_N, decided states of x_0), divided by sizes;
-        after each u_k the excesses e_k >= 0 of soft constraints (soft.py)
+        after each u_k the excesses e_k >= 0 of soft constraints (soft.py), and what is
+        collocated within the interval, if anything is (collocation.py)
     g = (defects and rows of interval 0, of interval 1, ..., terminal rows, rows of x_0,
          differences of controls that are the same)
     q = (x0, shared, weights of an interval's, the end's and the start's rows, ca.vec of
@@ -30,8 +31,17 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.algebraic import UNSOLVED
 from swarmstart.ocp.blocks import first_of, ties
+from swarmstart.ocp.collocation import (
+    Inner,
+    inner_sizes,
+    inner_unknowns,
+    layout_of,
+    lifts,
+)
 from swarmstart.ocp.constraints import Rows
+from swarmstart.ocp.inner_guess import InnerGuess
 from swarmstart.ocp.nlp_assembly import (
     LimitedRows,
     Mapped,
@@ -75,6 +85,7 @@ class NonlinearProgram:
         unit: Of the cost, as `OptimalControlProblem.costs` gives it.
         slack_rows: Of each soft row, which rows of an interval hold its excess; counted
             among those with a limit.
+        inner_guess: Finds where what is collocated begins; None in multiple shooting.
     """
 
     problem: OptimalControlProblem
@@ -83,6 +94,7 @@ class NonlinearProgram:
     parts: Parts
     unit: float
     slack_rows: tuple[list[int], ...]
+    inner_guess: InnerGuess | None = None
 
     def arguments(
         self, x0: Array, parameters: Array, signals: Array, sizes: Sizes
@@ -97,7 +109,13 @@ class NonlinearProgram:
         """
         cost = [sizes.cost / self.unit]
         soft = _sizes_of_slacks(self.problem, sizes)
-        shared = [parameters, sizes.states, sizes.controls, soft, cost]
+        inner = inner_sizes(self.problem, sizes.states)
+        solved = np.empty(0)
+        if self.inner_guess is not None:
+            solved = self.inner_guess.residual_sizes(x0, parameters, signals)
+        shared = [
+            parameters, sizes.states, sizes.controls, soft, inner, solved, cost
+        ]  # fmt: skip
         weights = [_part_weights(part, sizes) for part in self.parts.present]
         return np.concatenate([x0 / sizes.states, *shared, *weights, signals])
 
@@ -114,7 +132,11 @@ class NonlinearProgram:
             np.array([getattr(value, side) for value in starts]) / sizes.states[free]
             for side in ("lower", "upper")
         ]
-        slacks = np.zeros(problem.slacks), np.full(problem.slacks, np.inf)
+        inner = np.full(inner_unknowns(problem), np.inf)
+        slacks = (
+            np.append(np.zeros(problem.slacks), -inner),
+            np.append(np.full(problem.slacks, np.inf), inner),
+        )
         bounds = [
             np.append(
                 np.tile(np.concatenate([u / sizes.controls, e, x / sizes.states]), N),
@@ -150,10 +172,11 @@ class NonlinearProgram:
     def variables(self, controls: Array, states: Array, sizes: Sizes) -> Array:
         """Return w of controls (nu, N) and the states between intervals (nx, N + 1).
 
-        Excesses of soft constraints are 0.
+        Excesses of soft constraints and what is collocated are 0.
         """
         scaled = states / sizes.states[:, None]
-        slacks = np.zeros((self.problem.slacks, self.problem.intervals))
+        more = inputs_of(self.problem) - self.problem.model.nu
+        slacks = np.zeros((more, self.problem.intervals))
         inner = np.vstack([controls / sizes.controls[:, None], slacks, scaled[:, 1:]])
         free = decided_states(self.problem)
         return np.concatenate([inner.ravel(order="F"), scaled[free, 0]])
@@ -188,9 +211,30 @@ class NonlinearProgram:
         rows = beyond[: height * N].reshape((height, N), order="F")
         rows = rows[-len(interval.rows.places) :]
         found, step = w.copy(), inputs_of(problem) + problem.model.nx
-        slacks = found[: step * N].reshape((N, step))[:, nu:]  # A view.
+        own_slacks = slice(nu, nu + problem.slacks)
+        slacks = found[: step * N].reshape((N, step))[:, own_slacks]  # A view.
         for number, own in enumerate(self.slack_rows):
             slacks[:, number] = rows[own].max(axis=0)
+        return found
+
+    def with_points(self, w: Array, given: "Given", sizes: Sizes) -> Array:
+        """Return w with a guess of what is collocated.
+
+        Args:
+            w: Variables.
+            given: What they are made of.
+            sizes: The sizes.
+        """
+        if self.inner_guess is None:
+            return w
+        guess = self.inner_guess(*given)
+        problem, N, count = self.problem, self.problem.intervals, len(guess)
+        found, step = w.copy(), inputs_of(problem) + problem.model.nx
+        after = inputs_of(problem)
+        columns = found[: step * N].reshape((N, step))  # A view.
+        columns[:, after - count : after] = (
+            guess / inner_sizes(problem, sizes.states)[:, None]
+        ).T
         return found
 
     def split(self, w: Array, sizes: Sizes) -> tuple[Array, Array]:
@@ -223,6 +267,7 @@ def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearPro
     """
     shooting = shooting_of(problem)
     problem = shooting.problem
+    layout = layout_of(problem)
     parts = Parts(
         _interval_part(shooting),
         _end_part(shooting),
@@ -253,6 +298,7 @@ def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearPro
         slack_rows=tuple(
             [row for row, place in enumerate(places) if place == own] for own in soft
         ),
+        inner_guess=None if layout is None else InnerGuess(shooting, layout),
     )
 
 
@@ -264,12 +310,29 @@ def _without_calls(nlp: dict[str, Any]) -> dict[str, Any]:
     return {"x": w, "p": q, "f": f, "g": g}
 
 
+class Given(NamedTuple):
+    """What an NLP solver begins with, in the units of the problem.
+
+    Attributes:
+        controls: Shape (nu, N).
+        pieces: States at both ends of each check, shape (nx, checks + 1, N).
+        parameters: Shape (np,).
+        signals: At the nodes, shape (ns, nodes).
+    """
+
+    controls: Array
+    pieces: Array
+    parameters: Array
+    signals: Array
+
+
 class _Shared(NamedTuple):
     """Arguments that all parts share, one column: see `_shared_symbols`."""
 
     parameters: ca.SX
     states: ca.SX
     controls: ca.SX
+    residuals: ca.SX
     cost: ca.SX
 
     def column(self) -> ca.SX:
@@ -279,17 +342,20 @@ class _Shared(NamedTuple):
 
 def _shared_symbols(problem: OptimalControlProblem) -> _Shared:
     """Return symbols of the parameters and of the sizes."""
-    model = problem.model
+    model, layout = problem.model, layout_of(problem)
     return _Shared(
         ca.SX.sym("p", model.np),
         ca.SX.sym("size_x", model.nx),
         ca.SX.sym("size_u", inputs_of(problem)),
+        ca.SX.sym("size_r", 0 if layout is None else layout.lifted),
         ca.SX.sym("size_f"),
     )
 
 
 def _interval_part(shooting: Shooting) -> Part:
-    """Return an interval: z = (x, u, e), g = (x after, constraint rows).
+    """Return an interval: z = (x, u, e, c), g = (x after, rows of c, constraint rows).
+
+    c is what is collocated, see collocation.py.
 
     Args:
         shooting: The problem's functions.
@@ -299,13 +365,15 @@ def _interval_part(shooting: Shooting) -> Part:
     x_, u_ = ca.SX.sym("x", model.nx), ca.SX.sym("u", inputs_of(problem))
     s = ca.SX.sym("s", problem.ns, problem.checks + 1)
     state, inputs, p = x_ * shared.states, u_ * shared.controls, shared.parameters
-    u, e = ca.vertsplit(inputs, [0, model.nu, inputs.numel()])
+    soft_end = model.nu + problem.slacks
+    u, e, c = ca.vertsplit(inputs, [0, model.nu, soft_end, inputs.numel()])
+    inner = Inner(shooting, (state, u, p, s[:, 0]), c)
     points = [(state, s[:, 0], False)]
     cost = shooting.cost_at_begin(state, u, p, s[:, 0])
     parts = _rows_at(shooting, (state, u, p, s[:, 0]), shooting.rows_with_controls)
     for k in range(problem.checks):
         ends = s[:, k], s[:, k + 1]
-        state, spent = shooting.check_step(state, u, p, ends, after_jump=k == 0)
+        state, spent = inner.check(state, ends, k)
         cost += spent
         points.append((state, s[:, k + 1], False))
         if not model.is_discrete:
@@ -324,7 +392,12 @@ def _interval_part(shooting: Shooting) -> Part:
         spent = shooting.soft.price(points[0][0], p, s[:, 0], e)
         cost += problem.dt * spent / shooting.costs[0]
     limited = _joined(parts)
-    g = ca.vertcat(state / shared.states, limited.values)
+    g = ca.vertcat(
+        state / shared.states,
+        inner.rows(shared.states, shared.residuals),
+        limited.values,
+    )
+    cost, g = inner.lifted(cost, g)
     return _part(ca.vertcat(x_, u_), shared, s, cost, g, limited)
 
 
@@ -392,6 +465,8 @@ def _rows_at(
     for number, constraint in enumerate(problem.path_constraints):
         if without_bounds and number == len(problem.stated):
             continue
+        if lifts(problem) and constraint.name == UNSOLVED:
+            continue  # The equations are rows of their own.
         rows = constraint.smooth(shooting.path_values[number](*at))
         found.append(_limited(rows, number, chosen[number]))
     return found
@@ -450,6 +525,7 @@ def _begin_part(shooting: Shooting) -> Part:
             _limited(c.smooth(c.expression), number, shooting.rows_of_start[number])
             for number, c in enumerate(problem.path_constraints)
             if number < len(problem.stated)  # The start has the bounds of its states.
+            and not (lifts(problem) and c.name == UNSOLVED)
         ]
     )
     at_start = ca.Function(

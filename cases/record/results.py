@@ -92,6 +92,9 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
     }
     if solution.problem.has_knots:
         arrays["knots"] = np.array(True)
+    if solution.algebraic_names:
+        arrays["algebraic"] = solution.algebraic
+        arrays["algebraic_names"] = np.array(solution.algebraic_names)
     summary = {
         "result": "solution",
         "status": solution.status.value,

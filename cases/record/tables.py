@@ -17,7 +17,7 @@ class MissingPackageError(SwarmstartError, ImportError):
 
 
 def dataframe_of(result: Solution | Trajectory) -> "pd.DataFrame":
-    """Return states and controls over time; see `Presented.to_dataframe`.
+    """Return what a result has over time; see `Presented.to_dataframe`.
 
     Raises:
         MissingPackageError: If pandas is not installed.
@@ -29,10 +29,15 @@ def dataframe_of(result: Solution | Trajectory) -> "pd.DataFrame":
             "a table needs pandas, which is not installed: "
             "pip install 'swarmstart[pandas]'"
         ) from error
+    rows = [result.states, _controls(result)]
+    names = [*result.state_names, *result.control_names]
+    if isinstance(result, Solution) and result.algebraic_names:
+        rows.append(result.algebraic)
+        names += result.algebraic_names
     return pd.DataFrame(
-        np.vstack([result.states, _controls(result)]).T,
+        np.vstack(rows).T,
         index=pd.Index(result.times, name="time [s]"),
-        columns=[*result.state_names, *result.control_names],
+        columns=names,
     )
 
 

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from swarmstart.ocp import (
     AlgebraicEquations,
     Bounds,
+    Fitness,
     Free,
     InvalidProblemError,
     IpoptOptions,
@@ -352,13 +353,27 @@ def test_what_is_no_ensemble_is_refused(
         make(one())
 
 
-def test_model_with_nonlinear_algebraic_equations_is_refused() -> None:
+def test_each_member_solves_algebraic_equations_of_its_own() -> None:
     x, u, k, z = (ca.SX.sym(n) for n in "xukz")
-    drive = AlgebraicEquations(symbols=z, residual=z + ca.sinh(z) - u, start=0.0)
-    model = Model(states=x, controls=u, ode=k * z, parameters=k, algebraic=drive)
-    problem = OptimalControlProblem(model, horizon=1.0, intervals=2, stage_cost=x**2)
-    with pytest.raises(InvalidProblemError, match="without nonlinear algebraic"):
-        ensemble(problem, {"k": [1.0, 2.0]})
+    drive = AlgebraicEquations(symbols=z, residual=k * z - ca.exp(-z) - x, start=0.0)
+    model = Model(states=x, controls=u, ode=u - z, parameters=k, algebraic=drive)
+    problem = OptimalControlProblem(
+        model, horizon=1.0, intervals=3, stage_cost=z**2 + u**2
+    )
+    values, x0 = [1.0, 2.0], [0.5]
+    apart = [
+        Fitness(problem).value(np.ones((1, 3)), x0, Known(parameters=[one]))
+        for one in values
+    ]
+    both = ensemble(problem, {"k": values})
+    cost, violation = Fitness(both).value(np.ones((1, 3)), 2 * x0)
+    assert cost == pytest.approx(np.mean([one for one, _ in apart]), rel=1e-13)
+    assert violation == 0.0
+    answer = solve(both, x0, search=None, seed=0)
+    assert answer.algebraic_names == ("z_0", "z_1")
+    residuals = np.outer(values, np.ones(4)) * answer.algebraic
+    residuals -= np.exp(-answer.algebraic) + answer.states
+    np.testing.assert_allclose(residuals, 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("risk", ["worst", "cvar"])

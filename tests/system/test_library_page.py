@@ -56,3 +56,4 @@ def test_the_code_of_the_page_of_what_a_problem_may_need_runs(
     assert said[10] == "5"
     assert said[11] == "[[ 1.5  0.9  0.3 -0.3 -0.9 -1.5]] 1.5"
     assert re.match("whole numbers cost .*, relaxed .*% apart", said[12])
+    assert said[13] == "('z',) (1, 11)"

@@ -1,0 +1,267 @@
+"""An interval by collocation: its states at the collocation points are unknowns.
+
+    x_k, X_1, X_2, ... (all elements of all checks)   instead of an integrator's steps
+    rows: D X - h f(X, z, u, p, s(t)) = 0 at each point, divided by the states' sizes
+
+Only states that have a rate are collocated; the others stay. Algebraic variables z of
+equations that are not linear in them are unknowns, too, at the start of an interval and
+at each point, with their equations g(x, z, u, p) = 0 as rows (lifting.py): Newton's
+method has no part in the NLP then. Costs are integrated by the same points; constraints
+hold at the checks, as in multiple shooting.
+
+An interval's inner unknowns are, in this order: the states with a rate at each point;
+z at the start, and at each point.
+
+Source: Biegler (2010), Nonlinear Programming, chapter 10.
+"""
+
+from typing import NamedTuple, TypeVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.lifting import lifted
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.radau import radau_coefficients
+from swarmstart.ocp.shooting import Shooting
+
+Array = NDArray[np.float64]
+Values = TypeVar("Values", ca.SX, NDArray[np.float64])
+
+
+class Layout(NamedTuple):
+    """What is collocated, and where.
+
+    Attributes:
+        moving: Numbers of the states that have a rate.
+        points: Collocation points in an element.
+        elements: Elements from one check to the next.
+        checks: Checks in an interval.
+        lifted: Number of algebraic variables that are unknowns.
+    """
+
+    moving: tuple[int, ...]
+    points: int
+    elements: int
+    checks: int
+    lifted: int
+
+    @property
+    def places(self) -> int:
+        """Number of collocation points in an interval."""
+        return self.points * self.elements * self.checks
+
+    @property
+    def states(self) -> int:
+        """Number of an interval's unknown states."""
+        return self.places * len(self.moving)
+
+    @property
+    def size(self) -> int:
+        """Number of an interval's inner unknowns, and of the rows that tie them."""
+        return self.states + self.lifted * (self.places + 1 if self.lifted else 0)
+
+
+def layout_of(problem: OptimalControlProblem) -> Layout | None:
+    """Return what is collocated; None in multiple shooting, or if no state moves."""
+    radau, model = problem.collocation, problem.model
+    moving = tuple(i for i in range(model.nx) if not model.ode[i].is_zero())
+    if radau is None or not moving:
+        return None
+    return Layout(
+        moving=moving,
+        points=radau.points,
+        elements=radau.elements or problem.substeps,
+        checks=problem.checks,
+        lifted=int(model.elimination.residual.numel()),
+    )
+
+
+def inner_unknowns(problem: OptimalControlProblem) -> int:
+    """Return the number of an interval's unknowns that collocation adds."""
+    layout = layout_of(problem)
+    return 0 if layout is None else layout.size
+
+
+def inner_sizes(problem: OptimalControlProblem, states: Array) -> Array:
+    """Return the sizes of an interval's inner unknowns.
+
+    Args:
+        problem: The problem.
+        states: Sizes of the states, shape (nx,).
+    """
+    layout = layout_of(problem)
+    if layout is None:
+        return np.empty(0)
+    sizes = [np.tile(states[list(layout.moving)], layout.places)]
+    if layout.lifted:
+        scale = np.asarray(problem.model.elimination.scale, dtype=np.float64)
+        sizes.append(np.tile(scale, layout.places + 1))
+    return np.concatenate(sizes)
+
+
+def lifts(problem: OptimalControlProblem) -> bool:
+    """Return whether algebraic variables are unknowns of the NLP."""
+    layout = layout_of(problem)
+    return layout is not None and layout.lifted > 0
+
+
+class Inner:
+    """The inside of an interval: an integrator's steps, or collocation.
+
+    It collects, check by check, the rows that collocation adds.
+    """
+
+    def __init__(
+        self,
+        shooting: Shooting,
+        begin: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
+        unknown: ca.SX,
+    ) -> None:
+        """Begin an interval.
+
+        Args:
+            shooting: The problem's functions.
+            begin: State, controls, parameters and signals as it begins.
+            unknown: Its inner unknowns, not scaled; empty in multiple shooting.
+        """
+        state, self._u, self._p, s = begin
+        self._shooting, self._layout = shooting, layout_of(shooting.problem)
+        self._defects: list[ca.SX] = []
+        self._at = [(state, s)]
+        layout = self._layout
+        if layout is not None:
+            states, z = unknown[: layout.states, 0], unknown[layout.states :, 0]
+            self._states = ca.reshape(states, len(layout.moving), layout.places)
+            self._z = ca.reshape(z, layout.lifted, layout.places + 1)
+
+    def check(
+        self, state: ca.SX, ends: tuple[ca.SX, ca.SX], k: int
+    ) -> tuple[ca.SX, ca.SX]:
+        """Return the state after check k, and the integral of cost / unit over it.
+
+        Args:
+            state: As it begins, shape (nx, 1).
+            ends: Signals at both of its ends.
+            k: Its number in the interval, from 0 on.
+        """
+        u, p, layout = self._u, self._p, self._layout
+        if layout is None:
+            return self._shooting.check_step(state, u, p, ends, after_jump=k == 0)
+        own = layout.points * layout.elements
+        unknown = self._states[:, k * own : (k + 1) * own]
+        reached = collocated_check(self._shooting, state, (u, p), ends, unknown)
+        self._defects += reached.defects
+        self._at += reached.at
+        return reached.state, reached.cost
+
+    def rows(self, sizes: ca.SX, residuals: ca.SX) -> ca.SX:
+        """Return the rows that are 0, without unit.
+
+        Args:
+            sizes: Of the states, shape (nx, 1).
+            residuals: Of the algebraic equations, shape (nz, 1).
+        """
+        layout = self._layout
+        if layout is None:
+            return ca.SX(0, 1)
+        rows = [row / sizes[list(layout.moving)] for row in self._defects]
+        if layout.lifted:
+            found = self._shooting.problem.model.elimination
+            residual = self._at_points(found.residual, self._symbols)
+            rows += [
+                residual(x, self._u, self._p, s, self._z[:, i]) / residuals
+                for i, (x, s) in enumerate(self._at)
+            ]
+        return ca.vertcat(ca.SX(0, 1), *rows)
+
+    def lifted(self, cost: ca.SX, g: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return cost and rows with the unknown z in place of Newton's method.
+
+        Args:
+            cost: Cost of the interval, a scalar.
+            g: Its rows, shape (m, 1).
+        """
+        layout = self._layout
+        if layout is None or not layout.lifted:
+            return cost, g
+        found = self._shooting.problem.model.elimination
+        solution = self._at_points(found.solution, ca.SX(0, 1))
+        values = [solution(x, self._u, self._p, s, ca.SX(0, 1)) for x, s in self._at]
+        both = lifted(ca.vertcat(cost, g), ca.vertcat(*values), ca.vec(self._z))
+        return both[0], both[1:, 0]
+
+    @property
+    def _symbols(self) -> ca.SX:
+        return self._shooting.problem.model.elimination.symbols
+
+    def _at_points(self, expression: ca.SX, z: ca.SX) -> ca.Function:
+        """Return (x, u, p, s, z) -> an expression."""
+        names = [*self._shooting.problem.symbols().values(), z]
+        return ca.Function("at_points", names, [expression])
+
+
+class Reached(NamedTuple):
+    """A check by collocation.
+
+    Attributes:
+        state: At its end, shape (nx, 1).
+        cost: Integral of the stage cost / unit over it.
+        defects: Rows that are 0, in units of the states.
+        at: (state, signals) at each point.
+    """
+
+    state: ca.SX
+    cost: ca.SX
+    defects: list[ca.SX]
+    at: list[tuple[ca.SX, ca.SX]]
+
+
+def collocated_check(
+    shooting: Shooting,
+    state: ca.SX,
+    known: tuple[ca.SX, ca.SX],
+    ends: tuple[ca.SX, ca.SX],
+    unknown: ca.SX,
+) -> Reached:
+    """Return a check of an interval by collocation.
+
+    Args:
+        shooting: The problem's functions.
+        state: As it begins, shape (nx, 1).
+        known: Controls, held, and parameters.
+        ends: Signals at both of its ends.
+        unknown: The check's states at its points, shape (moving, points * elements).
+    """
+    problem, layout, (u, p) = shooting.problem, layout_of(shooting.problem), known
+    if layout is None:
+        raise ValueError("expected a problem with collocation")
+    coefficients = radau_coefficients(layout.points)
+    h = problem.dt / problem.checks / layout.elements
+    moving, ns = list(layout.moving), problem.model.ns
+    cost, defects, at = ca.SX(0), [], []
+    for element in range(layout.elements):
+        first = element * layout.points
+        own = unknown[:, first : first + layout.points]
+        through = ca.horzcat(state[moving], own)
+        for i, (time, weight) in enumerate(
+            zip(coefficients.times, coefficients.weights, strict=True)
+        ):
+            x = ca.SX(state)
+            x[moving] = own[:, i]
+            s = between(ends, (element + float(time)) / layout.elements)
+            slope = through @ ca.DM(coefficients.slopes[i])
+            rate = shooting.dynamics(x, u, p, s[:ns, 0])
+            defects.append(slope - h * rate[moving])
+            if problem.quadrature == "integral":
+                cost += h * float(weight) * shooting.stage_cost(x, u, p, s)
+            at.append((x, s))
+        state = at[-1][0]
+    return Reached(state, cost, defects, at)
+
+
+def between(ends: tuple[Values, Values], part: float) -> Values:
+    """Return the signals at a part of the way from one end to the other."""
+    between_them: Values = ends[0] + part * (ends[1] - ends[0])
+    return between_them
