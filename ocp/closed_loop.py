@@ -123,7 +123,8 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
 
     Raises:
         InvalidProblemError: If x0 does not fit the plant, or intervals differ.
-        DivergedError: If the plant leaves the finite numbers.
+        DivergedError: If the plant leaves the finite numbers, or does not solve its
+            algebraic equations.
     """
     plant, state = _checked(plant, controller, x0)
     if previous is not None and previous.is_last:

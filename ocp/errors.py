@@ -8,7 +8,7 @@ class InvalidProblemError(SwarmstartError, ValueError):
 
 
 class DivergedError(SwarmstartError):
-    """A simulated plant has left the finite numbers."""
+    """A simulated plant left the finite numbers, or its algebraic equations."""
 
 
 class SolveError(SwarmstartError):

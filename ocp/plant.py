@@ -14,11 +14,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.algebraic import SOLVED_WITHIN
+from swarmstart.ocp.errors import DivergedError, InvalidProblemError
 from swarmstart.ocp.expressions import shortened, symbol_names
 from swarmstart.ocp.integrators import held_step, linear_step
 from swarmstart.ocp.limits import numbers_of, require_count
-from swarmstart.ocp.model import Model, jump_of
+from swarmstart.ocp.model import Model, jump_of, unsolved_of
 
 Array = NDArray[np.float64]
 NOTHING_DECIDED: Mapping[str, float] = MappingProxyType({})
@@ -99,6 +100,7 @@ class Plant:
         self._interval = step.mapaccum("plant", substeps)
         self._linear: ca.Function | None = None
         self._jump = jump_of(model)
+        self._unsolved = unsolved_of(model)
 
     def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
         """Return the states after each step of the interval, shape (nx, substeps).
@@ -108,6 +110,9 @@ class Plant:
             control: Held over it, shape (nu,); or several, held one after another over
                 equal parts of it, shape (nu, m), m a divisor of the steps.
             time: Of its beginning [s].
+
+        Raises:
+            DivergedError: If algebraic equations of the model are not solved.
         """
         states = self.until_end(state, control, time)
         return self._ended(
@@ -141,7 +146,8 @@ class Plant:
             )
             self._linear = step.mapaccum("plant", self.substeps)
         both = np.vstack([controls[:, :-1], controls[:, 1:]])
-        return np.array(self._linear(state, both, *self._known(time)))
+        states = np.array(self._linear(state, both, *self._known(time)))
+        return self._solved(state, states, (controls[:, :-1], controls[:, 1:]), time)
 
     def _ended(self, states: Array, last: Array, time: float) -> Array:
         """Return states with what the end of the interval changes, in place."""
@@ -165,10 +171,14 @@ class Plant:
             state: At its beginning, shape (nx,).
             control: Held over it, shape (nu,); or several, as above.
             time: Of its beginning [s].
+
+        Raises:
+            DivergedError: If algebraic equations of the model are not solved.
         """
         held = control[:, None] if control.ndim == 1 else control
         held = np.repeat(held, self.substeps // held.shape[1], axis=1)
-        return np.array(self._interval(state, held, *self._known(time)))
+        states = np.array(self._interval(state, held, *self._known(time)))
+        return self._solved(state, states, (held, held), time)
 
     def _known(self, time: float) -> list[Array]:
         """Return parameters of each step, and what varies, at its ends."""
@@ -179,6 +189,41 @@ class Plant:
             # Both ends of each step, side by side.
             arguments.append(np.repeat(known, 2, axis=1)[:, 1:-1])
         return arguments
+
+    def _solved(
+        self, state: Array, states: Array, controls: tuple[Array, Array], time: float
+    ) -> Array:
+        """Return states, or refuse to go on with algebraic equations not solved.
+
+        Args:
+            state: Before the first step, shape (nx,).
+            states: After each step, shape (nx, substeps).
+            controls: As each step begins and as it ends, each (nu, substeps).
+            time: Before the first step [s].
+
+        Raises:
+            DivergedError: With when, and how far they are from being solved.
+        """
+        if not self.model.elimination.unsolved.numel():
+            return states
+        nodes = time + self.dt * (np.arange(self.substeps + 1) / self.substeps)
+        every = np.column_stack([state, states])
+        parameters = self.parameters(nodes[:-1])
+        for side, u in zip((slice(0, -1), slice(1, None)), controls, strict=True):
+            at, times = every[:, side], nodes[side]
+            known = parameters, self.varying(times)
+            rest = np.abs(np.array(self._unsolved(at, u, *known))).max(axis=0)
+            wrong = np.isfinite(at).all(axis=0) & ~(rest <= SOLVED_WITHIN)
+            if wrong.any():
+                first = int(np.argmax(wrong))
+                names = ", ".join(self.model.elimination.names)
+                raise DivergedError(
+                    f"the plant's algebraic equations are not solved for {names} at "
+                    f"{times[first]:.6g} s: their residual is {rest[first]:.3g} of its "
+                    f"size, at most {SOLVED_WITHIN:g} is allowed; give Newton's method "
+                    "a better start or more iterations"
+                )
+        return states
 
     def with_interval(self, dt: float) -> "Plant":
         """Return the same plant with control intervals of another length.

@@ -6,7 +6,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from swarmstart.ocp import (
+    AlgebraicEquations,
     Bounds,
+    DivergedError,
     InvalidProblemError,
     IpoptOptions,
     Model,
@@ -92,3 +94,43 @@ def test_clock_is_the_time_of_a_flight() -> None:
     assert plant.with_interval(0.25).clock == "s"
     with pytest.raises(InvalidProblemError, match="clock must name a state, one of s"):
         Plant(model, dt=0.5, substeps=5, clock="time")
+
+
+def exponential(offset: float) -> Model:
+    """x' = -z with z^2 + offset = x, which has no solution below the offset."""
+    x, z = ca.SX.sym("x"), ca.SX.sym("z")
+    equations = AlgebraicEquations(symbols=z, residual=z**2 + offset - x, start=1.0)
+    return Model(states=x, controls=ca.SX(0, 1), ode=-z, algebraic=equations)
+
+
+def test_plant_with_algebraic_equations_has_its_closed_form() -> None:
+    # sqrt(x)' = -1/2.
+    plant = Plant(exponential(0.0), dt=0.5, substeps=20)
+    end = plant(np.array([1.0]), np.empty(0))[0, -1]
+    assert end == pytest.approx(0.75**2, abs=1e-8)  # Twenty RK4 steps.
+
+
+def test_plant_whose_algebraic_equations_have_no_solution_says_so() -> None:
+    plant = Plant(exponential(0.5), dt=1.0, substeps=20)
+    solved = plant.with_interval(0.5)
+    assert np.isfinite(solved(np.array([1.0]), np.empty(0))).all()
+    with pytest.raises(DivergedError, match=r"not solved for z at 2\..* residual is"):
+        plant(np.array([0.5 + 1e-3]), np.empty(0), 2.0)
+
+
+def test_flight_ends_where_the_algebraic_equations_have_no_solution() -> None:
+    model = exponential(0.5)
+    problem = OptimalControlProblem(model, horizon=1.0, intervals=1)
+    loop = RecedingHorizon(planner=Planner(problem, search=None))
+    with pytest.raises(DivergedError, match="algebraic equations are not solved"):
+        simulate(Plant(model, dt=1.0, substeps=20), loop, [1.0], steps=4, seed=0)
+
+
+def test_linear_controls_end_where_the_equations_have_no_solution() -> None:
+    x, z, u = (ca.SX.sym(n) for n in "xzu")
+    equations = AlgebraicEquations(symbols=z, residual=z**2 - u, start=1.0)
+    model = Model(states=x, controls=u, ode=z, algebraic=equations)
+    plant = Plant(model, dt=1.0, substeps=10)
+    assert np.isfinite(plant.along(np.zeros(1), np.linspace(1, 2, 11)[None, :])).all()
+    with pytest.raises(DivergedError, match=r"not solved for z at 0\.5 s"):
+        plant.along(np.zeros(1), np.linspace(1, -1, 11)[None, :])
