@@ -19,7 +19,10 @@ def operation_flaws(problem: OptimalControlProblem) -> Iterator[LocatedFlaw]:
     rates = ca.Function("rates", symbols, [model.ode, problem.stage_cost])
     evaluations = {"rk4": 4, "euler": 1, "stiff": 6}[problem.integrator]
     steps = problem.substeps * problem.checks
-    found = rates.n_instructions() * evaluations * steps
+    radau, points = problem.collocation, 0
+    if radau is not None:
+        points = radau.points * (radau.elements or problem.substeps) * problem.checks
+    found = rates.n_instructions() * max(evaluations * steps, points)
     if problem.integrator == "stiff" and found <= MOST_OPERATIONS:
         # And linear equations.
         dt = float(problem.expected_times[-1]) / problem.intervals
@@ -31,5 +34,5 @@ def operation_flaws(problem: OptimalControlProblem) -> Iterator[LocatedFlaw]:
             ("prediction",),
             f"expected at most {MOST_OPERATIONS} operations in an interval, those of "
             f"the rates in all substeps of all checks; found {found}: take more "
-            "intervals, or fewer checks or substeps",
+            "intervals, or fewer checks, substeps or elements",
         )

@@ -30,6 +30,7 @@ from swarmstart.ocp.control_shape import ControlShape
 from swarmstart.ocp.guess import Appended
 from swarmstart.ocp.integrators import Integrator
 from swarmstart.ocp.problem import Quadrature
+from swarmstart.ocp.radau import Radau, Transcription
 
 MOST_NODES = 10_000
 """Checks of a horizon."""
@@ -177,6 +178,25 @@ class Guess(Part):
     states: Mapping[Names, OverTime] = Field(default_factory=dict)
 
 
+class Collocation(Part):
+    """Radau collocation in the polish.
+
+    Attributes:
+        points: Collocation points in an element.
+        elements: Elements from check to check; by default as many as `substeps`.
+    """
+
+    points: int = Field(default=3, ge=1, le=9)
+    elements: Annotated[int, Field(ge=1, le=1000)] | None = None
+
+
+TranscriptionPart = Annotated[
+    Annotated[Collocation, Tag("of points")] | Annotated[Transcription, Tag("of text")],
+    chosen("points", "points"),
+]
+"""A name, or collocation with its numbers."""
+
+
 def _without_required(schema: dict[str, Any]) -> None:
     """Take from a schema what is required: phases say what the intervals are."""
     schema.pop("required", None)
@@ -189,6 +209,7 @@ class Prediction(Part):
         horizon_s: Its length; left out in discrete time, where an interval lasts 1.
         blocks: Lengths of blocks of intervals with one control each; by default each
             interval has its own.
+        transcription: Of the polish: `shooting`, `radau`, or its numbers.
         newton_iterations: For algebraic equations that are not linear.
         control_shape: Whether controls are held, or linear between knots; of
             "continuous" ones the first knot is the control before.
@@ -202,11 +223,19 @@ class Prediction(Part):
     checks: Checks = 1
     substeps: int = Field(default=4, ge=1, le=1000)
     integrator: Integrator = "rk4"
+    transcription: TranscriptionPart = "shooting"
     quadrature: Quadrature = "integral"
     newton_iterations: int = Field(default=10, ge=1, le=100)
     control_shape: ControlShape = "constant"
     tolerance: Positive = 1e-6
     path_tolerance: Positive = 1e-4
+
+    @property
+    def collocation(self) -> Transcription | Radau:
+        """The transcription, as a problem takes it."""
+        if isinstance(self.transcription, Collocation):
+            return Radau(**self.transcription.model_dump())
+        return self.transcription
 
     @model_validator(mode="after")
     def _few_nodes(self) -> "Prediction":
