@@ -42,7 +42,7 @@ def test_the_code_of_the_page_of_what_a_problem_may_need_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     blocks, said = run("any_problem.md", tmp_path, monkeypatch, capsys)
-    assert blocks == 14
+    assert blocks == 15
     assert [float(word) for word in said[0].split()] == pytest.approx([2.0] * 2)
     assert said[1] == "[-0.1867 -0.2393]"
     assert [float(word) for word in said[2].split()] == pytest.approx(
