@@ -131,6 +131,7 @@ def phases(
         quadrature=first.quadrature,
         integrator=first.integrator,
         substeps=first.substeps,
+        integrator_tolerance=first.integrator_tolerance,
         checks=first.checks,
         tolerance=first.tolerance,
         path_tolerance=first.path_tolerance,

@@ -175,6 +175,7 @@ def planning_problem(
         quadrature=grid.quadrature,
         integrator=grid.integrator,
         substeps=grid.substeps,
+        integrator_tolerance=grid.integrator_tolerance,
         checks=grid.checks,
         blocks=grid.blocks,
         tolerance=grid.tolerance,
