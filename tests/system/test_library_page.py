@@ -30,7 +30,7 @@ def test_the_code_of_the_library_page_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     blocks, said = run("library.md", tmp_path, monkeypatch, capsys)
-    assert blocks == 15
+    assert blocks == 10
     assert float(said[0]) == pytest.approx(36.713, abs=1e-3)
     assert said[1] == "[20.36 24.56]"
     assert said[2].startswith("('angle', 'speed')")
