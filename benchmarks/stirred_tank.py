@@ -279,9 +279,9 @@ Ours: one step of RK4 an interval, which the finer path confirms (its cost diffe
 3e-4), `previous=` for the changes of the controls, IPOPT from the last plan shifted.
 The ensemble has one control sequence for all nine plants, so it expects nothing of what
 later plans will know: it stays further from the bound than a tree, at a higher cost.
-The tree is stated by hand (`benchmarks/tank_tree.py`): nine tanks with controls of
-their own, which are the first tank's until a state that the end of the first interval
-sets says otherwise. It bounds T_R in the middle of intervals, too, and 0.01 lower.
+The tree is the same ensemble with `robust_horizon=1`: after the first interval each
+tank has controls of its own. It bounds T_R in the middle of intervals, too, and 0.01
+lower (`benchmarks/tank_tree.py`).
 
 The plant takes 50 steps of RK4 an interval, and T_R is the largest on that path;
 do-mpc bounds it at the begins of intervals only. In each flight the controllers decide

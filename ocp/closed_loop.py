@@ -21,6 +21,8 @@ from swarmstart.ocp.presentation import Presented
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
 Array = NDArray[np.float64]
+_MIDDLES = 100
+"""Points in time whose mean is that of linear controls, for an object that holds."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -56,7 +58,8 @@ class Trajectory(Presented):
     Attributes:
         times: Control instants, shape (T + 1,) [s].
         states: At the control instants, shape (nx, T + 1).
-        controls: Held from each to the next, shape (nu, T).
+        controls: Held from each to the next, or as each interval begins where they
+            are linear, shape (nu, T).
         dense_times: The plant's steps, shape (T * m + 1,) [s].
         dense_states: At the plant's steps, shape (nx, T * m + 1).
         decisions: What the controller decided, T of them.
@@ -138,7 +141,7 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         if decision.decided and isinstance(plant, Plant):
             plant = plant.with_decided(decision.decided)
         before = decision.dt
-        dense = plant(state, _held(decision, plant), time)
+        dense = _driven(plant, state, decision, time)
         if not np.isfinite(dense).all():
             raise DivergedError(
                 f"the plant left the finite numbers in step {number}, at "
@@ -182,12 +185,26 @@ def _checked(
     return plant, state
 
 
-def _held(decision: Decision, plant: Plant | SteppedPlant) -> Array:
-    """Return what a plant holds: one control, or several one after another."""
-    if decision.profile is None:
-        return decision.control
-    several = decision.profile.sampled(0.0, plant.dt, plant.substeps)
-    return several if isinstance(plant, Plant) else several.mean(axis=1)
+def _driven(
+    plant: Plant | SteppedPlant, state: Array, decision: Decision, time: float
+) -> Array:
+    """Return the states after each step of a plant; see Plant.
+
+    It holds one control, or several one after another, or they are linear over its
+    steps. An object with step(x, u, dt) holds the mean.
+    """
+    profile = decision.profile
+    if profile is None:
+        return plant(state, decision.control, time)
+    if isinstance(plant, Plant):
+        if profile.is_held:
+            return plant(state, profile.sampled(0.0, plant.dt, plant.substeps), time)
+        return plant.along(state, profile.ends(plant.dt, plant.substeps), time)
+    if profile.is_held:
+        several = profile.sampled(0.0, plant.dt, plant.substeps)
+    else:
+        several = profile.sampled(0.0, plant.dt, _MIDDLES)
+    return plant(state, several.mean(axis=1), time)
 
 
 def simulate(  # noqa: PLR0913 - a closed loop in one call

@@ -30,6 +30,7 @@ from swarmstart.ocp.plan import Plan, Source
 from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.polish import is_better
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.profile import Profile
 from swarmstart.ocp.search_space import Start
 
 Array = NDArray[np.float64]
@@ -51,36 +52,12 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Profile:
-    """Controls held one after another, each for the same time.
-
-    Attributes:
-        controls: Shape (nu, m).
-        piece: How long each is held [s].
-    """
-
-    controls: Array
-    piece: float
-
-    def sampled(self, begin: float, dt: float, steps: int) -> Array:
-        """Return the controls in the middle of equal steps, shape (nu, steps).
-
-        Args:
-            begin: Time of the first step's beginning [s].
-            dt: Length of all steps together [s].
-            steps: Number of steps.
-        """
-        times = begin + (np.arange(steps) + 0.5) * dt / steps
-        last = self.controls.shape[1] - 1
-        return self.controls[:, np.clip((times / self.piece).astype(int), 0, last)]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Decision:
     """What a controller does at one control instant; also its memory.
 
     Attributes:
-        control: Control to hold over the coming interval, shape (nu,).
+        control: Control to hold over the coming interval, or that with which it begins
+            where a profile says how it goes on, shape (nu,).
         plans: The plan of each agent, in the order of the agents.
         mode: Which law made it.
         start: State at which the flight begins, shape (nx,), where the first plan
@@ -88,8 +65,8 @@ class Decision:
         dt: Length of the coming interval [s], where the plan decides it; None: the
             controller's.
         is_last: Whether the flight ends with the coming interval.
-        profile: Controls held one after another over the interval, where the plan's
-            intervals are other ones; None: the control is held.
+        profile: Controls over the interval, where the plan's intervals are other ones,
+            or linear controls; None: the control is held.
         decided: What the plan decides about parameters, by name.
     """
 
@@ -180,7 +157,8 @@ class RecedingHorizon:
 
     Raises:
         InvalidProblemError: If the end time is free and there is no period, or it may
-            not become as short as that.
+            not become as short as that; or if the members of an ensemble share no
+            control.
     """
 
     planner: Planner
@@ -196,6 +174,12 @@ class RecedingHorizon:
     def __post_init__(self) -> None:
         """Check that a free end time can be followed to its end."""
         horizon = self.planner.stated.horizon
+        risk = self.planner.stated.risk
+        if risk is not None and risk.robust_horizon == 0:
+            raise InvalidProblemError(
+                "members of an ensemble that share no control cannot be flown: "
+                "robust_horizon must be at least 1"
+            )
         if not isinstance(horizon, Free):
             if self.period is not None:
                 raise InvalidProblemError(
@@ -247,10 +231,17 @@ class RecedingHorizon:
             )
         last = previous.plans[0] if previous else None
         plan = self.plan(time, state, last, rng=rng)
-        first = plan.controls[:, 0]
+        first = self.flown(plan)[:, 0]
         decided = self.planner.lowered.decided_parameters(plan.x0)
+        linear = self.planner.stated.has_knots
         if self.period is None:
-            return Decision(control=first, plans=(plan,), decided=decided)
+            profile = self._profile(plan, self.dt * plan.controls.shape[1], pieces=1)
+            return Decision(
+                control=first,
+                plans=(plan,),
+                profile=profile if linear else None,
+                decided=decided,
+            )
         length = self._length(plan)
         ends = length < self.period * (1 + _ROUNDING) + self._shortest
         return Decision(
@@ -258,9 +249,28 @@ class RecedingHorizon:
             plans=(plan,),
             dt=length if ends else None,
             is_last=ends,
-            profile=_profile(plan, length),
+            profile=self._profile(plan, length),
             decided=decided,
         )
+
+    def flown(self, plan: Plan) -> Array:
+        """Return a plan's controls or knots that one plant has, first ones first."""
+        stated, lowered = self.planner.stated, self.planner.lowered
+        return lowered.knots(plan.controls, plan.x0)[: stated.flown_controls]
+
+    def _profile(self, plan: Plan, length: float, pieces: int | None = None) -> Profile:
+        """Return the controls of a plan over its horizon of a length [s].
+
+        Args:
+            plan: The plan.
+            length: Of its horizon [s].
+            pieces: Number of the intervals that count; None: all.
+        """
+        controls, piece = self.flown(plan), length / plan.controls.shape[1]
+        if not self.planner.stated.has_knots:
+            return Profile(controls=controls, piece=piece)
+        end = None if pieces is None else pieces + 1
+        return Profile(controls=controls[:, 1:end], piece=piece, start=controls[:, 0])
 
     @property
     def _shortest(self) -> float:
@@ -312,7 +322,8 @@ class RecedingHorizon:
         known = self.known(time, seen, left)
         if last is not None:
             known = known._replace(previous=self._last_held(last))
-        start, known, first = self.planner.posed(state, known, self.first)
+        first = self.first if last is None else None
+        start, known, first = self.planner.posed(state, known, first)
         state = np.asarray(start, dtype=np.float64)
         guess = first if last is None else last.controls
         shifted: Array | None = None
@@ -342,6 +353,12 @@ class RecedingHorizon:
         """Return the control at the end of what was flown of the last plan."""
         if self.period is None:
             return last.controls[:, 0]
+        if self.planner.stated.has_knots:
+            lowered, length = self.planner.lowered, self._length(last)
+            knots = lowered.knots(last.controls, last.x0)
+            piece = length / last.controls.shape[1]
+            flown = Profile(controls=knots[:, 1:], piece=piece, start=knots[:, 0])
+            return flown.at(np.array([self.period]))[:, 0]
         N = last.controls.shape[1]
         intervals = self.period / (self._length(last) / N)
         return last.controls[:, min(max(int(np.ceil(intervals - _ROUNDING)), 1), N) - 1]
@@ -356,8 +373,13 @@ class RecedingHorizon:
         (one,) = self.planner.lowered.places[END_TIME]
         start = state.copy()
         start[one] = left
-        profile, N = _profile(last, self._length(last)), last.controls.shape[1]
-        return start, profile.sampled(period, left, N)
+        lowered, N = self.planner.lowered, last.controls.shape[1]
+        knots, piece = lowered.knots(last.controls, last.x0), self._length(last) / N
+        if not self.planner.stated.has_knots:
+            return start, Profile(controls=knots, piece=piece).sampled(period, left, N)
+        rest = Profile(controls=knots[:, 1:], piece=piece, start=knots[:, 0])
+        found = rest.at(period + left * np.arange(N + 1) / N)
+        return lowered.with_first_knot(start, found), found[:, 1:]
 
 
 def fallback_of(
@@ -387,11 +409,6 @@ def fallback_of(
     )
 
 
-def _profile(plan: Plan, length: float) -> Profile:
-    """Return the controls of a plan over its horizon of a length [s]."""
-    return Profile(controls=plan.controls, piece=length / plan.controls.shape[1])
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OpenLoop:
     """A controller that plans once, as `solve` does, and then flies what it planned.
@@ -400,10 +417,25 @@ class OpenLoop:
         loop: Plans from the first state.
         repair: Whether a plan that breaks a constraint between its checks is made
             again with a margin, as in `solve`.
+
+    Raises:
+        InvalidProblemError: If members of an ensemble have controls of their own.
     """
 
     loop: RecedingHorizon
     repair: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse controls of which one plant cannot know its own."""
+        stated = self.loop.planner.stated
+        risk = stated.risk
+        shared = None if risk is None else risk.robust_horizon
+        if shared is not None and shared < stated.intervals:
+            raise InvalidProblemError(
+                f"an open loop flies one control sequence, but members have their own "
+                f"after {shared} of {stated.intervals} intervals: leave out "
+                "robust_horizon"
+            )
 
     @property
     def dt(self) -> float:
@@ -435,9 +467,18 @@ class OpenLoop:
                 f"got interval {number}"
             )
         decided = isinstance(planner.stated.horizon, Free)
+        controls = self.loop.flown(plans[0])
+        profile = None
+        if planner.stated.has_knots:
+            profile = Profile(
+                controls=controls[:, number + 1 : number + 2],
+                piece=length,
+                start=controls[:, number],
+            )
         return Decision(
-            control=plans[0].controls[:, number],
+            control=controls[:, number],
             plans=plans,
+            profile=profile,
             start=plans[0].x0[: state.size] if planner.stated.start else None,
             dt=length if decided else None,
             is_last=decided and number == intervals - 1,

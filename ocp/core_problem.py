@@ -6,6 +6,7 @@
     periodic state   and a copy of its start, which stays; at the end both are equal
     previous control a state that the end of an interval sets to the control
     time             t0 + T tau, with the parameter t0 and the signal tau in [0, 1]
+    linear controls  two states each; see control_shape.py
     risk             the costs of the members so far as states, and what the NLP decides
 
 How a stated problem and its core belong together is in lowering.py.
@@ -18,6 +19,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.ocp.constraints import Bounds, Constraint, TerminalConstraint
+from swarmstart.ocp.control_shape import Knots, knot_names, knots_of
 from swarmstart.ocp.expressions import symbol_names, symbol_of
 from swarmstart.ocp.free import Free
 from swarmstart.ocp.model import Model
@@ -38,6 +40,8 @@ class _Added:
         end_time: The state that is the end time, where it is free; else empty.
         decided: The parameters that are decided, in the order of their names.
         copies: The start of each periodic state.
+        previous: The previous controls, where they are remembered; else empty.
+        knots: The states of linear controls; empty where they are held.
         accrued: The members' costs so far, of an ensemble; else empty.
         epigraph: What the NLP decides for their risk; else empty.
         length: Length of the horizon [s].
@@ -48,6 +52,8 @@ class _Added:
     end_time: ca.SX
     decided: ca.SX
     copies: ca.SX
+    previous: ca.SX
+    knots: Knots
     accrued: ca.SX
     epigraph: ca.SX
     length: ca.SX
@@ -73,6 +79,8 @@ def _added(stated: OptimalControlProblem) -> _Added:
         end_time=T,
         decided=ca.vertcat(ca.SX(0, 1), *decided),
         copies=ca.vertcat(ca.SX(0, 1), *copies),
+        previous=ca.SX(0, 1) if stated.has_knots else stated.previous,
+        knots=knots_of(model.control_names, stated.control_shape),
         accrued=accrued,
         epigraph=epigraph,
         length=length,
@@ -90,13 +98,23 @@ def core_of(stated: OptimalControlProblem) -> OptimalControlProblem:
     added, free_end = _added(stated), isinstance(stated.horizon, Free)
     model = stated.model
 
-    def timed(expression: ca.SX) -> ca.SX:
+    def begun(expression: ca.SX) -> ca.SX:
+        """Return what is seen once, as an interval begins."""
+        if stated.has_knots and stated.previous.numel():
+            expression = ca.substitute(expression, stated.previous, added.knots.first)
         if not model.time.numel():
             return expression
         return ca.substitute(expression, model.time, added.clock.time)
 
+    def timed(expression: ca.SX) -> ca.SX:
+        """Return what is seen at any time."""
+        if stated.has_knots:
+            expression = ca.substitute(expression, model.controls, added.knots.now)
+        return begun(expression)
+
     core_model = _core_model(stated, added, timed)
-    stage, risk = timed(stated.stage_cost), _timed_risk(stated.risk, timed, added.scale)
+    stage = timed(stated.stage_cost)
+    risk = _timed_risk(stated.risk, timed, begun, added.scale)
     end = None if risk is None else _epigraph(risk, added, core_model.nx)
     terminal_cost = timed(stated.terminal_cost)
     return replace(
@@ -104,7 +122,7 @@ def core_of(stated: OptimalControlProblem) -> OptimalControlProblem:
         model=core_model,
         horizon=1.0 if free_end else stated.length,
         stage_cost=added.scale * stage if free_end else stage,
-        step_cost=timed(stated.step_cost),
+        step_cost=begun(stated.step_cost),
         initial_cost=timed(stated.initial_cost),
         terminal_cost=terminal_cost if end is None else end.risk.of(end.costs),
         risk=risk,
@@ -117,21 +135,29 @@ def core_of(stated: OptimalControlProblem) -> OptimalControlProblem:
         previous=ca.SX(0, 1),
         signals=ca.vertcat(core_model.signals, stated.signals[model.ns :, 0]),
         bounds=_bounds(stated, core_model.nx),
+        scales=_scales(stated),
+        control_shape="constant",
     )
 
 
 def _core_model(stated: OptimalControlProblem, added: _Added, timed: _Timed) -> Model:
     """Return the model with the states that the core adds."""
-    model, previous = stated.model, int(stated.previous.numel())
-    free_end = isinstance(stated.horizon, Free)
+    model, previous = stated.model, int(added.previous.numel())
+    free_end, knots = isinstance(stated.horizon, Free), added.knots
     after = timed(model.next_state) if model.jumps else model.states
-    accrual = _accrual(stated, added.length, added.scale, after)
+    accrual = _accrual(stated, added, after)
     rates, steps = (timed(costs) for costs in accrual)
     held = model.controls[:previous, 0]
     next_state = ca.vertcat(
-        after, added.constant, held, added.accrued + steps, added.epigraph
+        after,
+        added.constant,
+        held,
+        knots.after(model.controls[: knots.first.numel(), 0]),
+        added.accrued + steps,
+        added.epigraph,
     )
-    jumps = model.jumps or bool(previous) or not steps.is_zero()
+    remembers = bool(previous) or stated.has_knots
+    jumps = model.jumps or remembers or not steps.is_zero()
     known = [
         model.parameters[i]
         for i, name in enumerate(symbol_names(model.parameters))
@@ -139,12 +165,18 @@ def _core_model(stated: OptimalControlProblem, added: _Added, timed: _Timed) -> 
     ]
     return Model(
         states=ca.vertcat(
-            model.states, added.constant, stated.previous, added.accrued, added.epigraph
+            model.states,
+            added.constant,
+            added.previous,
+            knots.states,
+            added.accrued,
+            added.epigraph,
         ),
         controls=model.controls,
         ode=ca.vertcat(
             added.scale * timed(model.ode) if free_end else timed(model.ode),
             ca.SX.zeros(added.constant.numel() + previous),
+            _knot_rates(stated, knots),
             rates,
             ca.SX.zeros(added.epigraph.numel()),
         ),
@@ -157,10 +189,18 @@ def _core_model(stated: OptimalControlProblem, added: _Added, timed: _Timed) -> 
             *stated.decided,
             *symbol_names(added.copies),
             *[f"previous {name}" for name in model.control_names[:previous]],
-            *symbol_names(ca.vertcat(added.accrued, added.epigraph)),
+            *symbol_names(ca.vertcat(knots.states, added.accrued, added.epigraph)),
         ),
         control_names=model.control_names,
     )
+
+
+def _knot_rates(stated: OptimalControlProblem, knots: Knots) -> ca.SX:
+    """Return the rates of the states of linear controls."""
+    if not stated.has_knots:
+        return knots.states
+    whole = 1.0 if isinstance(stated.horizon, Free) else stated.length
+    return knots.rates(stated.model.controls, whole / stated.intervals)
 
 
 def _epigraph(risk: Risk, added: _Added, states: int) -> Epigraph | None:
@@ -181,9 +221,9 @@ def _core_constraints(
     stated: OptimalControlProblem, added: _Added, timed: _Timed
 ) -> list[Constraint | ca.SX]:
     """Return the path constraints, hard and soft, with the time as the core has it."""
+    moves = stated.model.time.numel() or stated.has_knots
     hard = [
-        _with_expression(c, timed(c.expression)) if stated.model.time.numel() else c
-        for c in stated.stated
+        _with_expression(c, timed(c.expression)) if moves else c for c in stated.stated
     ]
     soft = [
         replace(
@@ -234,39 +274,41 @@ def _risk_symbols(stated: OptimalControlProblem) -> tuple[ca.SX, ca.SX]:
 
 
 def _accrual(
-    stated: OptimalControlProblem, length: ca.SX, scale: ca.SX, after: ca.SX
+    stated: OptimalControlProblem, added: _Added, after: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
     """Return the rates of the members' costs, and what an interval's end adds to them.
 
     Args:
         stated: The problem.
-        length: Of the horizon [s].
-        scale: What rates are multiplied with.
+        added: The core's other symbols.
         after: The states that an interval's end leaves.
     """
     risk, model = stated.risk, stated.model
     if risk is None or not epigraph_symbols(risk).numel():
         return ca.SX(0, 1), ca.SX(0, 1)
-    dt = length / stated.intervals
+    dt = added.length / stated.intervals
     if stated.quadrature == "right":
         ends = ca.substitute(risk.stage, model.states, after)
         return ca.SX.zeros(risk.members), risk.step + dt * ends
     if stated.quadrature == "left" or model.is_discrete:
         # Held over the interval, and so the same at its end; see ensemble.py.
-        return ca.SX.zeros(risk.members), risk.step + dt * risk.stage
-    return scale * risk.stage, risk.step
+        stage = risk.stage
+        if stated.has_knots:
+            stage = ca.substitute(stage, model.controls, added.knots.first)
+        return ca.SX.zeros(risk.members), risk.step + dt * stage
+    return added.scale * risk.stage, risk.step
 
 
 def _timed_risk(
-    risk: Risk | None, timed: Callable[[ca.SX], ca.SX], scale: ca.SX
+    risk: Risk | None, timed: _Timed, begun: _Timed, scale: ca.SX
 ) -> Risk | None:
-    """Return the members' costs as the core has them."""
+    """Return the members' costs as the core has them; steps as intervals begin."""
     if risk is None:
         return None
     return replace(
         risk,
         stage=scale * timed(risk.stage),
-        step=timed(risk.step),
+        step=begun(risk.step),
         initial=timed(risk.initial),
         terminal=timed(risk.terminal),
     )
@@ -306,6 +348,36 @@ def _starts(
     if isinstance(stated.horizon, Free):
         yield END_TIME, stated.horizon
     yield from stated.decided.items()
+    yield from _first_knots(stated)
+
+
+def _first_knots(
+    stated: OptimalControlProblem,
+) -> Iterator[tuple[tuple[str, ...], Free]]:
+    """Yield the first knots of linear controls that are decided."""
+    if stated.control_shape != "linear":
+        return
+    labels = stated.control_labels[:, 0]
+    lower, upper = stated.control_limits
+    for label in np.unique(labels):
+        together = np.flatnonzero(labels == label)
+        names = [knot_names(stated.model.control_names[j]) for j in together]
+        j = int(together[0])
+        limits = Free(float(lower[j]), float(upper[j]))
+        yield tuple(name for pair in names for name in reversed(pair)), limits
+
+
+def _scales(stated: OptimalControlProblem) -> dict[str, float]:
+    """Return the sizes that are given; states of linear controls have theirs."""
+    scales = dict(stated.scales)
+    if not stated.has_knots:
+        return scales
+    lower, upper = stated.control_limits
+    for j, name in enumerate(stated.model.control_names):
+        size = scales.get(name, float(upper[j] - lower[j]))
+        if 0 < size < np.inf:
+            scales.update(dict.fromkeys(knot_names(name), size))
+    return scales
 
 
 def _copy_of(name: str) -> str:

@@ -1,7 +1,9 @@
 """An ensemble: one control sequence for several values of uncertain parameters.
 
     members     x_m' = f(x_m, u, p_m)   of one problem, side by side, m = 0 ... M - 1
-    controls    one sequence u for all of them
+    controls    one sequence u for all of them; with a robust horizon of r intervals
+                sequences u_m that are the same over the first r: then it is known
+                which member is true
     cost        the mean of the members' costs, the worst, or the mean of the worst
                 part of them (risk.py)
     constraints those of the problem, of every member
@@ -9,8 +11,14 @@
 The states of member m have the names of the problem's with "_m" behind; all start at
 one initial state. A start that is free is one decision for all members.
 
-Source: Bertsekas (2005), Dynamic Programming and Optimal Control, volume 1, for open-
-loop control under uncertain parameters.
+A robust horizon of one interval is that of a scenario tree (multi-stage control) whose
+uncertain values stay what they are: do-mpc's with n_robust = 1. Of longer ones, where
+its tree has a branch for each sequence of values, this one knows none within them.
+
+Sources: Bertsekas (2005), Dynamic Programming and Optimal Control, volume 1, for open-
+loop control under uncertain parameters. Lucia, Finkler and Engell (2013), Multi-stage
+nonlinear model predictive control applied to a semi-batch polymerization reactor under
+uncertainty, Journal of Process Control 23, for branches.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -41,6 +49,7 @@ def ensemble(  # noqa: PLR0913 - the members, and how their costs count
     weights: ArrayLike | None = None,
     risk: Measure = "mean",
     level: float = 0.9,
+    robust_horizon: int | None = None,
     samples: int | None = None,
     rng: np.random.Generator | None = None,
 ) -> OptimalControlProblem:
@@ -55,17 +64,22 @@ def ensemble(  # noqa: PLR0913 - the members, and how their costs count
         risk: Which cost counts: the "mean" of the members' costs, the "worst", or
             "cvar", the mean of the worst part (1 - level) of them.
         level: Of "cvar", in [0, 1).
+        robust_horizon: Number of intervals, from 0 to N, in which all members have the
+            same controls; after them each has its own. None: all have the same.
         samples: Number M of members that are drawn.
         rng: Source of all randomness of a function that draws.
 
     Returns:
         A problem with M nx states, and the parameters that are not uncertain. Its
         initial state may be that of one member, shape (nx,), which all start at.
-        Constraints hold of every member. `Solution.member_costs` has their costs.
+        Constraints hold of every member. `Solution.member_costs` has their costs. With
+        a robust horizon it has M nu controls, those of member m with "_m" behind their
+        names; a closed loop flies what all share.
 
     Raises:
         InvalidProblemError: If the values do not fit the problem's parameters, weights
-            or level are out of range, or `risk` cannot be had with the problem's cost.
+            level or robust horizon are out of range, or `risk` cannot be had with the
+            problem's cost.
 
     Example:
         >>> import casadi as ca
@@ -98,22 +112,42 @@ def ensemble(  # noqa: PLR0913 - the members, and how their costs count
     level = require_number("level", level)
     if not 0 <= level < 1:
         raise InvalidProblemError(f"level must be in [0, 1), got {level}")
-    copies = [_Member(problem, names, values[:, m], m) for m in range(members)]
+    if robust_horizon is not None:
+        _require_branches(problem, robust_horizon)
+    apart = robust_horizon is not None
+    copies = [
+        _Member(problem, names, values[:, m], m, apart=apart) for m in range(members)
+    ]
     costs = {
         role: ca.vertcat(*[one.of(getattr(problem, f"{role}_cost")) for one in copies])
         for role in ("stage", "step", "initial", "terminal")
     }
-    told = Risk(**costs, weights=_weights(weights, members), measure=risk, level=level)
+    told = Risk(
+        **costs,
+        weights=_weights(weights, members),
+        measure=risk,
+        level=level,
+        robust_horizon=robust_horizon,
+    )
     if risk != "mean" and members > 1:
         _require_accruable(problem)
     return _of(problem, copies, told)
 
 
 class _Member:
-    """A member: its states, and expressions with its values of the parameters."""
+    """A member: its states, and expressions with its values of the parameters.
+
+    Its controls and the previous ones are those of the problem, or its own.
+    """
 
     def __init__(
-        self, problem: OptimalControlProblem, names: list[str], values: Array, m: int
+        self,
+        problem: OptimalControlProblem,
+        names: list[str],
+        values: Array,
+        m: int,
+        *,
+        apart: bool,
     ) -> None:
         model, self.number = problem.model, m
         own = symbol_names(model.parameters)
@@ -121,10 +155,18 @@ class _Member:
             *[ca.SX.sym(f"{name}_{m}") for name in model.state_names]
         )
         uncertain = [model.parameters[own.index(name)] for name in names]
-        self._old = ca.vertcat(model.states, *uncertain)
-        self._new = ca.vertcat(self.states, ca.DM(values))
+        self.controls, self.previous = model.controls, problem.previous
+        if apart:
+            self.controls, self.previous = (
+                ca.vertcat(ca.SX(0, 1), *[ca.SX.sym(f"{name}_{m}") for name in symbols])
+                for symbols in (model.control_names, symbol_names(problem.previous))
+            )
+        self._old = ca.vertcat(
+            model.states, *uncertain, model.controls, problem.previous
+        )
+        self._new = ca.vertcat(self.states, ca.DM(values), self.controls, self.previous)
         self.parameters = self.of(model.parameters)
-        known = [self.states, model.controls, self.parameters, model.varying]
+        known = [self.states, self.controls, self.parameters, model.varying]
         self.ode = rate_of(model)(*known)
         self.next_state = jump_of(model)(*known) if model.jumps else ca.SX(0, 1)
 
@@ -152,7 +194,10 @@ def _of(
     problem: OptimalControlProblem, copies: list[_Member], risk: Risk
 ) -> OptimalControlProblem:
     model, M = problem.model, len(copies)
+    branches = 1 if risk.robust_horizon is None else M
     lower, upper = (np.tile(side, M) for side in problem.state_limits)
+    most = (np.tile(side, branches) for side in problem.control_limits)
+    within = (np.tile(side, branches) for side in problem.search_limits)
     uncertain = [
         i
         for i in range(model.np)
@@ -161,13 +206,15 @@ def _of(
     left = [model.parameters[i] for i in range(model.np) if i not in uncertain]
     stacked = Model(
         states=ca.vertcat(*[one.states for one in copies]),
-        controls=model.controls,
+        controls=ca.vertcat(ca.SX(0, 1), *[one.controls for one in copies[:branches]]),
         ode=ca.vertcat(*[one.ode for one in copies]),
         next_state=ca.vertcat(ca.SX(0, 1), *[one.next_state for one in copies]),
         parameters=ca.vertcat(ca.SX(0, 1), *left),
         signals=problem.signals,
         time=model.time,
-        control_names=model.control_names,
+        control_names=model.control_names
+        if risk.robust_horizon is None
+        else tuple(one.named(name) for one in copies for name in model.control_names),
     )
     smooth = risk.measure == "mean" or M == 1
     zero = ca.SX(0)
@@ -176,6 +223,7 @@ def _of(
         problem,
         model=stacked,
         signals=ca.SX(0, 1),
+        previous=ca.vertcat(ca.SX(0, 1), *[one.previous for one in copies[:branches]]),
         risk=risk,
         stage_cost=risk.of(risk.stage) if smooth else zero,
         step_cost=risk.of(risk.step) if smooth else zero,
@@ -194,19 +242,57 @@ def _of(
         bounds=replace(
             problem.bounds,
             states=(lower, upper),
+            controls=(next(most), next(most)),
+            search=None
+            if problem.bounds.search is None
+            else (next(within), next(within)),
             state_scale=None if scale is None else np.tile(np.asarray(scale), M),
         ),
         start={
             tuple(one.named(name) for one in copies for name in _together(key)): value
             for key, value in problem.start.items()
         },
+        scales=_scales(problem, copies, own_controls=risk.robust_horizon is not None),
         clock=copies[0].named(problem.clock) if problem.clock else "",
         periodic=[one.named(name) for one in copies for name in problem.periodic],
     )
 
 
+def _scales(
+    problem: OptimalControlProblem, copies: list[_Member], *, own_controls: bool
+) -> dict[str, float]:
+    """Return the sizes that are given, of every member."""
+    model, found = problem.model, {}
+    for name, size in problem.scales.items():
+        if name in model.state_names:
+            found.update({one.named(name): size for one in copies})
+        if name in model.control_names:
+            several = [one.named(name) for one in copies] if own_controls else [name]
+            found.update(dict.fromkeys(several, size))
+    return found
+
+
 def _together(key: str | tuple[str, ...]) -> tuple[str, ...]:
     return (key,) if isinstance(key, str) else tuple(key)
+
+
+def _require_branches(problem: OptimalControlProblem, robust_horizon: int) -> None:
+    """Refuse a robust horizon that is no number of the problem's intervals."""
+    is_count = isinstance(robust_horizon, int | np.integer)
+    if (
+        not is_count
+        or isinstance(robust_horizon, bool)
+        or not (0 <= robust_horizon <= problem.intervals)
+    ):
+        raise InvalidProblemError(
+            "robust_horizon must be a number of intervals, from 0 to "
+            f"{problem.intervals}, got {robust_horizon!r}"
+        )
+    if problem.integer:
+        raise InvalidProblemError(
+            "robust_horizon needs controls that need not be whole numbers, got "
+            f"{', '.join(problem.model.control_names[j] for j in problem.integer)}"
+        )
 
 
 def _drawn(

@@ -305,14 +305,26 @@ class Arguments:
             self._last = asked, self.sizes(state, known).weights
         return state, np.concatenate([parameters, self._last[1]]), signals
 
-    def sizes(self, x0: ArrayLike, known: Known, guess: Array | None = None) -> Sizes:
+    def sizes(
+        self,
+        x0: ArrayLike,
+        known: Known,
+        guess: Array | None = None,
+        states: Array | None = None,
+    ) -> Sizes:
         """Return the natural sizes for an initial state; see scaling.py."""
         problem = self._problem
         state, parameters, flat = shared_arguments(problem, x0, known)
-        return self._sizing(state, parameters, at_nodes(problem, flat), guess)
+        return self._sizing(state, parameters, at_nodes(problem, flat), guess, states)
 
     def sizes_along(
-        self, controls: Array, states: Array, x0: ArrayLike, known: Known
+        self,
+        controls: Array,
+        states: Array,
+        x0: ArrayLike,
+        known: Known,
+        *,
+        is_guess: bool = False,
     ) -> Sizes:
         """Return the natural sizes, the cost's as it is along a trajectory.
 
@@ -324,16 +336,19 @@ class Arguments:
             states: At the nodes, shape (nx, nodes).
             x0: Initial state, shape (nx,).
             known: Parameters and signals.
+            is_guess: Whether the states say how large they get where bounds do not.
         """
         problem = self._problem
         _, parameters, flat = shared_arguments(problem, x0, known)
         signals = at_nodes(problem, flat)
-        natural = self.sizes(x0, known, controls)
+        natural = self.sizes(x0, known, controls, states if is_guess else None)
         if problem.integrator == "stiff" and np.isfinite(states).all():
             reach = np.abs(states).max(axis=1)
             floor = LEAST_STATE * natural.states
-            decided = [i for one in problem.nlp_starts for i in one.states]
-            floor[decided] = natural.states[decided]
+            names = problem.model.state_names
+            kept = [i for one in problem.nlp_starts for i in one.states]
+            kept += [names.index(name) for name in problem.scales if name in names]
+            floor[kept] = natural.states[kept]
             natural = replace(natural, states=np.clip(reach, floor, natural.states))
         along = self._sizing.cost_along(states, controls, parameters, signals)
         if not np.isfinite(along):

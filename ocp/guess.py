@@ -5,7 +5,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.blocks import averaged
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.whole_numbers import whole
@@ -40,7 +39,7 @@ def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
     if not np.isfinite(controls).all():
         raise InvalidProblemError(f"a guess must be finite, got {controls}")
     lower, upper = problem.control_limits
-    within = averaged(controls, problem.blocks)
+    within = problem.averaged(controls)
     within = np.clip(within, lower[:, None], upper[:, None])
     return whole(within, problem.integer, problem.control_limits)
 

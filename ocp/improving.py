@@ -126,7 +126,7 @@ def settled_answer(
     if used.polisher is None or not undecided or solution.plan.point is None:
         return solution
     x0 = start_of(planner.problem, solution.plan, x0)
-    states = used.fitness.states(solution.controls, x0, given)
+    states = used.fitness.states(solution.plan.controls, x0, given)
     plan = replace(solution.plan, states=states)
     plan, is_settled = settled(used, plan, x0, given, rng=rng)
     plan = _judged_by(planner, plan, x0, known, point=plan.point)
@@ -232,7 +232,9 @@ def followed_down(
         )
         near = part < PARTS[0]
         start = start_of(problem, at.plan, x0)
-        plan = other.plan(start, known=known, guess=at.controls, near=near, rng=rng)
+        plan = other.plan(
+            start, known=known, guess=at.plan.controls, near=near, rng=rng
+        )
         # Stationary for the rounded problem only.
         plan = _judged_by(planner, plan, x0, known, before=at, point=None)
         at = verified(planner.tracer, plan, x0, known)
@@ -393,7 +395,7 @@ def _solved_again(  # noqa: PLR0913 - of a problem and of the answer to start fr
         backend=backend or planner.fitness.backend,
     )
     start = start_of(planner.problem, at.plan, x0)
-    plan = other.plan(start, known=given, guess=at.controls, rng=rng)
+    plan = other.plan(start, known=given, guess=at.plan.controls, rng=rng)
     judged = _judged_by(planner, plan, x0, known, before=at, point=plan.point)
     return Answer(verified(planner.tracer, judged, x0, known), other, given)
 

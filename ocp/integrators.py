@@ -122,15 +122,47 @@ def held_step(
     Raises:
         InvalidProblemError: If dt, the method or the number of steps is invalid.
     """
+    u = ca.SX.sym("u", model.nu)
+    return _step(model, dt, u, lambda part: u, method=method, substeps=substeps)
+
+
+def linear_step(model: Model, dt: float, *, method: str = "rk4") -> ca.Function:
+    """Return F(x, u, p) -> x after dt seconds, u the controls at both ends, (2 nu, 1).
+
+    They are linear between; else it is as `held_step`, in one step.
+
+    Args:
+        model: The model.
+        dt: Duration of the step [s], positive.
+        method: A key of INTEGRATORS.
+    """
+    u = ca.SX.sym("u", 2 * model.nu)
+    first, last = ca.vertsplit(u, [0, model.nu, 2 * model.nu])
+    return _step(
+        model, dt, u, lambda part: first + part * (last - first), method=method
+    )
+
+
+def _step(
+    model: Model,
+    dt: float,
+    u: ca.SX,
+    controls: Callable[[float], ca.SX],
+    *,
+    method: str,
+    substeps: int = 1,
+) -> ca.Function:
+    """Return F(x, u, p, s) of a step, with controls at parts of it as told."""
     if not dt > 0:
         raise InvalidProblemError(f"dt must be positive, got {dt}")
     require_integrator(method, substeps)
     f = rate_of(model)
-    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    x = ca.SX.sym("x", model.nx)
     p, ends = ca.SX.sym("p", model.np), ca.SX.sym("s", model.varying.numel(), 2)
 
     def rate(t: float, y: ca.SX) -> ca.SX:
-        return f(y, u, p, ends[:, 0] + t / dt * (ends[:, 1] - ends[:, 0]))
+        part = t / dt
+        return f(y, controls(part), p, ends[:, 0] + part * (ends[:, 1] - ends[:, 0]))
 
     after = integrate(method, rate, x, start=0.0, duration=dt, steps=substeps)
     arguments = [x, u, p, ends] if ends.numel() else [x, u, p]

@@ -1,6 +1,6 @@
 """Checks of the numbers and words that a problem and its constraints are given."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Real
 
 import casadi as ca
@@ -66,6 +66,36 @@ def scales_given(role: str, scale: Limit | None, size: int) -> Array | None:
         raise InvalidProblemError(f"scale of the {role} must be positive, got {scale}")
     scales.flags.writeable = False
     return scales
+
+
+def sizes_given(given: object, names: Sequence[str]) -> dict[str, float]:
+    """Return sizes by name, checked; a copy.
+
+    Args:
+        given: Mapping of names to positive numbers.
+        names: Those that may have a size.
+
+    Raises:
+        InvalidProblemError: If a name is unknown, or a size not positive and finite.
+    """
+    if not isinstance(given, Mapping):
+        raise InvalidProblemError(
+            "scales must be a mapping of names of states and controls to sizes, got "
+            f"{given!r}"
+        )
+    unknown = [name for name in given if name not in names]
+    if unknown:
+        raise InvalidProblemError(
+            f"scales must name states and controls, some of {', '.join(names)}, got "
+            f"{', '.join(map(str, unknown))}"
+        )
+    found = {n: require_number(f"scale of {n}", value) for n, value in given.items()}
+    for name, value in found.items():
+        if not 0 < value < np.inf:
+            raise InvalidProblemError(
+                f"scale of {name} must be a positive finite number, got {value}"
+            )
+    return found
 
 
 def vector_of(values: object) -> Array:

@@ -34,6 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.ocp.control_shape import require_held
 from swarmstart.ocp.controller import Decision, RecedingHorizon, ReferenceSignals
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
@@ -169,6 +170,7 @@ class LocalTeam:
             raise InvalidProblemError(
                 f"one planner needs room for all {most} others, got {self._rooms}"
             )
+        require_held(planner.stated.control_shape for planner in planners.values())
         for room, planner in planners.items():
             problem = planner.problem
             rows = problem.model.nx + len(self.position) * (self._links + room)

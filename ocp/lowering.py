@@ -6,8 +6,8 @@ What is decided is then a free start of one of these states, which the search, t
 and the verification know. The states of the stated problem come first, and keep their
 names, bounds and units.
 
-    stated: x, u, p, s   ->   core: (x, T, decided p, copies, previous u, members'
-                                     costs, t, e, r of risk.py), u,
+    stated: x, u, p, s   ->   core: (x, T, decided p, copies, previous u, u as it is and
+                                     its knot, members' costs, t, e, r of risk.py), u,
                                     (known p, t0), (the model's s, tau, other s)
 """
 
@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.ocp.control_shape import split_knots
 from swarmstart.ocp.core_problem import END_TIME, core_of, risk_states
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import symbol_names
@@ -26,6 +27,8 @@ from swarmstart.ocp.limits import numbers_of
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
+_ROUNDING = 1e-9
+"""Of a control that was flown to a bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +53,14 @@ class Lowered:
     @cached_property
     def places(self) -> dict[str, list[int]]:
         """Numbers of the core's states, by what they are."""
+        knots = self.stated.has_knots
         sizes = {
             "states": self.stated.model.nx,
             END_TIME: int(isinstance(self.stated.horizon, Free)),
             "decided": len(self.stated.decided),
             "copies": len(self.stated.periodic),
-            "previous": int(self.stated.previous.numel()),
+            "previous": 0 if knots else int(self.stated.previous.numel()),
+            "knots": 2 * self.stated.model.nu if knots else 0,
             "risk": risk_states(self.stated),
         }
         ends = np.cumsum([0, *sizes.values()]).tolist()
@@ -109,11 +114,9 @@ class Lowered:
         state = np.full(self.core.model.nx, np.nan)
         state[place["states"]], state[place["risk"]] = given, 0.0
         if place["previous"]:
-            state[place["previous"]] = (
-                zero_controls(self.stated)[:, 0]
-                if previous is None
-                else _sized("previous", previous, self.stated.model.nu)
-            )
+            state[place["previous"]] = self._before(previous)
+        if place["knots"]:
+            state[place["knots"]] = np.tile(self._first_knot(previous), 2)
         for copy, name in zip(place["copies"], self.stated.periodic, strict=True):
             state[copy] = given[self.stated.model.state_names.index(name)]
         for one in self.core.free_starts:
@@ -121,6 +124,72 @@ class Lowered:
             value = one.value.first if np.isnan(guess) else guess
             state[list(one.states)] = np.clip(value, one.value.lower, one.value.upper)
         return state
+
+    def _before(self, previous: ArrayLike | None) -> Array:
+        """Return the controls before the first interval, shape (nu,)."""
+        if previous is None:
+            return zero_controls(self.stated)[:, 0]
+        given, nu = numbers_of("previous", previous).ravel(), self.stated.model.nu
+        if given.size and given.size == self.stated.flown_controls:
+            given = np.tile(given, nu // given.size)
+        return _sized("previous", given, nu)
+
+    def _first_knot(self, previous: ArrayLike | None) -> Array:
+        """Return the first knots, or a guess of those that are decided, in bounds."""
+        found, (lower, upper) = self._before(previous), self.stated.control_limits
+        within = np.clip(found, lower, upper)
+        room = _ROUNDING * np.maximum(np.abs(found), np.abs(within))
+        is_given = self.stated.control_shape == "continuous"
+        if is_given and (np.abs(found - within) > room).any():
+            raise InvalidProblemError(
+                "continuous controls begin at the previous ones, which must be within "
+                f"the bounds {lower} and {upper}, got {found}"
+            )
+        return within
+
+    def knots(self, controls: Array, x0: Array) -> Array:
+        """Return controls as the problem states them: those held, or the knots.
+
+        Args:
+            controls: Of the core, shape (nu, N).
+            x0: Initial state of the core.
+
+        Returns:
+            Shape (nu, N), or (nu, N + 1) of linear controls.
+        """
+        place = self.places["knots"]
+        if not place:
+            return controls
+        return np.hstack([x0[place[: controls.shape[0]], None], controls])
+
+    def with_first_knot(self, x0: Array, knots: Array) -> Array:
+        """Return the core's initial state with a guess of the first knot, in bounds.
+
+        Args:
+            x0: Initial state of the core; copied.
+            knots: Guess of the controls, shape (nu, N + 1) or (nu, N).
+        """
+        state, problem = x0.copy(), self.core
+        if self.stated.control_shape == "linear":
+            given = split_knots(knots, problem.intervals)[0]
+            lower, upper = problem.control_limits
+            state[self.places["knots"]] = np.tile(np.clip(given, lower, upper), 2)
+        return state
+
+    def with_knots(self, states: Array, controls: Array, x0: Array) -> Array:
+        """Return the core's states at the nodes with those of linear controls.
+
+        Args:
+            states: Of the core, shape (nx, nodes); copied.
+            controls: Of the core, shape (nu, N).
+            x0: Initial state of the core.
+        """
+        found, knots, N = states.copy(), self.knots(controls, x0), controls.shape[1]
+        part = np.arange(states.shape[1]) / self.core.checks
+        now = [np.interp(part, np.arange(N + 1), row) for row in knots]
+        first = knots[:, part.astype(int)]
+        found[self.places["knots"]] = np.vstack([np.empty((0, part.size)), *now, first])
+        return found
 
     def states(self, states: Array, x0: Array) -> Array:
         """Return the core's states at the nodes.
@@ -181,6 +250,7 @@ def lowered(stated: OptimalControlProblem) -> Lowered:
         or stated.decided
         or stated.periodic
         or remembers
+        or stated.has_knots
         or stated.model.time.numel()
         or risk_states(stated)
     ):

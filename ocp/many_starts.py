@@ -91,6 +91,7 @@ class ManyStarts:
                 x0 if start.x0 is None else start.x0,
                 known,
                 states=start.states,
+                is_guess=start.is_guess,
                 near=origin in ("the lanes", "the search") and start.states is None,
             )
             for origin, start in every

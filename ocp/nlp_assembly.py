@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.blocks import tied_intervals
+from swarmstart.ocp.blocks import ties
 from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
@@ -106,7 +106,9 @@ class Mapped:
         """
         model, N, checks = problem.model, problem.intervals, problem.checks
         self.nx, self.nu, self.N, self.parts = model.nx, inputs_of(problem), N, parts
-        self.tied = tied_intervals(problem.blocks, N)
+        empty = np.empty(0, dtype=np.intp)
+        tied = ties(problem.control_labels) if problem.ties_controls else (empty, empty)
+        self.same = (tied[0], tied[1])
         self.controls = model.nu
         self.rows = parts.interval.value.numel_out(0)
         self.free = decided_states(problem)
@@ -168,16 +170,15 @@ class Mapped:
         return ca.densify(ca.vertcat(ca.vec(g[0] - reached), *g[1:], *ties))
 
     def ties(self) -> tuple[Index, Index]:
-        """Return the numbers in w of the controls of a block, and of those before."""
+        """Return the numbers in w of controls that are the same, with those before."""
+        step = self.nu + self.nx
         now, before = (
-            [
-                n
-                for k in self.tied
-                for n in self.place(k - shift)[self.nx :][: self.controls]
-            ]
-            for shift in (0, 1)
+            (places // self.controls) * step + places % self.controls
+            if places.size
+            else places
+            for places in self.same
         )
-        return np.array(now, dtype=np.int64), np.array(before, dtype=np.int64)
+        return now, before
 
     def place(self, k: int) -> list[int]:
         """Return the numbers in w of an interval's z; -1 for a start that is given."""

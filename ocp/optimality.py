@@ -30,7 +30,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.blocks import tied_intervals
+from swarmstart.ocp.blocks import ties
 from swarmstart.ocp.fitness import at_nodes
 from swarmstart.ocp.nlp_assembly import Part, decided_states, inputs_of
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -117,7 +117,7 @@ def curvature(point: NlpPoint) -> Curvature:
     """Return what the second derivatives say at a stationary point."""
     problem = point.program.problem
     stages, N = _Stages(point), problem.intervals
-    if problem.blocks:
+    if problem.ties_controls:
         stages.remember_controls(problem)
     nx = stages.ends[0][0].shape[0]
     size = max(stages.largest, np.finfo(np.float64).tiny)
@@ -229,19 +229,21 @@ class _Stages:
         self.held_start = at_bound[inner:]
 
     def remember_controls(self, problem: OptimalControlProblem) -> None:
-        """Have the controls before each interval among its states, for blocks.
+        """Have the controls before each interval among its states, for those tied.
 
         z = (x, v, u) with v the controls of the interval before, which within a block
-        take the place of u.
+        take the place of u; of members that share controls, those of the first do.
         """
         nx, nu = problem.model.nx, problem.model.nu
         x, v, u = np.split(np.eye(nu + self.dynamics[0].shape[1]), [nx, nx + nu])
-        tied = set(tied_intervals(problem.blocks, problem.intervals))
+        of = dict(zip(*(found.tolist() for found in ties(problem.control_labels)),
+                      strict=True))  # fmt: skip
         for k in range(problem.intervals):
             used = u.copy()
-            if k in tied:
-                used[:nu] = v
-                self.held_controls[k, :nu] = True
+            for j in [j for j in range(nu) if k * nu + j in of]:
+                at, i = divmod(of[k * nu + j], nu)
+                used[j] = used[i] if at == k else v[i]
+                self.held_controls[k, j] = True
             T = np.vstack([x, used])
             self.hessian[k] = T.T @ self.hessian[k] @ T
             self.dynamics[k] = np.vstack([self.dynamics[k] @ T, used[:nu]])

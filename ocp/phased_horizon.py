@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.constraints import TerminalConstraint
-from swarmstart.ocp.controller import Decision, Profile, fallback_of
+from swarmstart.ocp.controller import Decision, fallback_of
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import symbol_names, symbol_of
 from swarmstart.ocp.fitness import Known
@@ -32,6 +32,7 @@ from swarmstart.ocp.model import Model
 from swarmstart.ocp.phases import CLOCK, Linkage, Phases, phases
 from swarmstart.ocp.plan import Plan
 from swarmstart.ocp.planner import Planner
+from swarmstart.ocp.profile import Profile
 from swarmstart.ocp.plant import Plant
 from swarmstart.ocp.polish_options import PolishOptions
 from swarmstart.ocp.problem import OptimalControlProblem

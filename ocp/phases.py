@@ -127,6 +127,7 @@ def phases(
         start=first.start,
         decided=union.decided,
         clock=CLOCK,
+        scales=_largest(stated),
         quadrature=first.quadrature,
         integrator=first.integrator,
         substeps=first.substeps,
@@ -135,6 +136,15 @@ def phases(
         path_tolerance=first.path_tolerance,
     )
     return Phases(problem=problem, first=first.model.state_names)
+
+
+def _largest(stated: Sequence[OptimalControlProblem]) -> dict[str, float]:
+    """Return the sizes that phases are given, by name; of several the largest."""
+    found: dict[str, float] = {}
+    for phase in stated:
+        for name, size in phase.scales.items():
+            found[name] = max(size, found.get(name, 0.0))
+    return found
 
 
 class _Union:
@@ -394,6 +404,7 @@ def _require(
             "a discrete-time model": phase.model.is_discrete,
             "controls of whole numbers": len(phase.integer),
             "blocks of intervals": len(phase.blocks),
+            "linear controls": phase.has_knots,
             "several members": phase.risk is not None,
             "initial cost": number > 0 and not phase.initial_cost.is_zero(),
             "a state named time": CLOCK in phase.model.state_names,

@@ -19,6 +19,7 @@ from swarmstart.heuristics import (
 from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.checking import Checker, Excess
+from swarmstart.ocp.control_shape import split_knots
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import (
     NOTHING,
@@ -174,9 +175,40 @@ class Planner:
         if is_core and not self.problem.free_starts:
             return x0, known, guess
         start, core = lowered.start(x0, known.previous), core_known(lowered, known)
+        if self.stated.has_knots and guess is not None:
+            start, guess = self._from_knots(start, guess)
         if isinstance(guess, Start) and guess.states is not None:
             guess = guess._replace(states=lowered.states(guess.states, start))
         return start, core, guess
+
+    def _from_knots(
+        self, start: Array, guess: Array | Start
+    ) -> tuple[Array, Array | Start]:
+        """Return the core's initial state, and a guess with the core's controls.
+
+        Raises:
+            InvalidProblemError: If the guess is of no knots, nor of held controls.
+        """
+        knots = np.array(guess.controls if isinstance(guess, Start) else guess)
+        nu, N = self.problem.model.nu, self.problem.intervals
+        if knots.shape not in ((nu, N + 1), (nu, N)):
+            raise InvalidProblemError(
+                f"a guess of linear controls must have shape {(nu, N + 1)}, or "
+                f"{(nu, N)} of held ones, got {knots.shape}"
+            )
+        if not np.isfinite(knots).all():
+            raise InvalidProblemError(f"a guess must be finite, got {knots}")
+        controls = split_knots(knots, N)[1]
+        start = self.lowered.with_first_knot(start, knots)
+        if not isinstance(guess, Start):
+            return start, controls
+        guess = guess._replace(controls=controls)
+        if guess.states is not None:
+            states = self.lowered.states(guess.states, start)
+            guess = guess._replace(
+                states=self.lowered.with_knots(states, controls, start)
+            )
+        return start, guess
 
     def plan(  # noqa: PLR0913 - each may be left out
         self,
@@ -210,7 +242,7 @@ class Planner:
             PlanningInterrupted: On Ctrl-C, with the best plan so far, if there is one.
         """
         given = guess if isinstance(guess, Start) or guess is None else Start(guess)
-        controls, states, start = given or (None, None, None)
+        controls, states, start = given[:3] if given else (None, None, None)
         x0 = x0 if start is None else start
         if controls is not None:
             controls = bounded_controls(self.problem, controls)
@@ -223,7 +255,7 @@ class Planner:
             return plan
         if controls is not None and states is not None:
             found = starts if self.search is not None else []
-            starts = [*found, Start(controls, states)]
+            starts = [*found, Start(controls, states, is_guess=True)]
         progress(0, 0, "polishing")
         relaxed_cost, account = np.nan, None
         try:
@@ -265,7 +297,8 @@ class Planner:
         found = starts if self.search is not None else ()
         given = [Origined("the search", one) for one in found if one.states is None]
         if controls is not None:
-            given.append(Origined("the guess", Start(controls, states)))
+            start = Start(controls, states, is_guess=states is not None)
+            given.append(Origined("the guess", start))
         return given
 
     def _polished(

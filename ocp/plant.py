@@ -10,12 +10,13 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened, symbol_names
-from swarmstart.ocp.integrators import held_step
+from swarmstart.ocp.integrators import held_step, linear_step
 from swarmstart.ocp.limits import numbers_of, require_count
 from swarmstart.ocp.model import Model, jump_of
 
@@ -96,6 +97,7 @@ class Plant:
         self.clock = clock
         step = held_step(model, dt / substeps, method=integrator)
         self._interval = step.mapaccum("plant", substeps)
+        self._linear: ca.Function | None = None
         self._jump = jump_of(model)
 
     def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
@@ -108,11 +110,45 @@ class Plant:
             time: Of its beginning [s].
         """
         states = self.until_end(state, control, time)
+        return self._ended(
+            states, control if control.ndim == 1 else control[:, -1], time
+        )
+
+    def along(self, state: Array, controls: Array, time: float = 0.0) -> Array:
+        """Return the states after each step, with controls linear over each of them.
+
+        Args:
+            state: At the beginning of the interval, shape (nx,).
+            controls: At both ends of the steps, shape (nu, substeps + 1).
+            time: Of its beginning [s].
+        """
+        states = self.along_until_end(state, controls, time)
+        return self._ended(states, controls[:, -1], time)
+
+    def along_until_end(
+        self, state: Array, controls: Array, time: float = 0.0
+    ) -> Array:
+        """Return the same, but for what the end of the interval changes.
+
+        Args:
+            state: At the beginning of the interval, shape (nx,).
+            controls: At both ends of the steps, shape (nu, substeps + 1).
+            time: Of its beginning [s].
+        """
+        if self._linear is None:
+            step = linear_step(
+                self.model, self.dt / self.substeps, method=self._integrator
+            )
+            self._linear = step.mapaccum("plant", self.substeps)
+        both = np.vstack([controls[:, :-1], controls[:, 1:]])
+        return np.array(self._linear(state, both, *self._known(time)))
+
+    def _ended(self, states: Array, last: Array, time: float) -> Array:
+        """Return states with what the end of the interval changes, in place."""
         if not self.model.jumps:
             return states
         end = np.array([time + self.dt])
         begin = time + self.dt * ((self.substeps - 1) / self.substeps)
-        last = control if control.ndim == 1 else control[:, -1]
         jumped = self._jump(
             states[:, -1],
             last,
@@ -132,13 +168,17 @@ class Plant:
         """
         held = control[:, None] if control.ndim == 1 else control
         held = np.repeat(held, self.substeps // held.shape[1], axis=1)
+        return np.array(self._interval(state, held, *self._known(time)))
+
+    def _known(self, time: float) -> list[Array]:
+        """Return parameters of each step, and what varies, at its ends."""
         begins = time + self.dt * (np.arange(self.substeps) / self.substeps)
-        arguments = [state, held, self.parameters(begins)]
+        arguments = [self.parameters(begins)]
         if self.model.varying.numel():
             known = self.varying(np.append(begins, time + self.dt))
             # Both ends of each step, side by side.
             arguments.append(np.repeat(known, 2, axis=1)[:, 1:-1])
-        return np.array(self._interval(*arguments))
+        return arguments
 
     def with_interval(self, dt: float) -> "Plant":
         """Return the same plant with control intervals of another length.

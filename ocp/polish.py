@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics.interrupts import heeded
-from swarmstart.ocp.blocks import averaged
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, shared_arguments
 from swarmstart.ocp.guess import bounded_controls
@@ -51,10 +50,14 @@ _STEEP = 1e3
 
 
 class _How(NamedTuple):
-    """Whether the solver stays near the guess, and the controls that it leaves."""
+    """Whether the solver stays near the guess, and the controls that it leaves.
+
+    Also whether states are a guess that says how large they get.
+    """
 
     near: bool
     held: Sequence[int]
+    is_guess: bool
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -130,13 +133,14 @@ class Polisher:
                 f"types, found {dict(options.options)}: {_last_line(error)}"
             ) from error
 
-    def __call__(
+    def __call__(  # noqa: PLR0913 - a guess, what is known of it and what is held
         self,
         controls: Array,
         x0: ArrayLike,
         known: Known = NOTHING,
         *,
         states: Array | None = None,
+        is_guess: bool = False,
         near: bool = False,
         held: Sequence[int] = (),
     ) -> Polished:
@@ -148,6 +152,7 @@ class Polisher:
             known: Parameters and signals.
             states: At the nodes, shape (nx, nodes): where the solver starts; they need
                 not be those that the controls lead to. None means they are.
+            is_guess: Whether the states say how large they get where bounds do not.
             near: Whether the guess is an answer of a search or a solver, worth staying
                 near if it is feasible to 1e-3.
             held: Numbers of the controls that stay as they are.
@@ -168,9 +173,11 @@ class Polisher:
             )
         x0, states = fitness.with_threshold(x0, states, known)
         near = near and before[1] <= GOOD_START
-        found = self._tried(controls, states, x0, known, before, _How(near, held))
+        how = _How(near, held, is_guess)
+        found = self._tried(controls, states, x0, known, before, how)
         if near and found.status is not PolishStatus.CONVERGED:
-            again = self._tried(controls, states, x0, known, before, _How(False, held))
+            how = how._replace(near=False)
+            again = self._tried(controls, states, x0, known, before, how)
             found = better_of(found, again, tolerance=problem.tolerance)
         return found
 
@@ -239,7 +246,7 @@ class Polisher:
         """
         program, problem = self._program, self._fitness.problem
         ends = np.hstack([x0[:, None], states[:, problem.checks :: problem.checks]])
-        sizes = self._sizes(controls, states, x0, known)
+        sizes = self._sizes(controls, states, x0, known, is_guess=how.is_guess)
         q = program.arguments(*shared_arguments(problem, x0, known), sizes)
         limits = program.limits(sizes)
         first = program.variables(controls, ends, sizes)
@@ -268,13 +275,21 @@ class Polisher:
         return point, solver.stats(), program.split(w, sizes)
 
     def _sizes(
-        self, controls: Array, states: Array, x0: ArrayLike, known: Known
+        self,
+        controls: Array,
+        states: Array,
+        x0: ArrayLike,
+        known: Known,
+        *,
+        is_guess: bool,
     ) -> Sizes:
         """Return the sizes, the cost's so small that IPOPT scales it by itself.
 
         IPOPT scales an objective down until no slope is above 100, but never up.
         """
-        sizes = self._fitness.arguments.sizes_along(controls, states, x0, known)
+        sizes = self._fitness.arguments.sizes_along(
+            controls, states, x0, known, is_guess=is_guess
+        )
         return replace(sizes, cost=sizes.cost / _STEEP)
 
 
@@ -303,6 +318,7 @@ def polish_basins(
             x0 if start.x0 is None else start.x0,
             known,
             states=start.states,
+            is_guess=start.is_guess,
             near=near and start.states is None,
         )
         for start in starts
@@ -342,7 +358,7 @@ def _within(
         value = np.clip(decided[place], one.value.lower, one.value.upper)
         start[list(one.states)] = value
         place += len(one.states)
-    return np.clip(averaged(controls, problem.blocks), lower, upper), start
+    return np.clip(problem.averaged(controls), lower, upper), start
 
 
 def _last_line(error: Exception) -> str:

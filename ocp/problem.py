@@ -33,7 +33,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.blocks import block_lengths
+from swarmstart.ocp.blocks import (
+    averaged,
+    block_lengths,
+    control_labels,
+    same_in_labels,
+)
 from swarmstart.ocp.constraint_forms import (
     as_path,
     as_terminal,
@@ -47,6 +52,7 @@ from swarmstart.ocp.constraints import (
     PathConstraint,
     TerminalConstraint,
 )
+from swarmstart.ocp.control_shape import ControlShape, require_shape
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import (
     as_column,
@@ -64,6 +70,7 @@ from swarmstart.ocp.limits import (
     require_count,
     require_number,
     scales_given,
+    sizes_given,
 )
 from swarmstart.ocp.model import Model
 from swarmstart.ocp.moving_bounds import fixed_and_moving
@@ -124,6 +131,13 @@ class OptimalControlProblem:
             evenly over the horizon.
         blocks: Lengths of blocks of intervals that have one control each, in order
             (blocks.py); empty: each interval has its own.
+        control_shape: "constant", "linear" or "continuous": whether controls are held
+            over an interval or linear between knots, whose first is decided or, of
+            "continuous", that of Known(previous=...); see control_shape.py. A step cost
+            has the controls at the end of an interval, and the previous ones are those
+            at its beginning.
+        scales: Sizes of states and controls by name, in their units, that take the
+            place of the natural ones (scaling.py); of the others these are found.
         signals: Symbols of the known signals, shape (ns, 1); those of the model come
             first, and are added where they are missing.
         quadrature: "integral", "left" or "right".
@@ -160,6 +174,8 @@ class OptimalControlProblem:
     clock: str = ""
     signals: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     blocks: Sequence[int] = ()
+    control_shape: ControlShape = "constant"
+    scales: Mapping[str, float] = field(default_factory=dict)
     quadrature: Quadrature = "integral"
     integrator: str = "rk4"
     substeps: int = 4
@@ -196,6 +212,11 @@ class OptimalControlProblem:
             self._set(role, in_sx(role, listed, self.model.sx))
         self._set("constraints", self._with_solved())
         self._set("bounds", self._array_bounds())
+        require_shape(
+            self.control_shape,
+            is_discrete=self.model.is_discrete,
+            integer=len(self.bounds.integer),
+        )
         self._set("start", dict(self.start))
         self._check_constraints()
         self._check_decisions()
@@ -241,6 +262,12 @@ class OptimalControlProblem:
             )
         for role in ("intervals", "checks"):
             require_count(role, getattr(self, role))
+        self._set(
+            "scales",
+            sizes_given(
+                self.scales, (*self.model.state_names, *self.model.control_names)
+            ),
+        )
         self._set("blocks", block_lengths(self.blocks, self.intervals))
         require_integrator(self.integrator, self.substeps)
         require_choice("quadrature", self.quadrature, get_args(Quadrature))
@@ -435,6 +462,50 @@ class OptimalControlProblem:
         return tuple(j for j in self.bounds.integer if isinstance(j, int))
 
     @property
+    def has_knots(self) -> bool:
+        """Whether the controls are linear between knots."""
+        return self.control_shape != "constant"
+
+    @property
+    def flown_controls(self) -> int:
+        """Number of the controls of a plant: those of one member of an ensemble."""
+        several = self.risk is not None and self.risk.robust_horizon is not None
+        return self.model.nu // (self.risk.members if several and self.risk else 1)
+
+    @cached_property
+    def control_labels(self) -> NDArray[np.intp]:
+        """A number for each control of each interval, shape (nu, N).
+
+        Controls that must be the same have the same number: those of a block, and those
+        of the members of an ensemble until these are known apart.
+        """
+        shared = 0
+        if self.risk is not None and self.risk.robust_horizon is not None:
+            shared = self.risk.robust_horizon
+        return control_labels(
+            self.blocks,
+            self.intervals,
+            controls=self.model.nu,
+            own=self.flown_controls,
+            shared=shared,
+        )
+
+    @property
+    def ties_controls(self) -> bool:
+        """Whether some controls must be the same."""
+        tied = self.risk is not None and bool(self.risk.robust_horizon)
+        return bool(self.blocks) or tied
+
+    def averaged(self, controls: Array) -> Array:
+        """Return controls, (nu, N), of which those that must be the same are; a copy.
+
+        They have their mean.
+        """
+        if self.flown_controls == self.model.nu:
+            return averaged(controls, self.blocks)
+        return same_in_labels(controls, self.control_labels)
+
+    @property
     def search_limits(self) -> tuple[Array, Array]:
         """Lower and upper bounds of the controls in a search, each (nu,)."""
         if self.bounds.search is None:
@@ -549,6 +620,7 @@ class OptimalControlProblem:
             f", {self.checks} check(s) in each, "
             f"{self.integrator} in {self.substeps} step(s) a check"
             + ("; its costs are maximised" if self.maximize else ""),
+            *(["  controls are linear between knots"] if self.has_knots else []),
             f"  states: {', '.join(model.state_names)}",
             f"  controls: {', '.join(map(self._with_limits, range(model.nu)))}",
             f"  path constraints: {', '.join(map(label, kinds)) or 'none'}",

@@ -279,7 +279,7 @@ def _cut_by_chords(
     _, p, flat = shared_arguments(problem, x0, known)
     x, s = solution.plan.states, at_nodes(problem, flat)
     columns = np.arange(problem.nodes - 1) // problem.checks
-    u, many = solution.controls[:, columns], np.tile(p[:, None], (1, columns.size))
+    u, many = solution.plan.controls[:, columns], np.tile(p[:, None], (1, columns.size))
     start, end = (
         [ca.SX.sym(n, s.numel()) for n, s in problem.symbols().items()]
         for _ in range(2)

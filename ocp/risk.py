@@ -45,6 +45,8 @@ class Risk:
         weights: Of the members, positive, of sum one, shape (M,).
         measure: "mean", "worst" or "cvar".
         level: Of "cvar": the mean is of the worst part, 1 - level; in [0, 1).
+        robust_horizon: Number of intervals after which each member has controls of its
+            own; None: all have the same ones.
     """
 
     stage: ca.SX
@@ -54,6 +56,7 @@ class Risk:
     weights: Array
     measure: Measure
     level: float
+    robust_horizon: int | None = None
 
     @property
     def members(self) -> int:

@@ -3,7 +3,8 @@
 No absolute number decides anything, so that metres or kilometres give the same answer.
 With the horizon T, the initial state x0 and f the right-hand side, the size of
 
-    a state       the largest of the width of its bounds, |x0| and its target; if all
+    a state       the largest of the width of its bounds, |x0| and its target, and of a
+                  guess where it has no bounds; if all
                   of these are zero: T max |f_i| at x0 and around it, as far as the
                   sizes known so far, under the controls' lower, middle and upper
                   values; else what the rate of a known state needs of it,
@@ -16,7 +17,9 @@ With the horizon T, the initial state x0 and f the right-hand side, the size of
                   if that is nothing beside it, around it
     the cost      T |stage cost| + |terminal cost|, the largest at those points
 
-A start, a target or a guess that is nothing beside what the dynamics say is zero.
+A size that the problem gives by name (`scales`) takes the place of that of a state or
+control. A start, a target or a guess that is nothing beside what the dynamics say is
+zero.
 All of these are homogeneous: numbers in units that are a power of two larger give sizes
 that are larger by exactly that power.
 """
@@ -95,6 +98,10 @@ class Sizing:
         self._target = _target_function(problem)
         self._known = [*problem.row_scales(), *map(known_scales, problem.soft)]
         self._hard = len(path) + len(ends)
+        self._given = [
+            np.array([problem.scales.get(name, 0.0) for name in names])
+            for names in (problem.model.state_names, problem.model.control_names)
+        ]
 
     def __call__(
         self,
@@ -102,6 +109,7 @@ class Sizing:
         parameters: Array,
         signals: Array,
         guess: ArrayLike | None = None,
+        along: Array | None = None,
     ) -> Sizes:
         """Return the sizes for an initial state.
 
@@ -110,22 +118,33 @@ class Sizing:
             parameters: Shape (np,).
             signals: At the nodes, shape (ns, nodes).
             guess: Controls, shape (nu, N), which give sizes to unbounded controls.
+            along: A guess of the states at the nodes, shape (nx, nodes), which gives
+                sizes to unbounded states.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # No size, but no error.
-            return self._found(x0, parameters, signals, guess)
+            return self._found(x0, parameters, signals, guess, along)
 
     def _found(
-        self, x0: Array, parameters: Array, signals: Array, guess: ArrayLike | None
+        self,
+        x0: Array,
+        parameters: Array,
+        signals: Array,
+        guess: ArrayLike | None,
+        along: Array | None,
     ) -> Sizes:
         first, last = signals[:, 0], signals[:, -1]
         middle = _middle(*self._problem.control_limits)
         slopes = np.abs(np.array(self._slopes(x0, middle, parameters, first)))
         at = _Point(x0, parameters, first, slopes)
         states = self._first_states(x0, parameters, last)
+        if along is not None and np.isfinite(along).all():
+            said = (self._widths > 0) | (self._given[0] > 0)
+            reach = np.abs(along).max(axis=1)
+            states = np.where(said, states, np.maximum(states, reach))
         controls = self._first_controls()
         states = self._without_tiny(at, states, controls, None)
         if controls.all():
-            guess = None  # The bounds say it all.
+            guess = None  # The bounds, or given sizes, say it all.
         if guess is not None:
             _, expected = self._filled(at, states, controls, None)
             given = np.asarray(guess, dtype=np.float64)
@@ -139,7 +158,8 @@ class Sizing:
         states, controls = (np.where(sizes > 0, sizes, 1.0) for sizes in filled)
         for one in self._problem.free_starts:
             together = list(one.states)
-            states[together] = states[together].max()
+            if not self._given[0][together].any():
+                states[together] = states[together].max()
         values = self._around(at, states, controls, guess)
         stage, end = (
             float(np.nan_to_num(np.abs(v), nan=0, posinf=0).max()) for v in values[1:3]
@@ -208,9 +228,10 @@ class Sizing:
 
     def _first_states(self, x0: Array, parameters: Array, signals: Array) -> Array:
         """Return sizes by bounds, start and target; 0 if these say nothing."""
-        target = self.target(parameters, signals)
+        given, target = self._given[0], self.target(parameters, signals)
         least = np.maximum(self._widths, np.abs(x0))
-        return np.maximum(least, np.abs(np.nan_to_num(target)))
+        found = np.maximum(least, np.abs(np.nan_to_num(target)))
+        return np.where(given > 0, given, found)
 
     @cached_property
     def _widths(self) -> Array:
@@ -229,7 +250,8 @@ class Sizing:
         bound = np.maximum(
             *(np.where(np.isfinite(b), abs(b), 0) for b in (lower, upper))
         )
-        return np.where(size > 0, size, bound)
+        given = self._given[1]
+        return np.where(given > 0, given, np.where(size > 0, size, bound))
 
     def _filled(
         self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
@@ -265,7 +287,8 @@ class Sizing:
         np.fill_diagonal(needed, np.inf)  # What others need of it.
         need = needed.min(axis=0, initial=np.inf)
         derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
-        tiny = (direct < _NEGLIGIBLE * derived) & (self._widths == 0)
+        said = (self._widths > 0) | (self._given[0] > 0)
+        tiny = (direct < _NEGLIGIBLE * derived) & ~said
         return np.where(tiny, 0.0, direct)
 
     def _lasting(self, at: "_Point") -> Array:

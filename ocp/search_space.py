@@ -38,8 +38,9 @@ from swarmstart.heuristics import (
     SearchResult,
 )
 from swarmstart.heuristics.algorithm import first_size_of
-from swarmstart.ocp.blocks import block_numbers, first_intervals
+from swarmstart.ocp.blocks import first_of, variables_of
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
+from swarmstart.ocp.control_shape import control_of
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import (
     BlockObjective,
@@ -49,6 +50,7 @@ from swarmstart.ocp.fitness import (
     started,
     unflatten,
 )
+from swarmstart.ocp.free import FreeStart
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_settings import SearchSettings
 from swarmstart.ocp.shooting import Shooting
@@ -72,11 +74,13 @@ class Start(NamedTuple):
         controls: Shape (nu, N).
         states: At the nodes, shape (nx, nodes); None: where the controls lead.
         x0: Initial state, shape (nx,), with what is decided about it; None: as given.
+        is_guess: Whether the states are a guess of how large they get; see scaling.py.
     """
 
     controls: Array
     states: Array | None = None
     x0: Array | None = None
+    is_guess: bool = False
 
 
 class SearchSpace(Protocol):
@@ -103,6 +107,8 @@ class SearchSpace(Protocol):
 class ControlSpace:
     """All control sequences within the bounds; ca.vec of (nu, blocks).
 
+    What must be the same for several members of an ensemble is there once.
+
     Attributes:
         box: The box of all control sequences.
     """
@@ -120,7 +126,7 @@ class ControlSpace:
 
     def objective(self, x0: ArrayLike, known: Known) -> Objective:
         """Return population -> cost and violation; see SearchSpace."""
-        if self._fitness.problem.blocks:
+        if self._fitness.problem.ties_controls:
             return BlockObjective(
                 self._fitness.objective(x0, known), self._coordinates, self.box.dim
             )
@@ -149,15 +155,11 @@ class ControlSpace:
 
 def _block_coordinates(problem: OptimalControlProblem) -> tuple[Index, Index]:
     """Return which decisions a search has, and which of these each decision is."""
-    nu, N, blocks = problem.model.nu, problem.intervals, problem.blocks
-    rows = np.arange(nu)
-    more = np.arange(len(problem.free_starts))
-    of_blocks = first_intervals(blocks, N)
-    first = (of_blocks[:, None] * nu + rows).ravel()
-    place = (block_numbers(blocks, N)[:, None] * nu + rows).ravel()
+    labels, more = problem.control_labels, np.arange(len(problem.free_starts))
+    first = first_of(labels)
     return (
-        np.concatenate([first, nu * N + more]),
-        np.concatenate([place, nu * of_blocks.size + more]),
+        np.concatenate([first, labels.size + more]),
+        np.concatenate([variables_of(labels), first.size + more]),
     )
 
 
@@ -169,29 +171,39 @@ def _control_box(fitness: Fitness) -> Box:
             "solve it with search=None"
         )
     lower, upper = problem.search_limits
-    starts = problem.free_starts
+    starts = [_searched(problem, one) for one in problem.free_starts]
     if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
         raise InvalidProblemError(
             "a population search needs finite bounds on every control, "
             f"got lower {lower} and upper {upper}: "
             "Bounds(search=(lower, upper)) bounds the search alone"
         )
-    for one in starts:
-        if not np.isfinite(one.value.upper - one.value.lower):
+    for one, (least, most) in zip(problem.free_starts, starts, strict=True):
+        if not np.isfinite(most - least):
             name = problem.model.state_names[one.states[0]]
             raise InvalidProblemError(
                 f"a population search needs finite bounds on what is decided, got "
-                f"{name} in [{one.value.lower:g}, {one.value.upper:g}]: give its Free "
-                "both bounds"
+                f"{name} in [{least:g}, {most:g}]: give its Free both bounds"
             )
     lower, upper = widened((lower, upper), problem.integer)
-    steps = len(problem.blocks) or problem.intervals
+    first = first_of(problem.control_labels)
+    lower, upper = (np.tile(side, problem.intervals)[first] for side in (lower, upper))
     return Box(
-        lower=np.append(np.tile(lower, steps), [one.value.lower for one in starts]),
-        upper=np.append(np.tile(upper, steps), [one.value.upper for one in starts]),
-        per_step=problem.model.nu,
+        lower=np.append(lower, [least for least, _ in starts]),
+        upper=np.append(upper, [most for _, most in starts]),
+        per_step=problem.flown_controls,
         constant=len(starts),
     )
+
+
+def _searched(problem: OptimalControlProblem, one: FreeStart) -> tuple[float, float]:
+    """Return the bounds of what is decided; a knot has those of its control."""
+    model = problem.model
+    j = control_of(model.state_names[one.states[0]], model.control_names)
+    if j is None:
+        return one.value.lower, one.value.upper
+    lower, upper = problem.search_limits
+    return float(lower[j]), float(upper[j])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

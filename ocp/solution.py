@@ -57,7 +57,7 @@ class Solution(Presented):
         problem: The problem.
         times: At the nodes, shape (nodes,) [s].
         states: At the nodes, finely integrated, shape (nx, nodes).
-        controls: Shape (nu, N).
+        controls: Shape (nu, N); of linear controls their knots, (nu, N + 1).
         decided: What is decided besides controls and start: parameters by their names,
             a free end time as "end time" [s].
         cost: Cost on the problem's own grid, as the problem states it.
@@ -217,7 +217,7 @@ def verified(
         problem=stated,
         times=path.times[::every],
         states=path.states[: stated.model.nx, ::every],
-        controls=plan.controls,
+        controls=trace.shooting.lowered.knots(plan.controls, state),
         decided=trace.shooting.lowered.decided(state),
         cost=sense * plan.cost,
         violation=plan.violation,

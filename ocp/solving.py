@@ -79,8 +79,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             the problem's tolerance.
         polish: "ipopt" or True, the name of another NLP solver of CasADi, options of
             one; None, False or "none" means no polish.
-        guess: Controls to start from, shape (nu, N), or a Start, which has states for
-            the polish as well; None means none is known.
+        guess: Controls to start from, shape (nu, N), of linear ones (nu, N + 1), or a
+            Start, which has states for the polish as well; None means none is known.
         known: Parameters and signals, where the problem has any.
         start: Whether x0 must be inside the bounds of the states and the path
             constraints ("must hold"), or "may violate" them, which the status says.

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.control_shape import require_held
 from swarmstart.ocp.controller import Decision, RecedingHorizon
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.plan import Plan
@@ -67,6 +68,7 @@ class Team:
                 raise InvalidProblemError(
                     f"agent {number} watches {sorted(late)}, who plan after it"
                 )
+        require_held(a.controller.planner.stated.control_shape for a in self.agents)
         problems = [a.controller.planner.problem for a in self.agents]
         lengths = [problem.dt for problem in problems]
         if not np.allclose(lengths, lengths[0], rtol=1e-9, atol=0.0):

@@ -4,7 +4,7 @@
     w = (u_0, x_1, u_1, x_2, ... u_N-1, x_N, decided states of x_0), divided by sizes;
         after each u_k the excesses e_k >= 0 of soft constraints (soft.py)
     g = (defects and rows of interval 0, of interval 1, ..., terminal rows, rows of x_0,
-         u_k - u_k-1 within blocks)
+         differences of controls that are the same)
     q = (x0, shared, weights of an interval's, the end's and the start's rows, ca.vec of
     signals)
 
@@ -30,7 +30,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.blocks import first_intervals, tied_intervals
+from swarmstart.ocp.blocks import first_of, ties
 from swarmstart.ocp.constraints import Rows
 from swarmstart.ocp.nlp_assembly import (
     LimitedRows,
@@ -104,11 +104,11 @@ class NonlinearProgram:
     def limits(self, sizes: Sizes) -> Limits:
         """Return the bounds of variables and constraints, divided by the sizes.
 
-        Of the controls of a block the first has the bounds, which would else be there
-        several times.
+        Of controls that are the same the first has the bounds, which would else be
+        there several times.
         """
         problem, N = self.problem, self.problem.intervals
-        free = decided_states(problem)
+        free, empty = decided_states(problem), np.empty(0, dtype=np.intp)
         starts = [one.value for one in problem.nlp_starts for _ in one.states]
         decided = [
             np.array([getattr(value, side) for value in starts]) / sizes.states[free]
@@ -129,10 +129,10 @@ class NonlinearProgram:
             )
         ]
         size = (bounds[0].size - len(free)) // N
-        tied = tied_intervals(problem.blocks, N)
-        for k in tied:
-            for values, none in zip(bounds, (-np.inf, np.inf), strict=True):
-                values[k * size : k * size + problem.model.nu] = none
+        tied = ties(problem.control_labels)[0] if problem.ties_controls else empty
+        k, j = np.divmod(tied, problem.model.nu or 1)
+        for values, none in zip(bounds, (-np.inf, np.inf), strict=True):
+            values[k * size + j] = none
         g = []
         for side in (1, 2):
             inside, *ends = (
@@ -144,8 +144,7 @@ class NonlinearProgram:
                 )
                 for part in self.parts.present
             )
-            ties = np.zeros(problem.model.nu * len(tied))
-            g.append(np.concatenate([np.tile(inside, N), *ends, ties]))
+            g.append(np.concatenate([np.tile(inside, N), *ends, np.zeros(tied.size)]))
         return Limits(bounds[0], bounds[1], g[0], g[1])
 
     def variables(self, controls: Array, states: Array, sizes: Sizes) -> Array:
@@ -166,10 +165,10 @@ class NonlinearProgram:
         problem = self.problem
         inner = w.size - len(decided_states(problem))
         columns = np.arange(inner).reshape((problem.intervals, -1))
-        first = first_intervals(problem.blocks, problem.intervals)
-        for j in controls:
-            row = columns[first, j]
-            limits.lbx[row] = limits.ubx[row] = w[row]
+        k, number = np.divmod(first_of(problem.control_labels), problem.model.nu)
+        chosen = np.isin(number, controls)
+        row = columns[k[chosen], number[chosen]]
+        limits.lbx[row] = limits.ubx[row] = w[row]
 
     def with_slacks(self, w: Array, q: Array, limits: Limits) -> Array:
         """Return w with the excesses that soft constraints have there.

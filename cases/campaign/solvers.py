@@ -198,7 +198,7 @@ def answered(posed: PlanningProblem, trial: Trial) -> dict[str, Any]:
         "status": found.status.value,
         "evaluations": plan.evaluations,
         "seconds": seconds,
-        "controls": plan.controls.tolist(),
+        "controls": found.controls.tolist(),
     }
 
 

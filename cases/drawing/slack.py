@@ -14,7 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.record.trajectory_arrays import held_controls, new_plans
+from swarmstart.cases.record.trajectory_arrays import (
+    control_rows,
+    held_controls,
+    new_plans,
+)
 from swarmstart.ocp import Constraint, Known, OptimalControlProblem, Plan, Trajectory
 from swarmstart.ocp.checking import ConstraintRows
 from swarmstart.ocp.fitness import (
@@ -123,17 +127,15 @@ def _along(
     lowered: Lowered, trajectory: Trajectory, known: KnownAt
 ) -> tuple[Array, tuple[Array, Array, Array, Array]]:
     """Return times, and states, controls, parameters and signals of the core there."""
-    core, held = lowered.core, held_controls(trajectory)[1]
+    core, linear = lowered.core, control_rows(trajectory)
     steps = trajectory.controls.shape[1]
     m = (trajectory.dense_times.size - 1) // steps
     columns = np.arange(steps)[:, None] * m + np.arange(m + 1)
     times, parameters, signals, states = trajectory.dense_times[columns], [], [], []
     if lowered.stated.model.jumps and m > 1:
         columns[:-1, -1] -= 1  # What the end changes begins the next interval.
-    every = held.shape[1] // steps  # 1, or m: each of the plant's steps its own.
-    controls = np.repeat(held.reshape(len(held), steps, every), m // every, axis=2)
-    controls = np.concatenate([controls, controls[:, :, -1:]], axis=2)
-    before = lowered.places["previous"]
+    controls = _held(trajectory, m) if linear is None else linear
+    before, knots = lowered.places["previous"], lowered.places["knots"]
     for step, made in enumerate(made_at(trajectory)):
         decisions = trajectory.decisions
         plan = decisions[made].plans[0] if decisions else None
@@ -146,12 +148,23 @@ def _along(
         states.append(lowered.states(trajectory.dense_states[:, columns[step]], start))
         if before and step > 0:
             states[-1][before] = controls[:, step - 1, -1:]
+        if knots:
+            first = np.repeat(controls[:, step, :1], m + 1, axis=1)
+            states[-1][knots] = np.vstack([controls[:, step], first])
     return times.ravel(), (
         np.hstack(states),
         controls.reshape(len(controls), -1),
         np.hstack(parameters),
         np.hstack(signals),
     )
+
+
+def _held(trajectory: Trajectory, m: int) -> Array:
+    """Return held controls at both ends of the plant's m steps, (nu, T, m + 1)."""
+    held, steps = held_controls(trajectory)[1], trajectory.controls.shape[1]
+    every = held.shape[1] // steps  # 1, or m: each of the plant's steps its own.
+    controls = np.repeat(held.reshape(len(held), steps, every), m // every, axis=2)
+    return np.concatenate([controls, controls[:, :, -1:]], axis=2)
 
 
 def made_at(trajectory: Trajectory) -> NDArray[np.intp]:

@@ -16,6 +16,8 @@ LARGEST_FILE = 100 * 2**20
 def recorded_plan(folder: object) -> tuple[list[float], list[list[float]]]:
     """Return the beginnings of the intervals [s] and a row for each control.
 
+    Of linear controls these are knots, the last one at the end of the plan.
+
     Args:
         folder: The folder of a run of one problem, or of a saved Solution.
 
@@ -32,7 +34,9 @@ def recorded_plan(folder: object) -> tuple[list[float], list[list[float]]]:
         arrays = read_arrays(file)
         plan = arrays["controls"] if file == saved else arrays["plan_controls"][0, 0]
         rows = np.atleast_2d(np.asarray(plan, dtype=np.float64))
-        steps = arrays["controls"].shape[1]
+        steps = arrays["controls"].shape[1] - int("knots" in arrays)
+        if "control_ends" in arrays:  # Of linear controls a plan keeps the ends.
+            rows = np.hstack([arrays["controls"][:, :1], rows])
         dt = float(arrays["times"][-1] - arrays["times"][0]) / steps
     except (*UNREADABLE, ArithmeticError) as error:
         raise ValueError(

@@ -90,6 +90,8 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
         "member_costs": solution.member_costs,
         **multiplier_arrays(solution.multipliers),
     }
+    if solution.problem.has_knots:
+        arrays["knots"] = np.array(True)
     summary = {
         "result": "solution",
         "status": solution.status.value,

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Solution, Trajectory
@@ -28,11 +29,19 @@ def dataframe_of(result: Solution | Trajectory) -> "pd.DataFrame":
             "a table needs pandas, which is not installed: "
             "pip install 'swarmstart[pandas]'"
         ) from error
-    every = (result.times.size - 1) // result.controls.shape[1]
-    held = np.repeat(result.controls, every, axis=1)
-    none_at_end = np.full((held.shape[0], 1), np.nan)
     return pd.DataFrame(
-        np.vstack([result.states, np.hstack([held, none_at_end])]).T,
+        np.vstack([result.states, _controls(result)]).T,
         index=pd.Index(result.times, name="time [s]"),
         columns=[*result.state_names, *result.control_names],
     )
+
+
+def _controls(result: Solution | Trajectory) -> NDArray[np.float64]:
+    """Return the controls from each time on, or, of linear ones, at each time."""
+    nodes, given = result.times.size, result.controls
+    if isinstance(result, Solution) and result.problem.has_knots:
+        at = np.linspace(0, given.shape[1] - 1, nodes)
+        rows = [np.interp(at, np.arange(given.shape[1]), row) for row in given]
+        return np.array(rows).reshape(len(given), nodes)
+    held = np.repeat(given, (nodes - 1) // given.shape[1], axis=1)
+    return np.hstack([held, np.full((held.shape[0], 1), np.nan)])

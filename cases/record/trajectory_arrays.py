@@ -17,7 +17,7 @@ from swarmstart.ocp import (
     Step,
     Trajectory,
 )
-from swarmstart.ocp.controller import Profile
+from swarmstart.ocp.profile import Profile
 
 Array = NDArray[np.float64]
 
@@ -50,6 +50,7 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "search_evaluations": _histories(plans, lambda search: search.evaluations),
         "plan_start": _padded(plans, _start_of),
         **_lengths(decisions),
+        **_ends_of_lines(decisions),
         "state_names": np.array(trajectory.state_names),
         "control_names": np.array(trajectory.control_names),
     }
@@ -97,10 +98,7 @@ def steps_of(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
         is_last = bool(arrays["is_last"][number]) if "is_last" in arrays else False
         profile = None
         if piece is not None:
-            held = plans[0].controls
-            if "profile_controls" in arrays:
-                held = _unstacked(arrays["profile_controls"][number])
-            profile = Profile(controls=held, piece=piece)
+            profile = _profile(arrays, number, plans[0], piece)
         steps.append(
             Step(
                 number=number,
@@ -191,6 +189,36 @@ def _unstacked(controls: Array) -> Array:
     return controls[kept.any(axis=1)][:, kept.any(axis=0)]
 
 
+def _ends_of_lines(decisions: Sequence[Decision]) -> dict[str, Array]:
+    """Return where linear controls end in each interval; empty of held ones.
+
+    NaN where the plan's intervals are other ones.
+    """
+    profiles = [d.profile for d in decisions]
+    if not any(p is not None and not p.is_held for p in profiles):
+        return {}
+    none = np.full(decisions[0].control.size, np.nan)
+    ends = [
+        p.controls[:, 0] if p is not None and p.controls.shape[1] == 1 else none
+        for p in profiles
+    ]
+    return {"control_ends": np.stack(ends, axis=1)}
+
+
+def _profile(
+    arrays: Mapping[str, NDArray[Any]], number: int, plan: Plan, piece: float
+) -> Profile:
+    """Return the controls over the interval of a step."""
+    if "control_ends" not in arrays:
+        held = plan.controls
+        if "profile_controls" in arrays:
+            held = _unstacked(arrays["profile_controls"][number])
+        return Profile(controls=held, piece=piece)
+    begin, end = (arrays[name][:, number] for name in ("controls", "control_ends"))
+    controls = plan.controls[: begin.size] if np.isnan(end).any() else end[:, None]
+    return Profile(controls=controls, piece=piece, start=begin)
+
+
 def _start_of(plan: Plan) -> Array:
     """Return a plan's initial state; empty where an old record keeps none."""
     is_kept = plan.states.size or plan.start is not None
@@ -203,13 +231,35 @@ def _number(arrays: Mapping[str, NDArray[Any]], name: str, place: int) -> float 
     return None if np.isnan(value) else value
 
 
+def control_rows(trajectory: Trajectory) -> Array | None:
+    """Return linear controls at both ends of the plant's steps, (nu, T, m + 1).
+
+    None if controls are held.
+    """
+    decisions, steps = trajectory.decisions, trajectory.controls.shape[1]
+    if not any(d.profile is not None and not d.profile.is_held for d in decisions):
+        return None
+    m = (trajectory.dense_times.size - 1) // steps
+    found = [
+        np.repeat(d.control[:, None], m + 1, axis=1)
+        if d.profile is None
+        else d.profile.ends(float(length), m)
+        for d, length in zip(decisions, np.diff(trajectory.times), strict=True)
+    ]
+    return np.stack(found, axis=1)
+
+
 def held_controls(trajectory: Trajectory) -> tuple[Array, Array]:
     """Return times (n + 1,) [s], and the controls held between them, (nu, n).
 
     They are the control instants, unless a plan's intervals are other ones: then the
-    plant's steps.
+    plant's steps. Linear controls are those at these times, (nu, n + 1).
     """
     decisions, steps = trajectory.decisions, trajectory.controls.shape[1]
+    rows = control_rows(trajectory)
+    if rows is not None:
+        begins = rows[:, :, :-1].reshape(len(rows), -1)
+        return trajectory.dense_times, np.hstack([begins, rows[:, -1, -1:]])
     if not any(decision.profile for decision in decisions):
         return trajectory.times, trajectory.controls
     m = (trajectory.dense_times.size - 1) // steps

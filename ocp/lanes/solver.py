@@ -181,6 +181,7 @@ def _refused(problem: OptimalControlProblem) -> str:
     reasons = {
         "it has no controls": not problem.model.nu,
         "it has blocks of intervals": bool(problem.blocks),
+        "its members share controls for a while": problem.ties_controls,
         "it has whole numbers": bool(problem.integer),
         "its risk needs decisions of the NLP": problem.epigraph is not None,
         "its model is stiff": problem.integrator == "stiff",

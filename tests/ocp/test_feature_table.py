@@ -222,13 +222,18 @@ def lag(**more: object) -> OptimalControlProblem:
         lag(blocks=[1, 2, 3], decided={"gain": Free(0.9, 1.1)}),
         lag(bounds=Bounds(controls=(0, 1), integer=["u"]),
             decided={"gain": Free(0.9, 1.1)}),
+        lag(control_shape="linear", decided={"gain": Free(0.9, 1.1)}),
+        ensemble(lag(), {"gain": [0.8, 1.2]}, robust_horizon=2),
+        lag(scales={"x": 0.3, "u": 2.0}, decided={"gain": Free(0.9, 1.1)}),
     ],
-    ids=["uncertain parameters", "blocks", "whole numbers"],
+    ids=["uncertain parameters", "blocks", "whole numbers", "linear controls",
+         "robust horizon", "sizes by name"],
 )  # fmt: skip
 def test_other_controls_run_in_machine_code_are_flown_and_recorded(
     problem: OptimalControlProblem, tmp_path: Path
 ) -> None:
     controls = np.array([[1.0, 0.0, 0.0, 1.0, 1.0, 1.0]])
+    controls = np.repeat(controls, problem.model.nu, axis=0)
     planner = Planner(problem, search=None, polish=IpoptOptions())
     start, known, _ = planner.posed([0.0])
     values = [

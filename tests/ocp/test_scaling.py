@@ -11,13 +11,21 @@ from numpy.typing import NDArray
 
 from swarmstart.ocp import (
     Bounds,
+    Fitness,
+    InvalidProblemError,
+    Known,
     Model,
     OptimalControlProblem,
     PathConstraint,
     SolutionStatus,
+    Start,
     disc,
+    ensemble,
+    phases,
     solve,
 )
+from swarmstart.ocp.polish import Polished, Polisher
+from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.scaling import Sizes, Sizing
 
 Array = NDArray[np.float64]
@@ -276,3 +284,134 @@ def test_fast_state_of_a_stiff_problem_is_as_large_as_it_gets() -> None:
 
     np.testing.assert_allclose(size("stiff"), [0.002, 10.0])
     np.testing.assert_allclose(size("rk4"), [10.0, 10.0])
+
+
+def test_given_size_of_a_stiff_state_stays() -> None:
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    model = Model(states=x, controls=u, ode=ca.vertcat(u - 100 * x[0], u))
+    problem = OptimalControlProblem(
+        model, horizon=50.0, intervals=5, stage_cost=x[0] ** 2, integrator="stiff",
+        bounds=Bounds(controls=(0.0, 0.2)), scales={model.state_names[0]: 7.0},
+    )  # fmt: skip
+    fitness = Fitness(problem, backend="casadi")
+    controls, x0 = np.full((1, 5), 0.1), [0.0, 0.0]
+    states = fitness.states(controls, x0)
+    sizes = fitness.arguments.sizes_along(controls, states, x0, Known())
+    np.testing.assert_allclose(sizes.states, [7.0, states[1].max()])
+
+
+def rocket(unit: float = 1.0, **more: object) -> OptimalControlProblem:
+    """A rocket led to rest at 100 km with bounds that say nothing of its states.
+
+    Args:
+        unit: Of the altitude: how many of it make a metre.
+        more: What is stated otherwise.
+    """
+    x, thrust = ca.vertcat(*map(ca.SX.sym, ("h", "v", "m"))), ca.SX.sym("thrust")
+    height, v, m = x[0] / unit, x[1], x[2]
+    drag = 1e-5 * v * ca.fabs(v) * ca.exp(-height / 8000)
+    pull = 9.81 / (1 + height / 6.371e6) ** 2
+    ode = ca.vertcat(v * unit, thrust / m - pull - drag, -thrust / 3000)
+    most = np.array([unit, 1.0, 1.0]) * 1e9
+    stated: dict[str, object] = {
+        "horizon": 200.0,
+        "intervals": 20,
+        "terminal_cost": -m,
+        "terminal": [height - 1e5, v],
+        "bounds": Bounds(controls=(0, 4e5), states=([-most[0], -1e9, 1.0], most)),
+    }
+    model = Model(states=x, controls=thrust, ode=ode)
+    return OptimalControlProblem(model, **(stated | more))  # type: ignore[arg-type]
+
+
+def polished_rocket(unit: float, scales: dict[str, float]) -> Polished:
+    polisher = Polisher(Fitness(rocket(unit, scales=scales), backend="casadi"))
+    return polisher(np.full((1, 20), 1.2e5), [0, 0, 1e4])
+
+
+def test_sizes_that_are_given_serve_where_bounds_say_nothing() -> None:
+    """In any unit, in fewer iterations than by the width of bounds."""
+    given = {"v": 1e3, "m": 1e4, "thrust": 2e5}
+    one, other = (
+        polished_rocket(unit, {**given, "h": 1e5 * unit}) for unit in (1.0, 1e-3)
+    )
+    natural = polished_rocket(1.0, {})
+    for answer in (one, other, natural):
+        assert answer.status is PolishStatus.CONVERGED
+    assert one.cost == pytest.approx(other.cost, rel=1e-9)
+    assert one.iterations == other.iterations <= natural.iterations
+    np.testing.assert_allclose(one.controls, other.controls, rtol=1e-6, atol=1)
+    assert one.cost <= natural.cost
+    assert one.cost == pytest.approx(natural.cost, rel=1e-4)
+
+
+def test_given_sizes_are_taken_as_they_are_and_others_follow() -> None:
+    sizes = sizes_of(rocket(scales={"h": 3.0, "thrust": 5.0}), [0, 0, 1e4])
+    assert sizes.states[0] == 3.0
+    assert sizes.controls[0] == 5.0
+    plain = sizes_of(rocket(), [0, 0, 1e4])
+    np.testing.assert_array_equal(sizes.states[1:], plain.states[1:])
+    assert sizes.weights.size == plain.weights.size
+
+
+def test_guess_of_states_says_how_large_unbounded_ones_get() -> None:
+    problem = rocket(
+        bounds=Bounds(controls=(0, 4e5), states=([-9, -np.inf, 1], np.inf))
+    )
+    along = np.outer([2e5, -700.0, 3e4], np.linspace(0, 1, problem.nodes))
+    none = np.empty((0, problem.nodes))
+    plain, guessed = (
+        Sizing(problem)(np.array([0, 0, 1e4]), NONE, none, None, states)
+        for states in (None, along)
+    )
+    np.testing.assert_array_equal(guessed.states, [2e5, 700.0, 3e4])
+    assert plain.states[0] == 1e5
+    # Bounds and given sizes say more than a guess.
+    bounds = Bounds(controls=(0, 4e5), states=([-np.inf, -50, 1], [np.inf, 50, np.inf]))
+    bounded = replace(problem, scales={"h": 4.0}, bounds=bounds)
+    found = Sizing(bounded)(np.array([0, 0, 1e4]), NONE, none, None, along)
+    np.testing.assert_array_equal(found.states, [4.0, 100.0, 3e4])
+
+
+def test_start_with_states_is_a_guess_of_their_sizes(double_integrator: Model) -> None:
+    problem = replace(pushed(double_integrator), terminal=[double_integrator.states])
+    along = np.array([[300.0], [-40.0]]) * np.linspace(0, 1, problem.nodes)
+    start = Start(np.ones((1, 6)), along)
+    answer = solve(problem, [1.0, 0.0], guess=start, search=None, seed=0)
+    guessed = solve(problem, [1.0, 0.0], guess=start.controls, search=None, seed=0)
+    assert answer.cost == pytest.approx(guessed.cost, rel=1e-7)
+    assert answer.plan.point is not None
+    program, q = answer.plan.point.program, answer.plan.point.q
+    at = np.cumsum(program.parts.argument_sizes(program.problem))[0]
+    np.testing.assert_array_equal(q[at : at + 2], [300.0, 40.0])
+
+
+@pytest.mark.parametrize(
+    ("scales", "message"),
+    [
+        ({"height": 1.0}, "scales must name states and controls, some of h, v, m"),
+        ({"h": 0.0}, "scale of h must be a positive finite number, got 0.0"),
+        ({"h": -1.0}, "scale of h must be a positive finite number"),
+        ({"h": np.nan}, "scale of h must be a positive finite number"),
+        ({"thrust": np.inf}, "scale of thrust must be a positive finite number"),
+        ({"h": "1e5"}, "scale of h must be a number"),
+        ([1.0, 2.0], "scales must be a mapping"),
+    ],
+)
+def test_sizes_that_are_none_are_refused(scales: object, message: str) -> None:
+    with pytest.raises(InvalidProblemError, match=message):
+        rocket(scales=scales)
+
+
+def test_members_and_phases_have_the_sizes_of_their_problems() -> None:
+    x, u, k = (ca.SX.sym(n) for n in "xuk")
+    one = OptimalControlProblem(
+        Model(states=x, controls=u, ode=k * u, parameters=k), horizon=1, intervals=2,
+        scales={"x": 3.0, "u": 4.0}, bounds=Bounds(controls=(-1, 1)),
+    )  # fmt: skip
+    together = ensemble(one, {"k": [1, 2]})
+    assert together.scales == {"x_0": 3.0, "x_1": 3.0, "u": 4.0}
+    apart = ensemble(one, {"k": [1, 2]}, robust_horizon=1)
+    assert apart.scales == {"x_0": 3.0, "x_1": 3.0, "u_0": 4.0, "u_1": 4.0}
+    both = phases([one, replace(one, scales={"x": 5.0})]).problem
+    assert both.scales == {"x": 5.0, "u": 4.0}

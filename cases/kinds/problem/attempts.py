@@ -26,6 +26,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     known_parameters,
     number,
     over_time,
+    positive,
 )
 from swarmstart.cases.kinds.problem.values import Decided, OverTime
 from swarmstart.errors import SwarmstartError
@@ -130,6 +131,10 @@ def expressions(scenario: ProblemScenario) -> Iterator[Attempt]:
     yield from in_time(scenario)
     for place, text in _quantities(scenario):
         yield place, partial(number, text, fixed)
+    for role in ("states", "controls"):
+        for name, one in getattr(scenario, role).items():
+            if one.scale is not None:
+                yield (role, name, "scale"), partial(positive, one.scale, fixed)
 
 
 def in_time(scenario: ProblemScenario) -> Iterator[Attempt]:

@@ -28,6 +28,7 @@ def combination_flaws(
         "decided starts": bool(problem.start),
         "periodic states": bool(problem.periodic),
         "previous controls": bool(problem.previous.numel()),
+        "linear controls": problem.has_knots,
     }
     varies = {
         "time": bool(model.time.numel()),

@@ -13,7 +13,7 @@ from scipy.integrate import simpson
 
 from swarmstart.cases.format.kind import Flight, Posed
 from swarmstart.cases.kinds.problem.model import COSTS
-from swarmstart.cases.record.trajectory_arrays import held_controls
+from swarmstart.cases.record.trajectory_arrays import control_rows, held_controls
 from swarmstart.ocp import OptimalControlProblem, Trajectory, zero_controls
 from swarmstart.ocp.constraints import row_excess
 from swarmstart.ocp.expressions import symbol_names
@@ -33,10 +33,12 @@ def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Ar
     (times,) = _by_interval(trajectory.dense_times[None], trajectory)
     states = _by_interval(trajectory.dense_states, trajectory)
     T, m = times.shape[0], times.shape[1] - 1
-    _, held = held_controls(trajectory)
-    controls = held.reshape(len(held), T, -1)
-    controls = np.repeat(controls, m // controls.shape[2], axis=2)
-    controls = np.concatenate([controls, controls[:, :, -1:]], axis=2)
+    controls = linear = control_rows(trajectory)
+    if controls is None:
+        _, held = held_controls(trajectory)
+        controls = held.reshape(len(held), T, -1)
+        controls = np.repeat(controls, m // controls.shape[2], axis=2)
+        controls = np.concatenate([controls, controls[:, :, -1:]], axis=2)
     if not flight.plant.model.jumps:
         return np.asarray(times), states, controls
     decided = decided_rows(flight, trajectory, (T, 1))
@@ -47,7 +49,11 @@ def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Ar
         if decision.dt is not None:
             plant = plant.with_interval(decision.dt)
         begin = float(times[step, 0])
-        path = plant.until_end(states[:, step, 0], controls[:, step, :-1], begin)
+        first = states[:, step, 0]
+        if linear is None:
+            path = plant.until_end(first, controls[:, step, :-1], begin)
+        else:
+            path = plant.along_until_end(first, controls[:, step], begin)
         states[:, step, -2] = path[:, -1]
     return (
         np.concatenate([times, times[:, -1:]], axis=1),
@@ -150,6 +156,9 @@ def flown_values(
     over = ca.Function("along", symbols, [*costs, paths, ends])
     found = [np.array(rows) for rows in over.map(at.size)(*arguments)]
     stage, step, initial, terminal = (rows.reshape(shape) for rows in found[:4])
+    if problem.has_knots:  # Its step cost has the control at the end of an interval.
+        arguments[1] = np.repeat(controls[:, :, -1], shape[1], axis=1)
+        step = np.array(over.map(at.size)(*arguments)[1]).reshape(shape)
     cost = integrated(stage, times) + step[:, 0].sum()
     cost += initial[0, 0] + terminal[-1, -1]
     path = found[4].reshape(-1, *shape)
@@ -174,9 +183,12 @@ def _even_times(problem: OptimalControlProblem, times: Array) -> Array:
 def controls_before(flight: Flight[P], controls: Array) -> Array:
     """Return the controls of the interval before along the path, as of `rows_of`.
 
-    Of vehicles that plan one by one, those before the flight are zero.
+    Of linear controls it is the one at the beginning of the interval. Of vehicles that
+    plan one by one, those before the flight are zero.
     """
     (agent, *others) = flight.posed.agents
+    if agent.problem.has_knots:
+        return np.repeat(controls[:, :, :1], controls.shape[2], axis=2)
     at = (
         zero_controls(agent.problem)[:, 0] if agent.previous is None else agent.previous
     )

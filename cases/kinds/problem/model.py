@@ -20,7 +20,7 @@ from swarmstart.cases.kinds.problem.constraints import (
     terminal_constraint,
 )
 from swarmstart.cases.kinds.problem.members import Member, column_of
-from swarmstart.cases.kinds.problem.parts import equation_of
+from swarmstart.cases.kinds.problem.parts import Control, State, equation_of
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.symbols import (
     decided_parameters,
@@ -170,6 +170,8 @@ def planning_problem(
         decided=decided_parameters(scenario, first.constants),
         previous=previous if _uses(used, previous) else ca.SX(0, 1),
         signals=column_of([*first.shared.signals.values(), *others]),
+        control_shape=grid.control_shape,
+        scales=_scales(scenario, members),
         quadrature=grid.quadrature,
         integrator=grid.integrator,
         substeps=grid.substeps,
@@ -268,6 +270,17 @@ def _pair(
     if any(isinstance(one, ca.SX) for one in (*lower, *upper)):
         return lower, upper
     return np.array(lower), np.array(upper)
+
+
+def _scales(scenario: ProblemScenario, members: Sequence[Member]) -> dict[str, float]:
+    """Return the sizes of states and controls that are given, by name."""
+    given: dict[str, State | Control] = {**scenario.states, **scenario.controls}
+    return {
+        f"{name}{member.suffix}": number(part.scale, member.constants)
+        for member in members
+        for name, part in given.items()
+        if part.scale is not None
+    }
 
 
 def _arrays(ranges: Sequence[tuple[float, float]]) -> tuple[Array, Array]:

@@ -26,6 +26,7 @@ from swarmstart.cases.kinds.problem.values import (
     Table,
     chosen,
 )
+from swarmstart.ocp.control_shape import ControlShape
 from swarmstart.ocp.guess import Appended
 from swarmstart.ocp.integrators import Integrator
 from swarmstart.ocp.problem import Quadrature
@@ -41,6 +42,7 @@ class State(Part):
         rate: Its derivative in time; 0 unless given.
         next: Its value that the end of a control interval makes; as it is unless given.
         periodic: Whether it ends where it starts.
+        scale: Its size, in place of the natural one.
     """
 
     start: Start | None = None
@@ -48,6 +50,7 @@ class State(Part):
     next: Expression | None = None
     periodic: bool = False
     bounds: MovingLimits | None = None
+    scale: Quantity | None = None
     unit: str = ""
 
 
@@ -59,12 +62,14 @@ class Control(Part):
         previous: Its value in the interval before the first; the nearest to zero within
             the bounds unless given.
         integer: Whether it takes whole numbers only.
+        scale: Its size, in place of the natural one.
     """
 
     bounds: MovingLimits | None = None
     search_bounds: Limits | None = None
     previous: Quantity | None = None
     integer: bool = False
+    scale: Quantity | None = None
     unit: str = ""
 
 
@@ -185,6 +190,8 @@ class Prediction(Part):
         blocks: Lengths of blocks of intervals with one control each; by default each
             interval has its own.
         newton_iterations: For algebraic equations that are not linear.
+        control_shape: Whether controls are held, or linear between knots; of
+            "continuous" ones the first knot is the control before.
     """
 
     model_config = ConfigDict(json_schema_extra=_without_required)
@@ -197,6 +204,7 @@ class Prediction(Part):
     integrator: Integrator = "rk4"
     quadrature: Quadrature = "integral"
     newton_iterations: int = Field(default=10, ge=1, le=100)
+    control_shape: ControlShape = "constant"
     tolerance: Positive = 1e-6
     path_tolerance: Positive = 1e-4
 

@@ -151,10 +151,14 @@ def _guessed(
     problem: OptimalControlProblem,
     constants: Mapping[str, float],
 ) -> Array | Start | None:
-    """Return what the first plan begins from: controls (nu, N), states (nx, nodes)."""
+    """Return what the first plan begins from: controls (nu, N), states (nx, nodes).
+
+    Linear controls have N + 1 knots.
+    """
     guess = scenario.guess
     times = problem.expected_times
-    begins = times[: -1 : problem.checks]
+    knots = times[:: problem.checks]
+    begins = knots if problem.has_knots else knots[:-1]
     controls = _rows(guess.controls, scenario.controls, group, begins, constants)
     states = _rows(guess.states, scenario.states, group, times, constants)
     if states is None:

@@ -141,6 +141,18 @@ def number(text: str, constants: Mapping[str, float]) -> float:
     return float(value)
 
 
+def positive(text: str, constants: Mapping[str, float]) -> float:
+    """Return an expression in constants as a positive number.
+
+    Raises:
+        InvalidProblemError: If it is none.
+    """
+    value = number(text, constants)
+    if not value > 0:
+        raise InvalidProblemError(f"expected a positive number, found {value:g}")
+    return value
+
+
 def limits(
     pair: Sequence[str | None] | None, constants: Mapping[str, float]
 ) -> tuple[float, float]:
