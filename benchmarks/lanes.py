@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.benchmarks import shipped_problems
+from swarmstart.benchmarks.kept_values import PROBLEMS
 from swarmstart.benchmarks.problems import Instance, passing
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.cases.format.scenario import read_document, resolve
@@ -175,7 +175,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
               "IPOPT's", "best cost", "best", "IPOPT's", "optima", "not seen"),
     ]  # fmt: skip
     ratios = []
-    wanted = options.only or [*shipped_problems.PROBLEMS, "passing"]
+    wanted = options.only or [*PROBLEMS, "passing"]
     for name in wanted:
         posed = of_instance(passing()) if name == "passing" else shipped(name)
         found = compared(posed, options.starts, options.solves)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics import Pointers
+from swarmstart.ocp.adaptive import FIRST, MOST_TICKS
 from swarmstart.ocp.compiled.backend import (
     BatchEvaluator,
     BoundEvaluator,
@@ -21,7 +22,7 @@ from swarmstart.ocp.compiled.backend import (
     require_precision,
 )
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
-from swarmstart.ocp.compiled.simd import compile_rollout
+from swarmstart.ocp.compiled.simd import Ticking, compile_rollout
 from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.limits import numbers_of, require_count
@@ -159,6 +160,7 @@ class Fitness:
                 signals_per_interval=problem.ns * problem.checks,
                 decided=tuple(map(decided.get, range(problem.model.nx))),
                 begin=shooting.begin if shooting.has_begin else None,
+                ticking=_ticking(shooting, precision),
                 precision=precision,
                 threads=threads,
             ),
@@ -269,6 +271,26 @@ class Fitness:
         )
 
 
+_SINGLE = 1e-3
+"""Least tolerance of steps that are computed with single precision."""
+
+
+def _ticking(shooting: Shooting, precision: Precision) -> Ticking | None:
+    """Return the steps of an interval; None: they are in its function."""
+    problem = shooting.problem
+    if not problem.is_adaptive:
+        return None
+    tolerance = problem.integrator_tolerance or 0.0
+    if precision == "single":
+        tolerance = max(tolerance, _SINGLE)
+    return Ticking(
+        tick=shooting.tick_to(tolerance),
+        checks=problem.checks,
+        first=FIRST / problem.substeps,
+        most=MOST_TICKS,
+    )
+
+
 def started(problem: OptimalControlProblem, x0: ArrayLike, decided: Array) -> Array:
     """Return an initial state with what is decided about it.
 
@@ -289,6 +311,7 @@ class Arguments:
     def __init__(self, shooting: Shooting) -> None:
         """Take the functions of a problem."""
         self._problem, self._sizing = shooting.problem, shooting.sizing
+        self._unit = shooting.costs[0]
         self._last: tuple[bytes, Array] | None = None
 
     def __call__(self, x0: ArrayLike, known: Known) -> tuple[Array, Array, Array]:
@@ -302,8 +325,15 @@ class Arguments:
             return state, parameters, signals
         asked = b"".join(values.tobytes() for values in (state, parameters, signals))
         if self._last is None or self._last[0] != asked:
-            self._last = asked, self.sizes(state, known).weights
+            self._last = asked, self._automatic(self.sizes(state, known))
         return state, np.concatenate([parameters, self._last[1]]), signals
+
+    def _automatic(self, sizes: Sizes) -> Array:
+        """Return the numbers of a rollout that depend on the initial state."""
+        if not self._problem.is_adaptive:
+            return sizes.weights
+        costs = [sizes.cost / self._unit] * self._problem.integrals
+        return np.concatenate([sizes.weights, sizes.states, costs])
 
     def sizes(
         self,
@@ -339,7 +369,7 @@ class Arguments:
             is_guess: Whether the states say how large they get where bounds do not.
         """
         problem = self._problem
-        _, parameters, flat = shared_arguments(problem, x0, known)
+        start, parameters, flat = shared_arguments(problem, x0, known)
         signals = at_nodes(problem, flat)
         natural = self.sizes(x0, known, controls, states if is_guess else None)
         if problem.integrator == "stiff" and np.isfinite(states).all():
@@ -350,6 +380,8 @@ class Arguments:
             kept += [names.index(name) for name in problem.scales if name in names]
             floor[kept] = natural.states[kept]
             natural = replace(natural, states=np.clip(reach, floor, natural.states))
+            cost = self._sizing.cost_around(start, parameters, signals[:, 0], natural)
+            natural = replace(natural, cost=cost)
         along = self._sizing.cost_along(states, controls, parameters, signals)
         if not np.isfinite(along):
             return natural

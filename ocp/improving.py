@@ -12,7 +12,7 @@ down, the point was none, and the better one is taken; if twenty starts do not, 
 called a local optimum.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -48,6 +48,12 @@ from swarmstart.ocp.status import SolutionStatus
 
 _REPAIR_SHARE, _FEWEST = 0.1, 400
 """Part of a search's budget that an attempt to repair has, and evaluations at least."""
+DENSER = 4
+"""Times as many checks, in place of margins that cost."""
+_NOTICED = 1e-4
+"""What margins may cost, in parts of the cost, before they are replaced."""
+_MOST_STATES = 5000
+"""States at all checks together: of a larger problem that would take too long."""
 STARTS = 20
 ROUNDS = 3
 """Times that a better point is taken before it is left undecided."""
@@ -261,17 +267,7 @@ def repaired(
     by_points = planner.polish is not None and has_segments(problem)
 
     def again(stated: OptimalControlProblem, at: Solution, checks: int = 1) -> Answer:
-        stated, given = with_more_checks(stated, known, checks)
-        other = Planner(
-            stated,
-            search=_shorter(planner.search) if planner.polish is None else None,
-            polish=planner.polish,
-            backend=planner.fitness.backend,
-        )
-        start = start_of(problem, at.plan, x0)
-        plan = other.plan(start, known=given, guess=at.plan.controls, rng=rng)
-        judged = _judged_by(planner, plan, x0, known, before=at, point=plan.point)
-        return Answer(verified(planner.tracer, judged, x0, known), other, given)
+        return _solved_again(planner, stated, at, x0, known, checks=checks, rng=rng)
 
     if by_points:
         found = again(at_points(problem), at)
@@ -297,7 +293,111 @@ def repaired(
         at = found.solution
         best = found if _is_better_answer(at, best.solution) else best
         last = {place_of(excess): excess.amount for excess in excesses}
+    is_open = planner.polish is not None and not by_points
+    if not (is_open and _margin_costs(solution, best)):
+        return best
+    if not _is_small(problem, checks * DENSER):
+        return best
+    return _with_checks_for_margins(
+        planner, best, margins, x0, known, checks=checks * DENSER, rng=rng
+    )
+
+
+def _margin_costs(before: Solution, repaired: Answer) -> bool:
+    """Return whether an answer with margins may cost more than it must.
+
+    The answer without them is a bound from below.
+    """
+    found = repaired.solution
+    higher = found.plan.cost - before.plan.cost
+    return found.status.is_confirmed and higher > _NOTICED * found.path.magnitude
+
+
+def _with_checks_for_margins(  # noqa: PLR0913 - an answer, and how it was found
+    planner: Planner,
+    repaired: Answer,
+    margins: Mapping[Place, Excess],
+    x0: ArrayLike,
+    known: Known,
+    *,
+    checks: int,
+    rng: np.random.Generator,
+) -> Answer:
+    """Return an answer whose margins have become checks, if it costs less.
+
+    A margin is kept at every check, also where the path breaks nothing between them.
+    With more checks less is left of it: it falls with the square of their distance.
+
+    Args:
+        planner: The problem's planner.
+        repaired: An answer with margins that is confirmed.
+        margins: These.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        checks: How many times as many as the problem has.
+        rng: Source of all randomness.
+    """
+    problem, best, at = planner.problem, repaired, repaired.solution
+    smaller, coarser = dict(margins), 1 / DENSER
+    for _ in range(ATTEMPTS):
+        smaller = added(smaller, needed(problem, at, x0, known), {}, coarser)
+        tight = tightened(problem, [*smaller.values()])
+        found = _solved_again(
+            planner, tight, at, x0, known, checks=checks, rng=rng, backend="casadi"
+        )
+        at, coarser = found.solution, 1.0
+        if at.status.is_confirmed:
+            saved = best.solution.plan.cost - at.plan.cost
+            best = found if _is_better_answer(at, best.solution) else best
+            if saved / (DENSER**2 - 1) <= _NOTICED * at.path.magnitude:
+                break  # What is left of the margins costs next to nothing.
+            checks, coarser = checks * DENSER, 1 / DENSER
+        if not _is_small(problem, checks):
+            break
     return best
+
+
+def _is_small(problem: OptimalControlProblem, checks: int) -> bool:
+    """Return whether a problem with so many times as many checks is solved soon."""
+    return (
+        problem.model.nx * problem.intervals * problem.checks * checks <= _MOST_STATES
+    )
+
+
+def _solved_again(  # noqa: PLR0913 - of a problem and of the answer to start from
+    planner: Planner,
+    stated: OptimalControlProblem,
+    at: Solution,
+    x0: ArrayLike,
+    known: Known,
+    *,
+    checks: int,
+    rng: np.random.Generator,
+    backend: str | None = None,
+) -> Answer:
+    """Return a changed problem's answer from another one, judged by the user's own.
+
+    Args:
+        planner: The planner of the user's problem.
+        stated: The changed problem.
+        at: The answer to start from.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals of the user's problem.
+        checks: How many times as many checks.
+        rng: Source of all randomness.
+        backend: What evaluates populations; None: as for the user's problem.
+    """
+    stated, given = with_more_checks(stated, known, checks)
+    other = Planner(
+        stated,
+        search=_shorter(planner.search) if planner.polish is None else None,
+        polish=planner.polish,
+        backend=backend or planner.fitness.backend,
+    )
+    start = start_of(planner.problem, at.plan, x0)
+    plan = other.plan(start, known=given, guess=at.plan.controls, rng=rng)
+    judged = _judged_by(planner, plan, x0, known, before=at, point=plan.point)
+    return Answer(verified(planner.tracer, judged, x0, known), other, given)
 
 
 def _shorter(search: SearchSettings | None) -> SearchSettings | None:

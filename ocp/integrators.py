@@ -21,6 +21,7 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.limits import require_count
@@ -56,8 +57,22 @@ def verifying_integrator(method: str) -> Integrator:
     return "stiff" if method == "stiff" else "rk4"
 
 
-PARTS = 4.0 ** np.arange(5)
+PARTS = 5
 """Of the first stiff step after a jump; see the module's head."""
+MORE_PARTS = 8
+"""Where the first of them is to be 5e-5 of the step, not 3e-3."""
+_LONGER = 4.0
+"""How much longer each part is than the one before."""
+
+
+def stiff_lengths(h: float, steps: int, parts: int) -> list[float]:
+    """Return the lengths of steps of length h whose first one is divided into parts."""
+    return [*_lengths_of_parts(h, parts).tolist(), *[h] * (steps - 1)]
+
+
+def _lengths_of_parts(h: float, parts: int) -> NDArray[np.float64]:
+    lengths = _LONGER ** np.arange(parts)
+    return np.asarray(h * lengths / lengths.sum())
 
 
 def integrate(  # noqa: PLR0913 - an equation, a span of time and how it is divided
@@ -69,6 +84,7 @@ def integrate(  # noqa: PLR0913 - an equation, a span of time and how it is divi
     duration: float,
     steps: int,
     after_jump: bool = True,
+    parts: int = PARTS,
 ) -> ca.SX:
     """Return x after `steps` equal steps over `duration` seconds from `start`.
 
@@ -81,10 +97,11 @@ def integrate(  # noqa: PLR0913 - an equation, a span of time and how it is divi
         steps: Number of equal steps.
         after_jump: Whether the rate jumps at `start`, or x begins there: then the first
             step is divided if the method is "stiff".
+        parts: Into how many.
     """
     h = duration / steps
     if method == "stiff":
-        return _stiffly(rate, x, start, h, steps, after_jump)
+        return _stiffly(rate, x, start, h, steps, parts if after_jump else 1)
     step = INTEGRATORS[method]
     for k in range(steps):
         x = step(rate, x, start + k * h, h)
@@ -92,21 +109,25 @@ def integrate(  # noqa: PLR0913 - an equation, a span of time and how it is divi
 
 
 def _stiffly(
-    rate: Rate, x: ca.SX, start: float, h: float, steps: int, after_jump: bool
+    rate: Rate, x: ca.SX, start: float, h: float, steps: int, parts: int
 ) -> ca.SX:
-    """Return x after `steps` steps of length h, the first divided after a jump."""
+    """Return x after `steps` steps of length h, the first divided into parts."""
     step = prepared(rate, x.numel())
-    if after_jump:
-        ends = h * np.cumsum(PARTS) / PARTS.sum()
-        for end, length in zip(ends, h * PARTS / PARTS.sum(), strict=True):
-            x = step(x, start + float(end - length), float(length))
-    for k in range(int(after_jump), steps):
+    lengths = _lengths_of_parts(h, parts)
+    for end, length in zip(np.cumsum(lengths), lengths, strict=True):
+        x = step(x, start + float(end - length), float(length))
+    for k in range(1, steps):
         x = step(x, start + k * h, h)
     return x
 
 
 def held_step(
-    model: Model, dt: float, *, method: str = "rk4", substeps: int = 1
+    model: Model,
+    dt: float,
+    *,
+    method: str = "rk4",
+    substeps: int = 1,
+    parts: int = PARTS,
 ) -> ca.Function:
     """Return F(x, u, p) -> x after dt seconds with u held, in `substeps` steps.
 
@@ -118,12 +139,15 @@ def held_step(
         dt: Duration of the step [s], positive.
         method: A key of INTEGRATORS.
         substeps: Number of equal steps of the integrator within dt.
+        parts: Of the first of them if the method is "stiff".
 
     Raises:
         InvalidProblemError: If dt, the method or the number of steps is invalid.
     """
     u = ca.SX.sym("u", model.nu)
-    return _step(model, dt, u, lambda part: u, method=method, substeps=substeps)
+    return _step(
+        model, dt, u, lambda part: u, method=method, substeps=substeps, parts=parts
+    )
 
 
 def linear_step(model: Model, dt: float, *, method: str = "rk4") -> ca.Function:
@@ -143,7 +167,7 @@ def linear_step(model: Model, dt: float, *, method: str = "rk4") -> ca.Function:
     )
 
 
-def _step(
+def _step(  # noqa: PLR0913 - a step and what is held in it
     model: Model,
     dt: float,
     u: ca.SX,
@@ -151,6 +175,7 @@ def _step(
     *,
     method: str,
     substeps: int = 1,
+    parts: int = PARTS,
 ) -> ca.Function:
     """Return F(x, u, p, s) of a step, with controls at parts of it as told."""
     if not dt > 0:
@@ -164,7 +189,9 @@ def _step(
         part = t / dt
         return f(y, controls(part), p, ends[:, 0] + part * (ends[:, 1] - ends[:, 0]))
 
-    after = integrate(method, rate, x, start=0.0, duration=dt, steps=substeps)
+    after = integrate(
+        method, rate, x, start=0.0, duration=dt, steps=substeps, parts=parts
+    )
     arguments = [x, u, p, ends] if ends.numel() else [x, u, p]
     names = ["x", "u", "p", "s"][: len(arguments)]
     return ca.Function("held_step", arguments, ca.cse([after]), names, ["x_next"])

@@ -4,7 +4,8 @@ The nodes of a problem are where its constraints were asked to hold; the path is
 the model does. It is integrated by the classical Runge-Kutta method, by RODAS4 if the
 problem's own integrator is "stiff", with ten steps to each of the problem's, and all
 constraints are evaluated at all of these, as each step begins with its control and at
-the end of every interval.
+the end of every interval. Where the problem's steps have no fixed length, these are ten
+times as exact as the problem's, and find their own lengths between these points.
 """
 
 from dataclasses import dataclass
@@ -13,10 +14,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.adaptive import FIRST, column_at_check, finer, follower
 from swarmstart.ocp.checking import Checker, Excess, Points
 from swarmstart.ocp.integrators import integrate, verifying_integrator
 from swarmstart.ocp.kinks import kinks_of
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.rosenbrock import Rate
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.shooting import Shooting, shooting_of
 from swarmstart.ocp.soft import SoftRows
@@ -86,7 +89,8 @@ class Tracer:
         self._at_once = self._steps
         if not problem.model.jumps:
             self._at_once *= problem.intervals
-        self._fine = _fine_step(shooting, problem.dt / self._steps).mapaccum(
+        fine = _adaptive_step if problem.is_adaptive else _fine_step
+        self._fine = fine(shooting, problem.dt / self._steps).mapaccum(
             "path", self._at_once
         )
         names = [*problem.symbols().values()]
@@ -114,7 +118,7 @@ class Tracer:
         times = np.linspace(0.0, problem.length, u.shape[1] + 1)
         s = signals_between(problem, signals, times)
         times = times * (self.shooting.lowered.end_time(x0) / problem.length)
-        states, before, sums = self._followed(x0, u, p, s)
+        states, before, sums = self._followed(x0, u, self._shared(p, sizes), s)
         if problem.clock:
             times = states[problem.model.state_names.index(problem.clock)]
         at = [states[:, ::m], s[:, ::m]]
@@ -160,29 +164,46 @@ class Tracer:
             not_finite=first_not_finite(problem, times, states),
         )
 
+    def _shared(self, p: Array, sizes: Sizes) -> Array:
+        """Return what all fine steps share: p, or as in `_adaptive_step`."""
+        if not self.problem.is_adaptive:
+            return p
+        return np.concatenate([p, sizes.states, [sizes.cost, sizes.cost, 1.0]])
+
     def _followed(
         self, x0: Array, u: Array, p: Array, s: Array
     ) -> tuple[Array, Array, Array]:
         """Return the states, those before each interval's end changes them, and sums.
 
         The sums are of the cost and of its size, integrated.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            u: Controls of each fine step.
+            p: As `_shared` returns it.
+            s: Signals along the path.
         """
         m, nx = self._steps, x0.size
         y, found, before = np.append(x0, [0.0, 0.0]), [x0[:, None]], []
+        if self.problem.is_adaptive:
+            y = np.concatenate([y, np.abs(y), [0.0, 1.0]])
         at_once = self._at_once
         for first in range(0, u.shape[1], at_once):
             part = slice(first, first + at_once)
             many = np.tile(p[:, None], (1, at_once))
+            if self.problem.is_adaptive:
+                many[-1, ::m] = FIRST  # Controls jump.
             after = slice(first + 1, first + at_once + 1)
             both = np.array(self._fine(y, u[:, part], many, s[:, part], s[:, after]))
             y = both[:, -1]
             before.append(both[:nx, m - 1 :: m].copy())
             if self.problem.model.jumps:
                 known = s[: self.problem.model.ns, first + at_once]
-                jumped = self.shooting.jump(y[:nx], u[:, first], p, known)
+                own = p[: self.problem.model.np]
+                jumped = self.shooting.jump(y[:nx], u[:, first], own, known)
                 y[:nx] = both[:nx, -1] = np.array(jumped).ravel()
             found.append(both[:nx])
-        return np.hstack(found), np.hstack(before), y[nx:]
+        return np.hstack(found), np.hstack(before), y[nx : nx + 2]
 
     def _softened(
         self,
@@ -269,11 +290,22 @@ def first_not_finite(
 
 def _fine_step(shooting: Shooting, h: float) -> ca.Function:
     """Return ((x, cost, |cost|), u, p, s before, s after) -> the same after h."""
+    model = shooting.problem.model
+    y, p = ca.SX.sym("y", model.nx + 2), ca.SX.sym("p", model.np)
+    rate, u, before, after = _fine_rate(shooting, p, h)
+    method = verifying_integrator(shooting.problem.integrator)
+    stepped = integrate(method, rate, y, start=0.0, duration=h, steps=1)
+    return ca.Function("fine", [y, u, p, before, after], ca.cse([stepped]))
+
+
+def _fine_rate(
+    shooting: Shooting, p: ca.SX, h: float
+) -> tuple[Rate, ca.SX, ca.SX, ca.SX]:
+    """Return the rate of (x, cost, |cost|) over h; and u, s before, s after."""
     problem, f = shooting.problem, shooting.dynamics
     model = problem.model
     cost = ca.Function("cost", [*problem.symbols().values()], [problem.stage_cost])
-    y, u = ca.SX.sym("y", model.nx + 2), ca.SX.sym("u", model.nu)
-    p = ca.SX.sym("p", model.np)
+    u = ca.SX.sym("u", model.nu)
     before, after = ca.SX.sym("s0", problem.ns), ca.SX.sym("s1", problem.ns)
     counts = float(problem.quadrature == "integral")
 
@@ -282,9 +314,29 @@ def _fine_step(shooting: Shooting, h: float) -> ca.Function:
         spent = counts * cost(x, u, p, s)
         return ca.vertcat(f(x, u, p, s[: model.ns]), spent, ca.fabs(spent))
 
-    method = verifying_integrator(problem.integrator)
-    stepped = integrate(method, rate, y, start=0.0, duration=h, steps=1)
-    return ca.Function("fine", [y, u, p, before, after], ca.cse([stepped]))
+    return rate, u, before, after
+
+
+def _adaptive_step(shooting: Shooting, h: float) -> ca.Function:
+    """Return (z, u, shared, s before, s after) -> z after h; see adaptive.py.
+
+    y of z is (x, cost, |cost|); shared is (p, sizes of y, longest first step in parts
+    of h).
+    """
+    model = shooting.problem.model
+    shared = ca.SX.sym("shared", model.np + model.nx + 3)
+    rate, u, before, after = _fine_rate(shooting, shared[: model.np, 0], h)
+    follow = follower(
+        rate,
+        [u, shared, before, after],
+        shared[model.np : model.np + model.nx + 2],
+        duration=h,
+        tolerance=finer(shooting.problem.integrator_tolerance or 0.0),
+    )
+    z, *known = (ca.MX.sym(f"a{i}", *follow.size_in(i)) for i in range(follow.n_in()))
+    begun = column_at_check(z)
+    begun = ca.vertcat(begun[:-1], ca.fmin(begun[-1], known[1][-1]))
+    return ca.Function("fine", [z, *known], [follow(begun, *known)])
 
 
 def signals_between(

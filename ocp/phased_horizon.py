@@ -32,10 +32,10 @@ from swarmstart.ocp.model import Model
 from swarmstart.ocp.phases import CLOCK, Linkage, Phases, phases
 from swarmstart.ocp.plan import Plan
 from swarmstart.ocp.planner import Planner
-from swarmstart.ocp.profile import Profile
 from swarmstart.ocp.plant import Plant
 from swarmstart.ocp.polish_options import PolishOptions
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.profile import Profile
 from swarmstart.ocp.search_settings import SearchGiven
 
 Array = NDArray[np.float64]

@@ -132,6 +132,7 @@ def phases(
         integrator=first.integrator,
         substeps=first.substeps,
         transcription=first.transcription,
+        integrator_tolerance=first.integrator_tolerance,
         checks=first.checks,
         tolerance=first.tolerance,
         path_tolerance=first.path_tolerance,

@@ -1,6 +1,7 @@
 """Plants: a model integrated finely, or any object that makes a step.
 
-A `Plant` is integrated by classical Runge-Kutta, or RODAS4 if it is stiff. An object
+A `Plant` is integrated by classical Runge-Kutta, or, if it is stiff, by RODAS4 with
+each step in eight parts, as its parameters may jump from one to the next. An object
 with `step(x, u, dt)` is known at the control instants only: a flight of it has no path
 between them, so nothing is checked, interpolated or measured there.
 """
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.ocp.algebraic import SOLVED_WITHIN
 from swarmstart.ocp.errors import DivergedError, InvalidProblemError
 from swarmstart.ocp.expressions import shortened, symbol_names
-from swarmstart.ocp.integrators import held_step, linear_step
+from swarmstart.ocp.integrators import MORE_PARTS, held_step, linear_step
 from swarmstart.ocp.limits import numbers_of, require_count
 from swarmstart.ocp.model import Model, jump_of, unsolved_of
 
@@ -96,7 +97,7 @@ class Plant:
         self._parameters, self._signals = parameters, signals if model.ns else None
         self._decided, self._integrator = dict(decided), integrator
         self.clock = clock
-        step = held_step(model, dt / substeps, method=integrator)
+        step = held_step(model, dt / substeps, method=integrator, parts=MORE_PARTS)
         self._interval = step.mapaccum("plant", substeps)
         self._linear: ca.Function | None = None
         self._jump = jump_of(model)

@@ -24,7 +24,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -32,7 +31,10 @@ from swarmstart.heuristics.interrupts import heeded
 from swarmstart.ocp.correction import MOST_CORRECTIONS, corrected
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, at_nodes, shared_arguments
+from swarmstart.ocp.fixed_steps import FixedSteps, StepChoice
 from swarmstart.ocp.guess import bounded_controls
+from swarmstart.ocp.nlp_solvers import NlpSolvers, Solvers
+from swarmstart.ocp.nlp_sources import last_line
 from swarmstart.ocp.optimality import NlpPoint, is_stationary
 from swarmstart.ocp.polish_options import (
     IPOPT_STATUS,
@@ -43,23 +45,30 @@ from swarmstart.ocp.polish_options import (
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.search_space import Start
-from swarmstart.ocp.transcription import Given, Limits, multiple_shooting
+from swarmstart.ocp.transcription import Given, Limits
 
 Array = NDArray[np.float64]
 SAME_COST = 1e-6
 """Relative difference below which two costs are those of one local optimum."""
 GOOD_START = 1e-3
 """Largest violation of a start that is near enough to be kept near."""
+_STEPS_OF_ERROR = 10
+"""Allowed errors of a step by which costs may differ."""
 _STEEP = 1e3
 """What the cost is at its own size, in the NLP's numbers."""
 
 
 class _How(NamedTuple):
-    """Whether the solver stays near the guess, and the controls that it leaves.
+    """How the solver goes about it.
 
-    Also whether states are a guess that says how large they get.
+    Attributes:
+        solvers: The NLP and its solvers.
+        near: Whether the solver stays near the guess.
+        held: Numbers of the controls that it leaves.
+        is_guess: Whether states are a guess that says how large they get.
     """
 
+    solvers: Solvers
     near: bool
     held: Sequence[int]
     is_guess: bool
@@ -138,7 +147,11 @@ class Polished:
 
 
 class Polisher:
-    """An NLP solver on the multiple-shooting NLP of one problem, built once."""
+    """An NLP solver on the multiple-shooting NLP of one problem, built once.
+
+    Where rollouts have steps of their own lengths, the steps of the NLP are chosen for
+    each guess (fixed_steps.py), and there is an NLP for each number of them.
+    """
 
     def __init__(self, fitness: Fitness, options: PolishOptions | None = None) -> None:
         """Build the solver.
@@ -152,29 +165,10 @@ class Polisher:
         """
         self._options = options or IpoptOptions()
         self._fitness = fitness
-        self._program = multiple_shooting(fitness.shooting)
-        self._far = self._near = self._built(near=False)
-        if self._options.plugin == "ipopt":
-            self._near = self._built(near=True)
-
-    def _built(self, *, near: bool) -> ca.Function:
-        options = self._options
-        given = self._program.derivatives if options.plugin == "ipopt" else {}
-        settings = {
-            "print_time": False,
-            "show_eval_warnings": False,
-            "error_on_fail": False,
-            "calc_lam_p": False,
-            **given,
-            **options.settings(near=near),
-        }
-        try:
-            return ca.nlpsol("polish", options.plugin, self._program.nlp, settings)
-        except RuntimeError as error:
-            raise InvalidProblemError(
-                f"{options.plugin} refuses its options: expected its own names and "
-                f"types, found {dict(options.options)}: {_last_line(error)}"
-            ) from error
+        self._choice: StepChoice | None = None
+        if fitness.problem.is_adaptive and not fitness.problem.collocation:
+            self._choice = StepChoice(fitness.shooting)
+        self._solvers = NlpSolvers(fitness.shooting, self._options)
 
     def __call__(  # noqa: PLR0913 - a guess, what is known of it and what is held
         self,
@@ -216,13 +210,51 @@ class Polisher:
             )
         x0, states = fitness.with_threshold(x0, states, known)
         near = near and before[1] <= GOOD_START
-        how = _How(near, held, is_guess)
+        steps = self._steps(controls, states, x0, known)
+        how = _How(self._solvers(steps), near, held, is_guess)
         found = self._tried(controls, states, x0, known, before, how)
         if near and found.status is not PolishStatus.CONVERGED:
             how = how._replace(near=False)
             again = self._tried(controls, states, x0, known, before, how)
             found = better_of(found, again, tolerance=problem.tolerance)
-        return found
+        return self._with_finer_steps(found, steps, known, held)
+
+    def _steps(
+        self, controls: Array, states: Array, x0: ArrayLike, known: Known
+    ) -> FixedSteps | None:
+        """Return the steps that an NLP needs at a guess; None: the problem's."""
+        if self._choice is None:
+            return None
+        arguments = self._fitness.arguments(x0, known)
+        begun = np.hstack([arguments[0][:, None], states[:, 1:]])
+        return self._choice(controls, begun, arguments)
+
+    def _with_finer_steps(
+        self,
+        found: Polished,
+        steps: FixedSteps | None,
+        known: Known,
+        held: Sequence[int],
+    ) -> Polished:
+        """Return an answer polished again, if it needs more steps than its guess."""
+        if self._choice is None or steps is None:
+            return found
+        states = self._fitness.states(found.controls, found.x0, known)
+        needed = self._steps(found.controls, states, found.x0, known)
+        if needed is None or not np.isfinite(states).all() or sum(needed) <= sum(steps):
+            return found
+        x0, states = self._fitness.with_threshold(found.x0, states, known)
+        before = found.cost, found.violation
+        near = before[1] <= GOOD_START
+        how = _How(self._solvers(needed), near, held, False)
+        again = self._tried(found.controls, states, x0, known, before, how)
+        best = again if again.status is PolishStatus.CONVERGED else found
+        return replace(
+            best,
+            improved=found.improved or again.improved,
+            iterations=found.iterations + again.iterations,
+            evaluations=found.evaluations + again.evaluations,
+        )
 
     def _tried(
         self,
@@ -237,11 +269,11 @@ class Polisher:
         problem = self._fitness.problem
         given = np.asarray(x0, dtype=np.float64).ravel()
         asked = self._asked(controls, states, given, known, how)
-        answer = self._solve(asked, near=how.near)
+        answer = self._solve(asked, how.solvers, near=how.near)
         better, start, after = self._evaluated(answer, controls, given, known, how)
         status = self._judged(answer)
         iterations, evaluations = answer.effort
-        for _ in range(MOST_CORRECTIONS if self._program.inner_guess else 0):
+        for _ in range(MOST_CORRECTIONS if how.solvers.program.inner_guess else 0):
             if status is not PolishStatus.CONVERGED or answer.agrees(after, problem):
                 break
             known_here = asked.sizes, asked.parameters, asked.signals
@@ -249,7 +281,7 @@ class Polisher:
             if shifted is None:
                 break
             again = replace(asked, first=shifted[0], limits=shifted[1])
-            answer = self._solve(again, near=True)
+            answer = self._solve(again, how.solvers, near=True)
             better, start, after = self._evaluated(answer, controls, given, known, how)
             status = self._judged(answer)
             iterations += answer.effort[0]
@@ -261,7 +293,7 @@ class Polisher:
         )
         cost, violation = after if improved else before
         if status is PolishStatus.CONVERGED and not improved:
-            if not _agree(before, after, tolerance=problem.tolerance):
+            if not _agree(before, after, problem):
                 status = PolishStatus.WORSE
         return Polished(
             controls=better if improved else controls,
@@ -284,7 +316,7 @@ class Polisher:
         how: "_How",
     ) -> tuple[Array, Array, tuple[float, float]]:
         """Return controls and start of an answer within bounds, with their value."""
-        found = self._program.split(answer.point.w, answer.sizes)
+        found = how.solvers.program.split(answer.point.w, answer.sizes)
         better, start = _within(self._fitness.problem, x0, *found)
         better[list(how.held)] = controls[list(how.held)]
         if not (np.isfinite(better).all() and np.isfinite(start).all()):
@@ -310,7 +342,7 @@ class Polisher:
         how: "_How",
     ) -> "_Asked":
         """Return what the solver is given for a guess."""
-        program, problem = self._program, self._fitness.problem
+        program, problem = how.solvers.program, self._fitness.problem
         nodes = np.hstack([x0[:, None], states[:, 1:]])
         sizes = self._sizes(controls, states, x0, known, is_guess=how.is_guess)
         start, parameters, flat = shared_arguments(problem, x0, known)
@@ -328,26 +360,27 @@ class Polisher:
         program.hold(limits, first, how.held)
         return _Asked(first, q, limits, sizes, parameters, signals)
 
-    def _solve(self, asked: "_Asked", *, near: bool) -> "_Answer":
+    def _solve(self, asked: "_Asked", solvers: Solvers, *, near: bool) -> "_Answer":
         """Return the solver's answer.
 
         Args:
             asked: What it is given.
+            solvers: The NLP with its solvers.
             near: Whether it stays near where it begins.
         """
-        solver = self._near if near else self._far
+        solver = solvers.near if near else solvers.far
         try:
             with heeded():
                 answer = solver(x0=asked.first, p=asked.q, **asked.limits._asdict())
         except RuntimeError as error:
             raise SolveError(
-                f"{self._options.plugin} could not be run: {_last_line(error)}"
+                f"{self._options.plugin} could not be run: {last_line(error)}"
             ) from error
         w, lam_g, lam_x = (
             np.array(answer[name]).ravel() for name in ("x", "lam_g", "lam_x")
         )
         point = NlpPoint(
-            program=self._program,
+            program=solvers.program,
             cost_size=asked.sizes.cost,
             w=w,
             q=asked.q,
@@ -444,12 +477,6 @@ def _within(
     return np.clip(problem.averaged(controls), lower, upper), start
 
 
-def _last_line(error: Exception) -> str:
-    """Return the last line of CasADi's message, which says what is wrong."""
-    lines = [line for line in str(error).splitlines() if line.strip()]
-    return lines[-1].strip() if lines else type(error).__name__
-
-
 def is_better(
     one: tuple[float, float], other: tuple[float, float], *, tolerance: float
 ) -> bool:
@@ -485,8 +512,14 @@ def _pays_for_violation(
 
 
 def _agree(
-    one: tuple[float, float], other: tuple[float, float], *, tolerance: float
+    one: tuple[float, float], other: tuple[float, float], problem: OptimalControlProblem
 ) -> bool:
-    """Return whether two (cost, violation) are feasible and of the same cost."""
-    feasible = max(one[1], other[1]) <= tolerance
-    return feasible and bool(np.isclose(one[0], other[0], rtol=SAME_COST, atol=0.0))
+    """Return whether two (cost, violation) are feasible and of the same cost.
+
+    Costs of steps whose lengths follow from a tolerance, which an NLP does not take,
+    are the same as far as that tells them apart.
+    """
+    feasible, same = max(one[1], other[1]) <= problem.tolerance, SAME_COST
+    if problem.is_adaptive:
+        same = max(same, _STEPS_OF_ERROR * (problem.integrator_tolerance or 0.0))
+    return feasible and bool(np.isclose(one[0], other[0], rtol=same, atol=0.0))

@@ -33,6 +33,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.adaptive import COARSEST, FINEST
 from swarmstart.ocp.blocks import (
     averaged,
     block_lengths,
@@ -143,7 +144,11 @@ class OptimalControlProblem:
             first, and are added where they are missing.
         quadrature: "integral", "left" or "right".
         integrator: A key of INTEGRATORS.
-        substeps: Steps of the integrator from one check to the next.
+        substeps: Steps of the integrator from one check to the next; where their
+            lengths follow from a tolerance, as many as are expected.
+        integrator_tolerance: Allowed error of each step of "stiff", in parts of what
+            the state has been (adaptive.py); None: `substeps` equal steps. The other
+            integrators take equal steps.
         transcription: How the polish has the states within an interval: "shooting", by
             the integrator's steps, or "radau", as unknowns; a `Radau` says how many.
         checks: Number of checks in an interval.
@@ -183,6 +188,7 @@ class OptimalControlProblem:
     integrator: str = "rk4"
     substeps: int = 4
     transcription: Transcription | Radau = "shooting"
+    integrator_tolerance: float | None = 1e-6
     checks: int = 1
     tolerance: float = 1e-6
     path_tolerance: float = 1e-4
@@ -274,6 +280,7 @@ class OptimalControlProblem:
         )
         self._set("blocks", block_lengths(self.blocks, self.intervals))
         require_integrator(self.integrator, self.substeps)
+        self._check_integrator_tolerance()
         if self.collocation is not None and self.model.is_discrete:
             raise InvalidProblemError(
                 "a discrete-time model has nothing to collocate: transcription must be "
@@ -286,6 +293,17 @@ class OptimalControlProblem:
                 raise InvalidProblemError(
                     f"{role} must be at least 0, got {getattr(self, role)}"
                 )
+
+    def _check_integrator_tolerance(self) -> None:
+        if self.integrator_tolerance is None:
+            return
+        role = "integrator_tolerance"
+        self._set(role, require_number(role, self.integrator_tolerance))
+        if not FINEST <= self.integrator_tolerance <= COARSEST:
+            raise InvalidProblemError(
+                f"{role} must be None or from {FINEST:g} to {COARSEST:g}, "
+                f"got {self.integrator_tolerance}"
+            )
 
     def _check_constraints(self) -> None:
         """Refuse constraints that depend on what has no value where they hold."""
@@ -620,8 +638,27 @@ class OptimalControlProblem:
 
     @cached_property
     def automatic(self) -> int:
-        """Number of rows whose scale depends on the initial state."""
-        return sum(int(np.isnan(scales).sum()) for scales in self.row_scales())
+        """How many numbers of a rollout depend on the initial state.
+
+        They are 1 / scale of rows, and then the sizes of what is integrated where steps
+        have no fixed length.
+        """
+        rows = sum(int(np.isnan(scales).sum()) for scales in self.row_scales())
+        return rows + (self.model.nx + self.integrals if self.is_adaptive else 0)
+
+    @property
+    def integrals(self) -> int:
+        """Number of costs that are integrated with the states."""
+        return int(self.quadrature == "integral")
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether the lengths of a rollout's steps follow from their errors."""
+        return (
+            self.integrator == "stiff"
+            and self.integrator_tolerance is not None
+            and not self.model.is_discrete
+        )
 
     def __repr__(self) -> str:
         """Return the problem's sizes, names and grid in a few lines."""
@@ -632,7 +669,7 @@ class OptimalControlProblem:
         lines = [
             f"OptimalControlProblem over {horizon}: {self.intervals} intervals"
             f", {self.checks} check(s) in each, "
-            f"{self.integrator} in {self.substeps} step(s) a check"
+            f"{self._steps_as_text()} a check"
             + ("; polished by collocation" if self.collocation else "")
             + ("; its costs are maximised" if self.maximize else ""),
             *(["  controls are linear between knots"] if self.has_knots else []),
@@ -645,6 +682,11 @@ class OptimalControlProblem:
         if self.soft:
             lines.append(f"  soft constraints: {', '.join(map(label, self.soft))}")
         return "\n".join(lines)
+
+    def _steps_as_text(self) -> str:
+        if self.is_adaptive:
+            return f"{self.integrator} to {self.integrator_tolerance:g}"
+        return f"{self.integrator} in {self.substeps} step(s)"
 
     def _with_limits(self, j: int) -> str:
         lower, upper = (limits[j] for limits in self.control_limits)

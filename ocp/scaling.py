@@ -161,15 +161,11 @@ class Sizing:
             if not self._given[0][together].any():
                 states[together] = states[together].max()
         values = self._around(at, states, controls, guess)
-        stage, end = (
-            float(np.nan_to_num(np.abs(v), nan=0, posinf=0).max()) for v in values[1:3]
-        )
         rows = self._rows(values[3:])
-        cost = self._problem.length * stage + end
         return Sizes(
             states=states,
             controls=controls,
-            cost=cost if 0 < cost < np.inf else 1.0,
+            cost=self._cost(values),
             rows=rows,
             weights=np.concatenate(
                 [
@@ -183,6 +179,29 @@ class Sizing:
                 ]
             ),
         )
+
+    def _cost(self, values: list[Array]) -> float:
+        """Return the size of the cost, of all outputs around a start."""
+        stage, end = (
+            float(np.nan_to_num(np.abs(v), nan=0, posinf=0).max()) for v in values[1:3]
+        )
+        cost = self._problem.length * stage + end
+        return cost if 0 < cost < np.inf else 1.0
+
+    def cost_around(
+        self, x0: Array, parameters: Array, signals: Array, sizes: Sizes
+    ) -> float:
+        """Return the size of the cost around an initial state, of given sizes.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            parameters: Shape (np,).
+            signals: At the start, shape (ns,).
+            sizes: Of states and controls.
+        """
+        at = _Point(x0, parameters, signals, np.empty(0))
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._cost(self._around(at, sizes.states, sizes.controls, None))
 
     def target(self, parameters: Array, signals: Array) -> Array:
         """Return the state at the end where an equality fixes it, else NaN.

@@ -7,7 +7,9 @@ the initial state. Arguments, in this order, of everything made here:
                 decided about the start, one number for each of problem.free_starts
     x0          initial state, shape (nx,); of a state whose start is decided, anything
     parameters  (p, w): the model's parameters (np,), and 1 / scale of each row whose
-                scale depends on the initial state (problem.automatic of them)
+                scale depends on the initial state; where steps have no fixed length
+                (adaptive.py), also the sizes of the states and of the integrated
+                cost / unit (problem.automatic in all)
     signals     ca.vec of (ns, nodes): node after node, shape (ns * nodes,)
 
 A rollout that leaves the finite numbers has violation infinity; what is not finite
@@ -15,17 +17,20 @@ stays so in the sums (violation.py). States, of which one that is not finite nev
 becomes finite again, are looked at in the end.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
 import casadi as ca
 
+from swarmstart.ocp.adaptive_stage import adaptive_stage, tick_of
 from swarmstart.ocp.constraints import row_excess
-from swarmstart.ocp.integrators import integrate
+from swarmstart.ocp.integrators import PARTS, integrate
 from swarmstart.ocp.lowering import Lowered, lowered
 from swarmstart.ocp.model import jump_of, rate_of
 from swarmstart.ocp.problem import Costs, OptimalControlProblem
+from swarmstart.ocp.rosenbrock import Rate
 from swarmstart.ocp.scaling import Sizing
 from swarmstart.ocp.soft import SoftRows
 from swarmstart.ocp.violation import (
@@ -51,9 +56,11 @@ class Shooting:
 
     Attributes:
         stated: The problem as it is stated; all functions are of its core.
+        parts: Of the first of equal stiff steps after controls jump (integrators.py).
     """
 
     stated: OptimalControlProblem
+    parts: int = PARTS
 
     @cached_property
     def lowered(self) -> Lowered:
@@ -178,17 +185,21 @@ class Shooting:
 
         (x, u, p, S) -> (states, cost, violation), with p as in the module's head, the
         signals S at the nodes of the interval, shape (ns, checks + 1), and the states
-        after each check, shape (nx, checks).
+        after each check, shape (nx, checks). Where steps have no fixed length, it is a
+        function of calls, not of SX.
         """
+        if self.problem.is_adaptive:
+            return adaptive_stage(self.problem, self.tick, _closing(self))
         return _stage(self)
 
     @cached_property
     def stage_without_path(self) -> ca.Function:
         """The stage as a rollout needs it: (x, u, p, S) -> (x after, cost, violation).
 
-        Only the last of the states.
+        Only the last of the states. Where steps have no fixed length, it has the states
+        that the ticks reach at the checks, and the integrals, as more arguments.
         """
-        whole = self.stage
+        whole = _closing(self) if self.problem.is_adaptive else self.stage
         arguments = [
             ca.SX.sym(whole.name_in(i), *whole.size_in(i)) for i in range(whole.n_in())
         ]
@@ -196,6 +207,24 @@ class Shooting:
         return ca.Function(
             "stage_without_path", arguments, ca.cse([states[:, -1], cost, violation])
         )
+
+    @property
+    def tick(self) -> ca.Function:
+        """(z, u, p, s) -> z after one tick; see adaptive.py."""
+        return self.tick_to(self.problem.integrator_tolerance or 0.0)
+
+    def tick_to(self, tolerance: float) -> ca.Function:
+        """Return the tick of another tolerance."""
+        if tolerance not in self._ticks:
+            self._ticks[tolerance] = tick_of(
+                self.problem, self.rate, tolerance=tolerance
+            )
+        return self._ticks[tolerance]
+
+    @cached_property
+    def _ticks(self) -> dict[float, ca.Function]:
+        """Ticks by their tolerances."""
+        return {}
 
     @cached_property
     def begin(self) -> ca.Function:
@@ -223,15 +252,11 @@ class Shooting:
     @cached_property
     def rollout(self) -> ca.Function:
         """(decisions, x0, parameters, signals) -> (cost, violation)."""
-        arguments, (cost, violation) = _rolled(self)
-        violation = unless_finite(cost, violation)
-        return ca.Function(
-            "rollout",
-            arguments,
-            ca.cse([cost, violation]),
-            list(ARGUMENTS),
-            ["cost", "violation"],
-        )
+        if self.problem.is_adaptive:
+            arguments, outputs = _rolled(self, self.stage, ca.MX)
+            return _named_rollout(arguments, outputs)
+        given, found = _rolled(self, self.stage_without_path, ca.SX)
+        return _named_rollout(given, ca.cse(found))
 
     @cached_property
     def trajectory(self) -> ca.Function:
@@ -268,12 +293,38 @@ class Shooting:
             p: Parameters.
             ends: Signals at both of its ends.
             after_jump: Whether an interval begins with it, so that controls jump.
+
+        The steps are `substeps` equal ones, whatever the problem's tolerance.
+        """
+        problem, duration = self.problem, self.problem.dt / self.problem.checks
+        if problem.model.is_discrete and problem.quadrature != "integral":
+            return x, ca.SX(0)
+        begun = x if problem.quadrature != "integral" else ca.vertcat(x, 0)
+        both = integrate(
+            problem.integrator,
+            self.rate(u, p, ends),
+            begun,
+            start=0.0,
+            duration=duration,
+            steps=problem.substeps,
+            after_jump=after_jump,
+            parts=self.parts,
+        )
+        if problem.quadrature != "integral":
+            return both, ca.SX(0)
+        return both[:-1], both[-1]
+
+    def rate(self, u: ca.SX, p: ca.SX, ends: tuple[ca.SX, ca.SX]) -> Rate:
+        """Return r(t, y) over a check: of the state, and of cost / unit if integrated.
+
+        Args:
+            u: Controls, held.
+            p: Parameters, shape (np, 1).
+            ends: Signals at both of its ends.
         """
         problem, f = self.problem, self.dynamics
         duration, (start, end) = problem.dt / problem.checks, ends
         ns = problem.model.ns
-        if problem.model.is_discrete and problem.quadrature != "integral":
-            return x, ca.SX(0)
 
         def at(t: float) -> ca.SX:
             return start + t / duration * (end - start)
@@ -284,19 +335,7 @@ class Shooting:
             s = at(t)
             return ca.vertcat(f(y[:-1], u, p, s[:ns]), self.stage_cost(y[:-1], u, p, s))
 
-        begun = x if problem.quadrature != "integral" else ca.vertcat(x, 0)
-        both = integrate(
-            problem.integrator,
-            rate,
-            begun,
-            start=0.0,
-            duration=duration,
-            steps=problem.substeps,
-            after_jump=after_jump,
-        )
-        if problem.quadrature != "integral":
-            return both, ca.SX(0)
-        return both[:-1], both[-1]
+        return rate
 
 
 def shooting_of(problem: OptimalControlProblem | Shooting) -> Shooting:
@@ -305,6 +344,46 @@ def shooting_of(problem: OptimalControlProblem | Shooting) -> Shooting:
 
 
 def _stage(shooting: Shooting) -> ca.Function:
+    def steps(
+        k: int, x: ca.SX, u: ca.SX, p: ca.SX, ends: tuple[ca.SX, ca.SX]
+    ) -> tuple[ca.SX, ca.SX]:
+        return shooting.check_step(x, u, p, ends, after_jump=k == 0)
+
+    return _closed(shooting, steps, [])
+
+
+def _closing(shooting: Shooting) -> ca.Function:
+    """Return the stage of which other steps reach the states at the checks.
+
+    These states, shape (nx, checks), and the integrals over the interval are its last
+    arguments.
+    """
+    problem = shooting.problem
+    reached = ca.SX.sym("reached", problem.model.nx, problem.checks)
+    integrals = ca.SX.sym("integrals", problem.integrals)
+
+    def steps(
+        k: int, x: ca.SX, u: ca.SX, p: ca.SX, ends: tuple[ca.SX, ca.SX]
+    ) -> tuple[ca.SX, ca.SX]:
+        del x, u, p, ends
+        spent = integrals if k == 0 and problem.integrals else ca.SX(0)
+        return reached[:, k], spent
+
+    return _closed(shooting, steps, [reached, integrals])
+
+
+Steps = Callable[[int, ca.SX, ca.SX, ca.SX, tuple[ca.SX, ca.SX]], tuple[ca.SX, ca.SX]]
+"""(check, x, u, p, signals at its ends) -> (x after it, integrals over it)."""
+
+
+def _closed(shooting: Shooting, steps: Steps, more: list[ca.SX]) -> ca.Function:
+    """Return the stage of given steps.
+
+    Args:
+        shooting: The problem's functions.
+        steps: From check to check.
+        more: Arguments besides those of the stage.
+    """
     problem = shooting.problem
     model = problem.model
     x, given = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
@@ -322,9 +401,7 @@ def _stage(shooting: Shooting) -> ca.Function:
         e = soft.excess(soft.values(x, u, parameters, signals[:, 0]))
     for k in range(problem.checks):
         ends = signals[:, k], signals[:, k + 1]
-        reached, spent = shooting.check_step(
-            state, u, parameters, ends, after_jump=k == 0
-        )
+        reached, spent = steps(k, state, u, parameters, ends)
         after = reached
         if model.jumps and k == problem.checks - 1:
             after = shooting.jump(reached, u, parameters, ends[1][: model.ns])
@@ -342,9 +419,9 @@ def _stage(shooting: Shooting) -> ca.Function:
         cost += problem.dt * soft.price(x, parameters, signals[:, 0], e)
     return ca.Function(
         "stage",
-        [x, given, p, signals],
+        [x, given, p, signals, *more],
         ca.cse([ca.horzcat(*states), cost, violation]),
-        ["x", "u", "p", "signals"],
+        ["x", "u", "p", "signals", *("reached", "integrals")[: len(more)]],
         ["states", "cost", "violation"],
     )
 
@@ -436,9 +513,11 @@ def _terminal(problem: OptimalControlProblem) -> ca.Function:
 def _trajectory(shooting: Shooting) -> ca.Function:
     problem, interval = shooting.problem, shooting.stage
     model, checks, N = problem.model, problem.checks, problem.intervals
-    x, u, p, s = (ca.SX.sym(n, *interval.size_in(i)) for i, n in enumerate("xups"))
-    after = interval(x, u, p, s)[0]
-    step = ca.Function("step", [x, u, p, s], [after[:, -1], after])
+    step = (
+        _followed(interval, ca.MX)
+        if problem.is_adaptive
+        else _followed(interval, ca.SX)
+    )
     arguments = [
         ca.MX.sym(name, rows)
         for name, rows in zip(ARGUMENTS, _sizes(problem), strict=True)
@@ -459,9 +538,16 @@ def _trajectory(shooting: Shooting) -> ca.Function:
     ]
     names = ["states", "outside"]
     whole = ca.Function("trajectory", arguments, outputs, list(ARGUMENTS), names)
-    if step.n_instructions() * N > _UNROLLED:
+    if problem.is_adaptive or step.n_instructions() * N > _UNROLLED:
         return whole
     return whole.expand()  # Quicker to call, but it grows with N.
+
+
+def _followed(interval: ca.Function, kind: type[Symbolic]) -> ca.Function:
+    """Return (x, u, p, S) -> (last of the states, states) of a stage."""
+    x, u, p, s = (kind.sym(n, *interval.size_in(i)) for i, n in enumerate("xups"))
+    after = interval(x, u, p, s)[0]
+    return ca.Function("step", [x, u, p, s], [after[:, -1], after])
 
 
 def _started(shooting: Shooting, x0: Symbolic, decisions: Symbolic) -> Symbolic:
@@ -515,12 +601,25 @@ def _sizes(problem: OptimalControlProblem) -> tuple[int, int, int, int]:
     )
 
 
-def _rolled(shooting: Shooting) -> tuple[list[ca.SX], tuple[ca.SX, ca.SX]]:
-    """Return the arguments, and cost and violation as expressions of them."""
-    problem, interval = shooting.problem, shooting.stage_without_path
+def _named_rollout(arguments: list[Symbolic], outputs: list[Symbolic]) -> ca.Function:
+    names = ["cost", "violation"]
+    return ca.Function("rollout", arguments, outputs, list(ARGUMENTS), names)
+
+
+def _rolled(
+    shooting: Shooting, interval: ca.Function, kind: type[Symbolic]
+) -> tuple[list[Symbolic], list[Symbolic]]:
+    """Return the arguments, and cost and violation as expressions of them.
+
+    Args:
+        shooting: The problem's functions.
+        interval: The stage.
+        kind: Of the expressions.
+    """
+    problem = shooting.problem
     model, checks = problem.model, problem.checks
     arguments = [
-        ca.SX.sym(name, rows)
+        kind.sym(name, rows)
         for name, rows in zip(ARGUMENTS, _sizes(problem), strict=True)
     ]
     decisions, x0, p, flat_signals = arguments
@@ -529,12 +628,14 @@ def _rolled(shooting: Shooting) -> tuple[list[ca.SX], tuple[ca.SX, ca.SX]]:
     )
     signals = ca.reshape(flat_signals, problem.ns, problem.nodes)
 
-    x, cost, violation = _started(shooting, x0, decisions), ca.SX(0), ca.SX(0)
+    x, cost, violation = _started(shooting, x0, decisions), kind(0), kind(0)
     if shooting.has_begin:
         cost, violation = shooting.begin(x, p, signals[:, 0])
     for k in range(problem.intervals):
         known = signals[:, k * checks : (k + 1) * checks + 1]
-        x, spent, broken = interval(x, u[:, k], p, known)
+        after, spent, broken = interval(x, u[:, k], p, known)
+        x = after[:, -1]
         cost, violation = cost + spent, violation + broken
     end_cost, end_violation = shooting.terminal(x, p, signals[:, -1])
-    return arguments, (cost + end_cost, violation + end_violation)
+    cost, violation = cost + end_cost, violation + end_violation
+    return arguments, [cost, unless_finite(cost, violation)]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum
 
+from swarmstart.ocp.adaptive import MOST_TICKS
 from swarmstart.ocp.checking import Excess
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.stiffness import FastMode
@@ -59,7 +60,7 @@ def advice_for(
     told = {
         SolutionStatus.BROKEN: _between_checks(problem, found.excess),
         SolutionStatus.MISMATCH: _finer(problem),
-        SolutionStatus.NOT_FINITE: _DEFINED,
+        SolutionStatus.NOT_FINITE: _DEFINED + _too_fast(problem),
         SolutionStatus.INFEASIBLE: _WEAKER,
     }
     if found.unpolished:
@@ -75,6 +76,16 @@ _WEAKER = (
     "try a larger budget, a guess, a longer horizon or weaker constraints; a search "
     "without a cost shows how little the constraints can be broken"
 )
+
+
+def _too_fast(problem: OptimalControlProblem) -> str:
+    """Return what else may be the cause where steps find their own lengths."""
+    if not problem.is_adaptive:
+        return ""
+    return (
+        f"; a model that needs more than {MOST_TICKS} steps from check to check is "
+        "given up: more intervals or checks, or a larger integrator_tolerance"
+    )
 
 
 def _shorter_or_implicit(problem: OptimalControlProblem, fast: FastMode) -> str:
@@ -99,6 +110,12 @@ def _finer(problem: OptimalControlProblem) -> str:
     """Return how to integrate more finely."""
     if problem.integrator == "euler":
         return "integrate more finely: integrator='rk4'"
+    if problem.is_adaptive:
+        finer = (problem.integrator_tolerance or 0.0) / 10
+        return (
+            f"integrate more finely: integrator_tolerance={finer:.1g}, or more "
+            "intervals; an expression that jumps needs an interval that begins there"
+        )
     return (
         f"integrate more finely: substeps={2 * problem.substeps} or more; an "
         "expression that jumps needs an interval that begins there"

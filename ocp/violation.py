@@ -4,12 +4,16 @@ What is not finite stays so in the sums: the positive part of an excess e is
 (e + |e|) / 2, which does not lose NaN as fmax(e, 0) does.
 """
 
+from typing import TypeVar
+
 import casadi as ca
 import numpy as np
 
 from swarmstart.ocp.constraints import Constraint
 from swarmstart.ocp.expressions import rows_that_depend
 from swarmstart.ocp.problem import OptimalControlProblem
+
+Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
 
 
 def row_weights(problem: OptimalControlProblem, automatic: ca.SX) -> list[ca.SX]:
@@ -46,7 +50,7 @@ def rows_depending(constraint: Constraint, symbols: ca.SX) -> list[int]:
     return rows_that_depend(constraint.rows(constraint.expression).values, symbols)
 
 
-def unless_finite(cost: ca.SX, violation: ca.SX) -> ca.SX:
+def unless_finite(cost: Symbolic, violation: Symbolic) -> Symbolic:
     """Return the violation; infinity unless it and the cost are finite numbers."""
     return ca.if_else(ca.fabs(cost) + violation < ca.inf, violation, ca.inf)
 

@@ -13,11 +13,13 @@ and only where nothing else uses the sum between.
 """
 
 import math
-from collections.abc import Sequence
+from collections import Counter
 from dataclasses import dataclass
 
 from swarmstart.ocp.compiled.frame import Frame, Target, module_of
+from swarmstart.ocp.compiled.loop import Loop
 from swarmstart.ocp.compiled.operations import Read, emit_operation, emit_tape
+from swarmstart.ocp.compiled.ticks import Ticks, stepped, with_steps
 from swarmstart.ocp.compiled.vector_ir import VectorIR
 from swarmstart.tape import Node, Tape, TapeBuilder
 
@@ -28,7 +30,8 @@ class Roll:
 
     Attributes:
         stage: (x, u, p, s) -> (x after, cost, violation), s flat over the nodes of one
-            interval.
+            interval. With ticks it has two arguments more: the states that they reach
+            at each check, and the integrals.
         end: (x, p, s) -> (cost, violation), s at the last node.
         intervals: N.
         signals_per_interval: How far the signals of the next interval are, ns * checks.
@@ -36,6 +39,7 @@ class Roll:
             at; None where the initial state says it.
         begin: (x, p, s) -> (cost, violation) at the start, s at the first node; None:
             nothing is added there.
+        ticks: The steps of an interval; None: they are in the stage.
     """
 
     stage: Tape
@@ -44,6 +48,7 @@ class Roll:
     signals_per_interval: int
     decided: tuple[int | None, ...]
     begin: Tape | None = None
+    ticks: Ticks | None = None
 
 
 def emit_flat(tape: Tape, *, per_individual: tuple[bool, ...], target: Target) -> str:
@@ -109,7 +114,10 @@ def _emit_roll(frame: Frame, roll: Roll) -> None:
     known = loop.carried[nx + 3 :]
     given = {now: value for (_, now, _), value in zip(repeated, known, strict=True)}
 
-    values = emit_tape(ir, stage, _stage_reader(frame, roll, loop.k, state), given)
+    read = _stage_reader(frame, roll, loop.k, state)
+    if roll.ticks is not None:
+        read = with_steps(read, stepped(frame, roll.ticks, read, state))
+    values = emit_tape(ir, stage, read, given)
     after, (spent,), (broken,) = ([values[n] for n in out] for out in stage.outputs)
     cost, violation = ir.add(cost, spent), ir.add(violation, broken)
     following = [values[later] for _, _, later in repeated]
@@ -161,54 +169,6 @@ def _stage_reader(frame: Frame, roll: Roll, k: str, state: list[str]) -> Read:
     return read
 
 
-class Loop:
-    """A loop whose values at the end of a turn are those at the next one's beginning.
-
-    Attributes:
-        k: Register of the turn's number, from 0.
-        carried: Registers of the carried values in a turn.
-    """
-
-    def __init__(self, ir: VectorIR, initial: Sequence[str], turns: int) -> None:
-        """Begin the loop's body.
-
-        Args:
-            ir: Where to emit.
-            initial: The carried values before the first turn.
-            turns: How often the body is run, at least once.
-        """
-        self._ir, self._initial, self._turns = ir, initial, turns
-        self._before, self._body = ir.body.block, ir.name("interval")
-        ir.line(f"br label {self._body}")
-        ir.label(self._body)
-        self.k = ir.name("k")
-        self.carried = [ir.name("carried") for _ in initial]
-        self._head = len(ir.body.lines)
-
-    def close(self, updated: Sequence[str]) -> None:
-        """End the loop's body.
-
-        Args:
-            updated: The carried values at the end of a turn.
-        """
-        ir, done = self._ir, self._ir.name("done")
-        following = ir.emit(f"add i64 {self.k}, 1")
-        more = ir.emit(f"icmp ult i64 {following}, {self._turns}")
-        latch = ir.body.block
-        ir.line(f"br i1 {more}, label {self._body}, label {done}")
-        ir.body.lines[self._head : self._head] = [
-            f"  {self.k} = phi i64 [ 0, {self._before} ], [ {following}, {latch} ]",
-            *(
-                f"  {name} = phi {ir.vector} "
-                f"[ {first}, {self._before} ], [ {value}, {latch} ]"
-                for name, first, value in zip(
-                    self.carried, self._initial, updated, strict=True
-                )
-            ),
-        ]
-        ir.label(done)
-
-
 def simplified(tape: Tape) -> Tape:
     """Return a tape with the multiples of one value in each sum put together.
 
@@ -231,6 +191,32 @@ def simplified(tape: Tape) -> Tape:
         numbers.append(sums.value(node.operation, arguments, inner))
     outputs = [[numbers[number] for number in output] for output in tape.outputs]
     return sums.tape(outputs, tape.inputs)
+
+
+def with_inverses(tape: Tape) -> Tape:
+    """Return a tape that inverts once what it divides by several times.
+
+    CasADi makes a quotient of each product with an inverse, as there are many where a
+    pivot divides its row and column. A processor divides ten times as slowly as it
+    multiplies.
+
+    Args:
+        tape: The tape.
+    """
+    divided = Counter(n.arguments[1] for n in tape.nodes if n.operation == "div")
+    builder, numbers = TapeBuilder(), list[int]()
+    for node in tape.nodes:
+        if node.operation in ("input", "constant"):
+            numbers.append(builder.number(node))
+            continue
+        arguments = tuple(numbers[a] for a in node.arguments)
+        if node.operation == "div" and divided[node.arguments[1]] > 1:
+            inverse = builder.apply("inv", arguments[1:])
+            numbers.append(builder.apply("mul", (arguments[0], inverse)))
+        else:
+            numbers.append(builder.apply(node.operation, arguments))
+    outputs = [[numbers[number] for number in output] for output in tape.outputs]
+    return builder.tape(outputs, tape.inputs)
 
 
 _SMALLEST = 1e-100

@@ -58,13 +58,21 @@ class Target:
         return FORMATS[self.precision]
 
 
-def target_of(tapes: Iterable[Tape], precision: Precision) -> Target:
-    """Return what code is made for on this machine."""
+def target_of(
+    tapes: Iterable[Tape], precision: Precision, *, at_least: int = 1
+) -> Target:
+    """Return what code is made for on this machine.
+
+    Args:
+        tapes: What the kernel computes, one after the other.
+        precision: Of the arithmetic.
+        at_least: How many times a vector's lanes are taken at once in any case.
+    """
     here, bits = machine(), FORMATS[precision].bits
     lanes = here.lanes * DOUBLE.bits // bits
     registers = here.lanes * DOUBLE.bits // here.register_bits
     return Target(
-        lanes=lanes * side_by_side(tapes, registers=registers),
+        lanes=lanes * max(at_least, side_by_side(tapes, registers=registers)),
         precision=precision,
         register_bits=here.register_bits,
         has_scale=here.has_scale,
@@ -166,6 +174,11 @@ class Frame:
         """Write no lanes but those whose bit is set in an integer register."""
         wanted = self.ir.emit(f"bitcast i{self.ir.lanes} {lanes} to {self.ir.mask}")
         self._written = self.inside(wanted)
+
+    @property
+    def wanted(self) -> str:
+        """Mask of the lanes that are written."""
+        return self._written
 
     def inside(self, mask: str) -> str:
         """Return a mask without the lanes beyond the end of the population."""

@@ -14,9 +14,10 @@ from typing import Literal, get_args
 
 import casadi as ca
 
-from swarmstart.ocp.compiled.emitter import Loop, simplified
+from swarmstart.ocp.compiled.emitter import simplified
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.frame import Frame, Target, module_of, target_of
+from swarmstart.ocp.compiled.loop import Loop
 from swarmstart.ocp.compiled.operations import emit_tape
 from swarmstart.ocp.compiled.simd import (
     Shape,

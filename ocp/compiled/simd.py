@@ -15,7 +15,13 @@ from swarmstart.code_cache import load, store
 from swarmstart.compile_time import compiling
 from swarmstart.fingerprint import source, sources
 from swarmstart.heuristics import Pointers
-from swarmstart.ocp.compiled.emitter import Roll, emit_flat, emit_rollout, simplified
+from swarmstart.ocp.compiled.emitter import (
+    Roll,
+    emit_flat,
+    emit_rollout,
+    simplified,
+    with_inverses,
+)
 from swarmstart.ocp.compiled.engine import (
     Compiled,
     NoCompilerError,
@@ -25,6 +31,7 @@ from swarmstart.ocp.compiled.engine import (
 )
 from swarmstart.ocp.compiled.frame import target_of
 from swarmstart.ocp.compiled.threads import in_parts
+from swarmstart.ocp.compiled.ticks import Ticks
 from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.interpolants import without_interpolants
@@ -336,6 +343,23 @@ def compile_flat(
     return SimdBatch(cached(key, emit), shape, threads)
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ticking:
+    """Steps of their own lengths in an interval; see ocp/adaptive.py.
+
+    Attributes:
+        tick: (z, u, p, s) -> z after one tick.
+        checks: Number of checks in an interval.
+        first: h as an interval begins.
+        most: Ticks from check to check.
+    """
+
+    tick: ca.Function
+    checks: int
+    first: float
+    most: int
+
+
 def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     stage: ca.Function,
     end: ca.Function,
@@ -344,6 +368,7 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     signals_per_interval: int,
     decided: Sequence[int | None] = (),
     begin: ca.Function | None = None,
+    ticking: Ticking | None = None,
     precision: Precision = "double",
     threads: int = 1,
 ) -> SimdBatch:
@@ -353,13 +378,16 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     the start.
 
     Args:
-        stage: (x, u, p, s) -> (x after, cost, violation) over one interval.
+        stage: (x, u, p, s) -> (x after, cost, violation) over one interval. With steps
+            of their own lengths it has two arguments more: the states that they reach
+            at each check, shape (nx, checks), and the integrals.
         end: (x, p, s) -> (cost, violation) at the end.
         intervals: Number of intervals.
         signals_per_interval: ns * checks.
         decided: For each state the number of the decision after the controls that it
             starts at; None where x0 says it; empty: x0 says all.
         begin: (x, p, s) -> (cost, violation) at the start; None: nothing is added.
+        ticking: The steps of an interval; None: they are in the stage.
         precision: Of the arithmetic; arguments and outputs are doubles.
         threads: Over how many threads a population may be spread.
 
@@ -372,7 +400,17 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     stage, end = without_interpolants(stage), without_interpolants(end)
     begin = None if begin is None else without_interpolants(begin)
 
+    tick = None if ticking is None else without_interpolants(ticking.tick)
+
     def emit() -> str:
+        ticks = None
+        if ticking is not None and tick is not None:
+            ticks = Ticks(
+                tick=simplified(with_inverses(read_tape(tick))),
+                checks=ticking.checks,
+                first=ticking.first,
+                most=ticking.most,
+            )
         roll = Roll(
             stage=simplified(read_tape(stage)),
             end=simplified(read_tape(end)),
@@ -380,10 +418,18 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
             signals_per_interval=signals_per_interval,
             decided=places,
             begin=None if begin is None else simplified(read_tape(begin)),
+            ticks=ticks,
         )
-        return emit_rollout(roll, target=target_of([roll.stage], precision))
+        longest, at_least = roll.stage, 1
+        if ticks is not None:
+            # No tick begins before the one before it is done and looked at.
+            longest, at_least = ticks.tick, 2
+        target = target_of([longest], precision, at_least=at_least)
+        return emit_rollout(roll, target=target)
 
     instructions = stage.n_instructions() + end.n_instructions()
+    if ticking is not None and tick is not None:
+        instructions += ticking.checks * tick.n_instructions()
     if instructions > MOST_INSTRUCTIONS:
         raise NoCompilerError(
             f"expected at most {MOST_INSTRUCTIONS} instructions in an interval, found "
@@ -394,7 +440,10 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     rows = (nu * intervals + free, nx, np_, nodes)
     shape = Shape((True, False, False, False), rows, (1, 1))
     functions = [stage, end] if begin is None else [stage, end, begin]
-    settings = (intervals, signals_per_interval, precision, places)
+    settings: tuple[object, ...] = (intervals, signals_per_interval, precision, places)
+    if ticking is not None and tick is not None:
+        functions.append(tick)
+        settings += (ticking.checks, ticking.first, ticking.most)
     return SimdBatch(cached(key_of(functions, settings), emit), shape, threads)
 
 

@@ -10,7 +10,10 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from swarmstart.tests.ocp.feature_pairs.comparison import compared
+from swarmstart.tests.ocp.feature_pairs.comparison import (
+    compared,
+    differing_steps,
+)
 from swarmstart.tests.ocp.feature_pairs.features import (
     FEATURES,
     MEETING,
@@ -32,6 +35,14 @@ def test_values_paths_and_optima_are_those_of_the_peer(number: int) -> None:
     found = compared(drawn(CHOSEN[number], rng), rng)
     assert not found.differences
     assert found.solved
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in FEATURES if n != "stiff" and go_together("stiff", n)]
+)
+def test_steps_of_their_own_lengths_go_with_each_feature(name: str) -> None:
+    rng = np.random.default_rng(SEED)
+    assert not differing_steps(drawn(("stiff", name), rng), rng)
 
 
 def test_drawn_pairs_have_every_feature_at_least_twice() -> None:

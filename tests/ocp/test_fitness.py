@@ -183,3 +183,22 @@ def test_sizes_along_a_stiff_trajectory_are_those_its_states_reach() -> None:
 
     np.testing.assert_allclose(sizes("stiff"), [3.0, 0.003])
     np.testing.assert_allclose(sizes("rk4"), [4.0, 4.0])
+
+
+def test_cost_of_a_stiff_problem_is_sized_by_the_states_that_it_reaches() -> None:
+    """Robertson's third state is 0.3, and 1e9 by the rates around its start."""
+    x, u = ca.SX.sym("x", 3), ca.SX.sym("u")
+    made, lost, burnt = 0.04 * u * x[0], 1e4 * x[1] * x[2], 3e7 * x[1] ** 2
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u,
+              ode=ca.vertcat(lost - made, made - lost - burnt, burnt)),
+        horizon=40.0, intervals=10, terminal_cost=(x[2] - 0.4) ** 2,
+        bounds=Bounds(controls=(0.5, 4)), integrator="stiff",
+    )  # fmt: skip
+    fitness, controls = Fitness(problem, backend="casadi"), np.ones((1, 10))
+    x0, own = [1, 0, 0], 0.0134
+    assert fitness.arguments.sizes(x0, Known()).cost > 1e12
+    states = fitness.states(controls, x0)
+    assert (states[2, -1] - 0.4) ** 2 == pytest.approx(own, rel=1e-2)
+    along = fitness.arguments.sizes_along(controls, states, x0, Known())
+    assert own < along.cost < 1e3 * own

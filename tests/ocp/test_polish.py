@@ -205,6 +205,8 @@ def test_solver_that_cannot_be_run_is_an_error(
     lq: OptimalControlProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     polish = Polisher(Fitness(lq))
-    monkeypatch.setattr(polish, "_far", Mock(side_effect=RuntimeError("no MUMPS")))
+    fails = Mock(side_effect=RuntimeError("no MUMPS"))
+    solvers = polish._solvers(None)._replace(far=fails)
+    monkeypatch.setitem(polish._solvers.built, None, solvers)
     with pytest.raises(SolveError, match="ipopt could not be run: no MUMPS"):
         polish(np.zeros((1, 10)), [0, 0])

@@ -24,6 +24,7 @@ from swarmstart.ocp import (
     Source,
     TerminalConstraint,
     disc,
+    improving,
     solve,
     verified,
 )
@@ -390,6 +391,41 @@ def test_without_repair_the_same_answer_is_called_broken() -> None:
     clear = solve(four_discs(8), [0, 0, 0], repair=True, **asked)  # type: ignore[arg-type]
     assert clear.status.is_confirmed
     assert clear.cost > cut.cost
+
+
+def test_margins_that_cost_become_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sixteen checks in each interval say what it costs to keep the path clear."""
+    asked = {"search": "lshade", "budget": 3000, "backend": "casadi", "seed": 1}
+    stated = four_discs(20)
+    dense = replace(stated, checks=16, substeps=1)
+    plan = solve(stated, [0, 0, 0], **asked)  # type: ignore[arg-type]
+    least = solve(dense, [0, 0, 0], search=None, guess=plan.controls, seed=0)
+    assert least.path.broken[0].relative < 1e-4
+    found = solve(stated, [0, 0, 0], repair=True, **asked)  # type: ignore[arg-type]
+    assert found.status.is_confirmed
+    assert found.cost == pytest.approx(least.cost, rel=1e-4)
+    monkeypatch.setattr(improving, "_margin_costs", lambda *_: False)
+    with_margins = solve(stated, [0, 0, 0], repair=True, **asked)  # type: ignore[arg-type]
+    assert with_margins.status.is_confirmed
+    assert with_margins.cost > least.cost * (1 + 1e-4)
+    assert with_margins.plan.evaluations < found.plan.evaluations
+
+
+def test_margins_that_cost_next_to_nothing_stay(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A path along the bump whose height hardly counts."""
+    bump = PathConstraint(
+        expression=X[1] - 0.5 * ca.sin(np.pi * X[0]) ** 2, lower=-0.01
+    )
+    problem = moving(
+        bump, bounds=Bounds(controls=(-1, 1)), stage_cost=1 + 1e-5 * (X[1] - 0.1) ** 2
+    )
+    monkeypatch.setattr(improving, "_with_checks_for_margins", None)
+    clear = solve(problem, [0, 0.6], search=None, repair=True, seed=0)
+    cut = solve(problem, [0, 0.6], search=None, seed=0)
+    assert cut.status is SolutionStatus.BROKEN
+    assert clear.status.is_confirmed
 
 
 @pytest.mark.parametrize("polish", [None, "ipopt"])

@@ -133,3 +133,14 @@ def test_model_that_is_undefined_is_told_of_bounds() -> None:
     assert found.status is SolutionStatus.NOT_FINITE
     assert "bound the states to where the model is defined" in found.advice
     assert found.reason.startswith("state x_1 is not a finite number from 0.0125 s")
+
+
+def test_mismatch_of_steps_with_a_tolerance_asks_for_a_finer_one() -> None:
+    found = Found(SolutionStatus.MISMATCH, "")
+    problem = relaxing(100.0, integrator="stiff")
+    assert "integrator_tolerance=1e-07" in advice_for(problem, found, None)
+    lost = Found(SolutionStatus.NOT_FINITE, "")
+    assert "more than 4096 steps from check to check" in advice_for(problem, lost, None)
+    equal = relaxing(100.0, integrator="stiff", integrator_tolerance=None)
+    assert "substeps=8" in advice_for(equal, found, None)
+    assert "4096" not in advice_for(equal, lost, None)

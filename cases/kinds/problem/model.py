@@ -176,6 +176,7 @@ def planning_problem(
         integrator=grid.integrator,
         substeps=grid.substeps,
         transcription=grid.collocation,
+        integrator_tolerance=grid.integrator_tolerance,
         checks=grid.checks,
         blocks=grid.blocks,
         tolerance=grid.tolerance,

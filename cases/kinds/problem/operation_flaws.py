@@ -27,8 +27,7 @@ def operation_flaws(problem: OptimalControlProblem) -> Iterator[LocatedFlaw]:
         # And linear equations.
         dt = float(problem.expected_times[-1]) / problem.intervals
         first = held_step(model, dt, method="stiff")
-        parts = len(PARTS)
-        found = int(first.n_instructions() / parts * (steps + parts - 1))
+        found = int(first.n_instructions() / PARTS * (steps + PARTS - 1))
     if found > MOST_OPERATIONS:
         yield (
             ("prediction",),

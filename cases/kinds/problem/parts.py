@@ -26,6 +26,7 @@ from swarmstart.cases.kinds.problem.values import (
     Table,
     chosen,
 )
+from swarmstart.ocp.adaptive import COARSEST, FINEST
 from swarmstart.ocp.control_shape import ControlShape
 from swarmstart.ocp.guess import Appended
 from swarmstart.ocp.integrators import Integrator
@@ -224,6 +225,7 @@ class Prediction(Part):
     substeps: int = Field(default=4, ge=1, le=1000)
     integrator: Integrator = "rk4"
     transcription: TranscriptionPart = "shooting"
+    integrator_tolerance: float | None = Field(default=1e-6, ge=FINEST, le=COARSEST)
     quadrature: Quadrature = "integral"
     newton_iterations: int = Field(default=10, ge=1, le=100)
     control_shape: ControlShape = "constant"

@@ -1,7 +1,11 @@
 import casadi as ca
 import pytest
 
-from swarmstart.ocp.compiled.emitter import repeated_functions, simplified
+from swarmstart.ocp.compiled.emitter import (
+    repeated_functions,
+    simplified,
+    with_inverses,
+)
 from swarmstart.tape import Node, Tape, read_tape
 
 
@@ -126,3 +130,14 @@ def test_function_of_a_state_that_stays_is_known_for_all_stages() -> None:
     ((entry, now, later),) = repeated_functions(stage(x, x, ca.exp(x)))
     assert entry == 0
     assert now == later
+
+
+def test_what_divides_several_times_is_inverted_once() -> None:
+    a, b, c, p = (ca.SX.sym(name) for name in "abcp")
+    function = ca.Function("f", [ca.vertcat(a, b, c, p)], [a / p, b / p, c / a])
+    tape = with_inverses(read_tape(function))
+    assert [written(tape, number) for (number,) in tape.outputs] == [
+        "mul(x0, inv(x3))", "mul(inv(x3), x1)", "div(x2, x0)",
+    ]  # fmt: skip
+    assert sum(node.operation == "inv" for node in tape.nodes) == 1
+    assert with_inverses(tape) == tape

@@ -7,8 +7,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from swarmstart.ocp import Fitness, IpoptOptions, Known, Planner, Start
-from swarmstart.ocp.fitness import at_nodes, shared_arguments
+from swarmstart.ocp.fitness import at_nodes, replay, shared_arguments
 from swarmstart.ocp.polish_options import PolishStatus
+from swarmstart.ocp.shooting import Shooting
 from swarmstart.tests.ocp.feature_pairs.exact import exact
 from swarmstart.tests.ocp.feature_pairs.opti import solved_by_opti
 from swarmstart.tests.ocp.feature_pairs.peer import Peer, Point
@@ -21,6 +22,8 @@ SAME_OPTIMUM = 1e-6
 SAME_PATH = {"linear table": 1e-4, "stiff": 1e-5}
 """Of the finer path: a kink, or a fast mode, costs fixed steps their order."""
 NEAR = 1e-3
+MANY, SAME_STEPS = 24, 1e-6
+"""Equal steps from check to check, and what is the same as they find."""
 
 
 class Compared(NamedTuple):
@@ -138,6 +141,22 @@ def _values(ours: Ours, peer: Peer, points: list[Point]) -> list[str]:
                     f"{backend}: cost and violation {found}, ({cost}, {broken})"
                 )
     return told
+
+
+def differing_steps(stated: Stated, rng: Generator) -> list[str]:
+    """Return where steps of their own lengths differ from many equal ones, or SciPy."""
+    point, told = drawn_point(stated, rng), []
+    stated.integrator_tolerance, stated.substeps = None, MANY
+    equal = Shooting(stated.problem())
+    stated.integrator_tolerance, stated.substeps = 1e-8, 2
+    ours = Ours(stated)
+    wanted = replay(equal, point.controls, ours.start(point), ours.known)[1:]
+    for backend in BACKENDS:
+        fitness = Fitness(ours.planner.tracer.shooting, backend=backend)
+        found = fitness.value(point.controls, ours.start(point), ours.known)
+        if not np.allclose(found, wanted, rtol=SAME_STEPS, atol=SAME_STEPS):
+            told.append(f"{backend}: cost and violation {found}, {wanted}")
+    return told + _path(ours, Peer(stated), point)
 
 
 def _path(ours: Ours, peer: Peer, point: Point) -> list[str]:

@@ -120,6 +120,7 @@ class Stated:
     quadrature: str = "integral"
     integrator: str = "rk4"
     substeps: int = 2
+    integrator_tolerance: float | None = None  # As the peer steps.
     checks: int = 1
     as_function: bool = False
     guess: Array = field(default_factory=lambda: np.empty((0, 0)))
@@ -217,6 +218,7 @@ class Stated:
             quadrature=self.quadrature,  # type: ignore[arg-type]
             integrator=self.integrator,
             substeps=self.substeps,
+            integrator_tolerance=self.integrator_tolerance,
             checks=self.checks,
         )
 

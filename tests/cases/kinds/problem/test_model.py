@@ -225,3 +225,18 @@ def test_a_soft_limit_is_broken_as_far_as_that_pays() -> None:
     linear = text.replace("SOFT", "{weight: 1}")
     np.testing.assert_allclose(planned(linear)[0][0], 1.5, rtol=1e-6)
     assert not posed(both).stated and posed(both).slacks == 1
+
+
+@pytest.mark.parametrize(
+    ("told", "found"), [("", 1e-6), (", integrator_tolerance: 1.0e-4", 1e-4),
+                        (", integrator_tolerance: null", None)],
+)  # fmt: skip
+def test_tolerance_of_stiff_steps_reaches_the_problem(
+    told: str, found: float | None
+) -> None:
+    text = ALONE.format(more="").replace(
+        "intervals: 10", f"intervals: 10, integrator: stiff{told}"
+    )
+    problem = posed(text)
+    assert problem.integrator_tolerance == found
+    assert problem.is_adaptive == (found is not None)

@@ -1,0 +1,97 @@
+"""The NLP of a problem and its solvers, one for each number of fixed steps."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from swarmstart.compile_time import compiling
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.fixed_steps import FixedSteps
+from swarmstart.ocp.nlp_sources import last_line
+from swarmstart.ocp.polish_options import PolishOptions
+from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.transcription import NonlinearProgram, multiple_shooting
+
+_NONE: Mapping[str, ca.Function] = MappingProxyType({})
+
+
+class Solvers(NamedTuple):
+    """An NLP, and its solver far from an answer and near one."""
+
+    program: NonlinearProgram
+    far: ca.Function
+    near: ca.Function
+
+
+class NlpSolvers:
+    """The solvers of one problem; each is built when first asked for, and then kept.
+
+    Attributes:
+        built: Those that are, by the steps of their NLP.
+    """
+
+    def __init__(self, shooting: Shooting, options: PolishOptions) -> None:
+        """Build the solver, or see that there will be one.
+
+        Args:
+            shooting: The problem's functions.
+            options: What the solver is told.
+
+        Raises:
+            InvalidProblemError: If the solver refuses an option.
+        """
+        self._shooting, self._options = shooting, options
+        self.built: dict[FixedSteps | None, Solvers] = {}
+        problem = shooting.problem
+        if problem.is_adaptive and not problem.collocation:
+            # The steps are not known yet.
+            x = ca.MX.sym("x")
+            self._solver({"x": x, "f": x}, _NONE, near=False)
+        else:
+            self.built[None] = self._new(None)
+
+    def __call__(self, steps: FixedSteps | None) -> Solvers:
+        """Return the NLP of some steps with its solvers.
+
+        Args:
+            steps: Of the NLP; None: the problem's.
+        """
+        if steps not in self.built:
+            with compiling():  # While a plan is made.
+                self.built[steps] = self._new(steps)
+        return self.built[steps]
+
+    def _new(self, steps: FixedSteps | None) -> Solvers:
+        fixed = self._shooting if steps is None else steps.shooting(self._shooting)
+        program = multiple_shooting(fixed)
+        ipopt = self._options.plugin == "ipopt"
+        given = program.derivatives if ipopt else _NONE
+        far = self._solver(program.nlp, given, near=False)
+        near = self._solver(program.nlp, given, near=True) if ipopt else far
+        return Solvers(program, far, near)
+
+    def _solver(
+        self,
+        nlp: dict[str, Any],
+        derivatives: Mapping[str, ca.Function],
+        *,
+        near: bool,
+    ) -> ca.Function:
+        options = self._options
+        settings = {
+            "print_time": False,
+            "show_eval_warnings": False,
+            "error_on_fail": False,
+            "calc_lam_p": False,
+            **derivatives,
+            **options.settings(near=near),
+        }
+        try:
+            return ca.nlpsol("polish", options.plugin, nlp, settings)
+        except RuntimeError as error:
+            raise InvalidProblemError(
+                f"{options.plugin} refuses its options: expected its own names and "
+                f"types, found {dict(options.options)}: {last_line(error)}"
+            ) from error
