@@ -194,6 +194,7 @@ def controls_before(flight: Flight[P], controls: Array) -> Array:
     )
     if others:
         at = np.zeros(len(controls))
+    at = at[: len(controls)]  # Members of an ensemble may have controls of their own.
     before = np.empty_like(controls)
     for step in range(controls.shape[1]):
         held = controls[:, step]

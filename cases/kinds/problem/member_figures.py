@@ -28,18 +28,23 @@ Array = NDArray[np.float64]
 def of_one_member(
     trajectory: Trajectory, problem: OptimalControlProblem, every: OptimalControlProblem
 ) -> Trajectory:
-    """Return a flight whose plans start as one member's do, without states.
+    """Return a flight whose plans are the first member's, without states.
 
     Args:
         trajectory: The flight.
         problem: Of one member.
         every: Of all members, which plans were made for.
     """
-    many, nx, copies = lowered(every), problem.model.nx, len(problem.periodic)
-    start = _places(many, nx, copies)
+    many, nu = lowered(every), problem.model.nu
+    start = _places(many, problem.model.nx, len(problem.periodic))
 
     def own(plan: Plan) -> Plan:
-        return replace(plan, states=np.empty((0, 0)), start=plan.x0[start])
+        return replace(
+            plan,
+            controls=plan.controls[:nu],
+            states=np.empty((0, 0)),
+            start=plan.x0[start],
+        )
 
     made: dict[int, Plan] = {}  # A plan that is flown on stays the same object.
     return replace(

@@ -43,6 +43,7 @@ def with_members(
         weights=None if weights is None else [number(w, constants) for w in weights],
         risk=part.risk,
         level=number(part.level, constants),
+        robust_horizon=part.robust_horizon,
     )
 
 
@@ -116,6 +117,22 @@ def _of_lengths(part: Uncertain) -> Iterator[LocatedFlaw]:
         yield ("uncertain", "values"), "expected at least one value, found none"
 
 
+def _branches(scenario: ProblemScenario, part: Uncertain) -> Iterator[LocatedFlaw]:
+    """Yield a robust horizon that is too long, or that an open loop cannot follow."""
+    shared, intervals = part.robust_horizon, scenario.prediction.intervals
+    place: Place = ("uncertain", "robust_horizon")
+    if shared is None:
+        return
+    if shared > intervals:
+        yield place, f"expected at most {intervals}, the intervals; found {shared}"
+    elif scenario.feedback.law == "open_loop" and shared < intervals:
+        yield (
+            place,
+            "expected feedback: receding_horizon with a robust horizon, after which "
+            "no control is that of all members; found open_loop",
+        )
+
+
 def uncertain_numbers(scenario: ProblemScenario) -> Iterator[Attempt]:
     """Yield how the numbers of uncertain parameters get their values."""
     part = scenario.uncertain
@@ -145,6 +162,7 @@ def uncertain_ranges(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     if not 0 <= level < 1:
         found = f"expected a level of at least 0 and below 1, found {level:g}"
         yield ("uncertain", "level"), found
+    yield from _branches(scenario, part)
     for index, text in enumerate(part.weights or []):
         if not number(text, fixed) > 0:
             place: Place = ("uncertain", "weights", index)

@@ -70,6 +70,8 @@ class Uncertain(Part):
         risk: Which cost counts: the mean of the members' costs, the worst, or the mean
             of the worst part of them.
         level: Of "cvar": that part is 1 - level.
+        robust_horizon: Number of intervals after which each member has controls of its
+            own; by default none has.
     """
 
     values: Mapping[Names, list[Quantity]] = Field(default_factory=dict)
@@ -79,6 +81,7 @@ class Uncertain(Part):
     weights: list[Quantity] | None = None
     risk: Measure = "mean"
     level: Quantity = "0.9"
+    robust_horizon: int | None = Field(default=None, ge=1)
 
     @model_validator(mode="after")
     def _one_source(self) -> "Uncertain":

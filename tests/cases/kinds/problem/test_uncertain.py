@@ -122,6 +122,25 @@ def test_plans_in_receding_horizon_are_for_all_members() -> None:
     assert simulated(alone)[1]["constraint_excess"] > 1e-3  # type: ignore[operator]
 
 
+def test_members_have_controls_of_their_own_after_the_robust_horizon() -> None:
+    """As in Python; what all share is flown."""
+    text = LAG.replace("risk: worst", "risk: worst, robust_horizon: 2")
+    text += "feedback: receding_horizon\nsteps: 3\n"
+    flown = run(stated(text), seed=0)
+    many = ensemble(
+        lag(), {"gain": [0.8, 1, 1.4]}, weights=[1, 2, 1], risk="worst",
+        robust_horizon=2,
+    )  # fmt: skip
+    answer = solve(many, [0.1], known=Known([1.1]), search=None, seed=0)
+    plan = flown.trajectory.decisions[0].plans[0]
+    np.testing.assert_array_equal(plan.controls, answer.plan.controls)
+    assert np.ptp(plan.controls[:, :2], axis=0).max() < 1e-9
+    assert np.ptp(plan.controls[:, 2]) > 0.1
+    assert flown.trajectory.controls.shape == (1, 3)
+    assert flown.trajectory.controls[0, 0] == plan.controls[0, 0]
+    assert flown.measures["member_costs"] == answer.member_costs.tolist()
+
+
 def test_all_members_start_at_one_decided_state() -> None:
     text = LAG.replace("start: 0.1", "start: {free: [0, 0.3]}")
     path, found = simulated(text)
@@ -137,9 +156,19 @@ def test_guessed_states_are_those_of_every_member_and_vehicles_share_them() -> N
     assert path.states.shape[0] == 2 and len(found["member_costs"]) == 3  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("feedback", ["open_loop", "receding_horizon"])
-def test_figures_show_the_system_and_the_members(tmp_path: Path, feedback: str) -> None:
-    text = f"{LAG}feedback: {feedback}\nsteps: 3\n"
+@pytest.mark.parametrize(
+    ("feedback", "more"),
+    [
+        ("open_loop", ""),
+        ("receding_horizon", ""),
+        ("receding_horizon", ", robust_horizon: 1"),
+    ],
+)
+def test_figures_show_the_system_and_the_members(
+    tmp_path: Path, feedback: str, more: str
+) -> None:
+    text = LAG.replace("risk: worst", f"risk: worst{more}")
+    text += f"feedback: {feedback}\nsteps: 3\n"
     done = run(stated(text), seed=0, recording=Recording(folder=tmp_path))
     names = [file.name for file in done.figures]
     assert names[:2] == ["a_states.png", "b_controls.png"]
@@ -163,6 +192,9 @@ def test_figures_show_the_system_and_the_members(tmp_path: Path, feedback: str) 
         ("{drawn: {gain: {norml: [1, 1]}}, samples: 3}", 27, "did you mean 'normal'?"),
         ("{drawn: {gain: {normal: [1, 1]}}}", 12, "expected samples"),
         ("{}", 12, "found neither"),
+        ("{values: {gain: [1]}, robust_horizon: 0}", 50, "to be at least 1; found 0"),
+        ("{values: {gain: [1]}, robust_horizon: 9}", 50, "at most 8, the intervals"),
+        ("{values: {gain: [1]}, robust_horizon: 2}", 50, "found open_loop"),
     ],
 )
 def test_what_is_wrong_is_said_where_it_stands(
