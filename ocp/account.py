@@ -1,7 +1,7 @@
 """Where an answer comes from, and what the other starts led to."""
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 from swarmstart.ocp.lanes.optima import Optimum, Unseen
 
@@ -70,6 +70,23 @@ class StartsAccount:
         """Return the best answer from starts of one kind; None: there was none."""
         found = [one for one in self.tried if one.origin == origin]
         return min(found, key=lambda one: (one.violation > 0, one.cost), default=None)
+
+    def told(self, sense: float = 1.0) -> dict[str, Any]:
+        """Return the account as JSON has it.
+
+        Args:
+            sense: -1 where costs are gains.
+        """
+        tried = [asdict(one) | {"cost": sense * one.cost} for one in self.tried]
+        if self.lanes is None:
+            return {"won": self.won, "tried": tried, "lanes": None,
+                    "without_lanes": self.without_lanes}  # fmt: skip
+        optima = [
+            {"cost": sense * one.cost, "count": one.count} for one in self.lanes.optima
+        ]
+        lanes = {"starts": self.lanes.starts, "method": self.lanes.method,
+                 "optima": optima, "unseen": asdict(self.lanes.unseen)}  # fmt: skip
+        return {"won": self.won, "tried": tried, "lanes": lanes, "without_lanes": ""}
 
     def lines(self, sense: float = 1.0) -> list[str]:
         """Return the account in three lines.

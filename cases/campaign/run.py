@@ -59,6 +59,7 @@ from swarmstart.ocp import (
     collected,
     fly,
 )
+from swarmstart.ocp.account import StartsAccount
 from swarmstart.ocp.multipliers import Multipliers, multipliers_of
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
@@ -143,6 +144,7 @@ class Run:
             "status": self.status,
             "measures": dict(self.measures),
             "multipliers": told(self.multipliers),
+            "starts": self._starts(),
             "claims": self.claims,
             "evaluations": self.measures.get("evaluations"),
             "wall_s": self.wall_s,
@@ -154,6 +156,16 @@ class Run:
             "documents": list(self.flight.documents),
             "out": str(self.folder) if self.folder else None,
         }
+
+    @property
+    def starts(self) -> StartsAccount | None:
+        """What the starts of the first plan led to; None: there were not many."""
+        decisions = self.trajectory.decisions
+        return decisions[0].plans[0].starts if decisions else None
+
+    def _starts(self) -> dict[str, Any] | None:
+        agent = self.flight.posed.agents[0]
+        return None if self.starts is None else self.starts.told(agent.problem.sense)
 
 
 def default_folder(resolved: Resolved, seed: int, root: Path) -> Path:

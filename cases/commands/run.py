@@ -186,6 +186,9 @@ def _report(finished: Run) -> str:
         f"{title} ({summary['scenario']}{variant}; {method})",
         finished.status,
     ]
+    if finished.starts is not None:
+        agent = finished.flight.posed.agents[0]
+        lines += finished.starts.lines(agent.problem.sense)
     if finished.resumed:
         lines.append(f"went on after step {finished.resumed}, where it had stopped")
     lines.append("")

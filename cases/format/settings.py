@@ -58,6 +58,8 @@ column of its own."""
 
 LARGEST = 1e30
 """Largest magnitude of a number: its powers are still finite."""
+MOST_LANES = 100_000
+"""Random starts that are solved at once."""
 MOST_INDIVIDUALS = 200_000
 """Of a search's population."""
 
@@ -336,6 +338,7 @@ class Scenario(Part):
     polish: Literal["none", "ipopt"] = "none"
     ipopt: IpoptPart = IpoptPart()
     basins: int = Field(default=0, ge=0, le=10_000)
+    lanes: int = Field(default=0, ge=0, le=MOST_LANES)
     backend: Backend = "auto"
     claims: list[Claim] = Field(default_factory=list)
 
@@ -343,6 +346,8 @@ class Scenario(Part):
         """Yield what one part of the scenario makes wrong in another."""
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
+        if self.lanes and self.polish == "none":
+            yield ("lanes",), "expected lanes with polish: ipopt, found none"
         evaluations, size = self.budget.evaluations, self._smallest_generation()
         if size > MOST_INDIVIDUALS:
             yield (

@@ -10,6 +10,7 @@ these is estimated by the share of optima found once (Good 1953). It speaks of t
 starts and this way of solving only, never of all optima.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -109,5 +110,5 @@ def unseen_share(counts: list[int]) -> Unseen:
     if not n:
         return Unseen(share=1.0, most=1.0, answers=0)
     share = once / n
-    beyond = 1.96 * np.sqrt(once + 2 * twice) / n if once else 0.0
+    beyond = 1.96 * math.sqrt(once + 2 * twice) / n if once else 0.0
     return Unseen(share=share, most=min(1.0, max(share + beyond, 3 / n)), answers=n)
