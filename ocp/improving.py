@@ -57,6 +57,9 @@ _MOST_STATES = 5000
 STARTS = 20
 ROUNDS = 3
 """Times that a better point is taken before it is left undecided."""
+_MOST_WORK = 2_000_000
+"""Iterations times rows of the NLP after which no other start is tried: of an NLP with
+many checks in each interval a start may take seconds."""
 _SMALLEST, _LARGEST = 1e-3, 1e-1
 """Sizes of the moves, in parts of the controls' sizes; drawn log-uniformly."""
 
@@ -159,11 +162,11 @@ def settled(
         bent = curvature(plan.point)
         if bent is Curvature.POSITIVE:
             return plan, True
-        better, evaluations = _descended(fitness, polisher, plan, x0, known, rng)
-        evaluations += plan.evaluations
+        found = _descended(fitness, polisher, plan, x0, known, rng)
+        better, evaluations = found.better, found.evaluations + plan.evaluations
         if better is None:
             plan = replace(plan, evaluations=evaluations)
-            return plan, bent is not Curvature.NEGATIVE
+            return plan, found.all_tried and bent is not Curvature.NEGATIVE
         plan = planner.evaluated(
             better.controls,
             better.x0,
@@ -186,21 +189,38 @@ def _descended(
     x0: ArrayLike,
     known: Known,
     rng: np.random.Generator,
-) -> tuple[Polished | None, int]:
+) -> "_Descended":
     """Return the first answer from a perturbed start that is better, and the effort."""
     x0 = start_of(fitness.problem, plan, x0)
     sizes = fitness.arguments.sizes_along(plan.controls, plan.states, x0, known)
-    evaluations = 0
+    evaluations, work = 0, 0
     for _ in range(STARTS):
+        if work > _MOST_WORK:
+            return _Descended(None, evaluations, all_tried=False)
         part = np.exp(rng.uniform(np.log(_SMALLEST), np.log(_LARGEST)))
         move = part * sizes.controls[:, None] * rng.standard_normal(plan.controls.shape)
         found = polisher(plan.controls + move, x0, known, near=True)
         evaluations += found.evaluations
+        work += found.iterations * (0 if plan.point is None else plan.point.lam_g.size)
         falls = plan.cost - found.cost > SAME_COST * max(abs(plan.cost), sizes.cost)
         feasible = found.violation <= fitness.problem.tolerance
         if feasible and falls and found.status is PolishStatus.CONVERGED:
-            return found, evaluations
-    return None, evaluations
+            return _Descended(found, evaluations, all_tried=False)
+    return _Descended(None, evaluations, all_tried=True)
+
+
+class _Descended(NamedTuple):
+    """What perturbed starts led to.
+
+    Attributes:
+        better: The first answer that is better; None: there was none.
+        evaluations: Of the solver.
+        all_tried: Whether none of all starts led to a better one.
+    """
+
+    better: Polished | None
+    evaluations: int
+    all_tried: bool
 
 
 def followed_down(

@@ -16,6 +16,7 @@ from swarmstart.ocp import (
     Planner,
     SolutionStatus,
     Source,
+    improving,
     solve,
 )
 from swarmstart.ocp.fitness import NOTHING
@@ -90,6 +91,16 @@ def test_flat_minimum_is_settled_by_all_starts() -> None:
     assert is_settled
     np.testing.assert_array_equal(after.controls, plan.controls)
     assert after.evaluations >= plan.evaluations + STARTS
+
+
+def test_flat_minimum_of_a_large_problem_is_left_undecided(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where starts take long, not all are tried, and it is not called a minimum."""
+    monkeypatch.setattr(improving, "_MOST_WORK", 1)
+    plan, after, is_settled = looked_at(scalar(ca.SX(0), X**4))
+    assert not is_settled
+    assert after.cost == plan.cost
 
 
 def test_flat_point_that_is_no_minimum_is_left() -> None:
