@@ -6,13 +6,18 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_TO_TEST := $(VENV)/.installed-to-test
 INSTALL := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable
 
-.PHONY: run test clean
+TESTS := $(VENV)/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
+
+.PHONY: run test test-long clean
 
 run: $(INSTALLED)
 	$(VENV)/bin/swarmstart run formation_v
 
 test: $(INSTALLED_TO_TEST)
-	$(VENV)/bin/python -m pytest -q -n auto --dist loadfile
+	$(TESTS) -m "not long"
+
+test-long: $(INSTALLED_TO_TEST)
+	$(TESTS) -m long
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('swarmstart needs Python 3.11 or newer; found ' + sys.version.split()[0] + '. Try: make PYTHON=python3.11')"

