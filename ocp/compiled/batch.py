@@ -7,6 +7,7 @@ The way in for whoever wants nothing of this package but the evaluator.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -170,6 +171,7 @@ def compile_batch(
     backend: str | None = None,
     precision: Precision = "double",
     threads: int = 1,
+    gradient: bool = False,
 ) -> BatchFunction:
     """Return a function of whole populations, in machine code where possible.
 
@@ -183,18 +185,57 @@ def compile_batch(
         threads: Over how many threads of machine code a population may be spread; some
             256 individuals are worth one. The results have the same bits. CasADi's map
             takes one.
+        gradient: Whether one more output is the gradient of the first, which is a
+            number then, by the first argument: (rows, n), by the reverse mode.
 
     Returns:
         (arrays (rows, n), or (rows,) where shared) -> (rows, n), or a tuple of these.
 
     Raises:
         InvalidProblemError: If the function has no argument, the backend or the
-            precision is unknown, or the threads are no positive whole number.
+            precision is unknown, the threads are no positive whole number, or there is
+            no gradient.
     """
     if function.n_in() == 0:
         raise InvalidProblemError(f"{function.name()} has no argument to vary")
     require_precision(precision)
     require_count("threads", threads)
+    if gradient:
+        function = with_gradient(function)
     return BatchFunction(
         function, backend=backend, precision=precision, threads=threads
     )
+
+
+def with_gradient(function: ca.Function) -> ca.Function:
+    """Return a function whose last output is the gradient of its first.
+
+    Args:
+        function: Of SX or MX; its first output is a number.
+
+    Raises:
+        InvalidProblemError: If it is not, or CasADi cannot differentiate the function.
+    """
+    size = function.size_out(0) if function.n_out() else (0, 0)
+    if size != (1, 1):
+        raise InvalidProblemError(
+            f"a gradient is of a number: the first output of {function.name()} has "
+            f"shape {size}"
+        )
+    kind: Any = ca.SX
+    try:
+        function = expanded(function)
+    except UnknownOperationError:
+        kind = ca.MX
+    inputs = [
+        kind.sym(function.name_in(i), function.sparsity_in(i))
+        for i in range(function.n_in())
+    ]
+    outputs = function.call(inputs)
+    try:
+        slope = ca.densify(ca.gradient(outputs[0], inputs[0]))
+        return ca.Function(function.name(), inputs, [*outputs, ca.vec(slope)])
+    except RuntimeError as error:
+        raise InvalidProblemError(
+            f"CasADi cannot differentiate {function.name()}"
+        ) from error

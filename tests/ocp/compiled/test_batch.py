@@ -96,3 +96,29 @@ def test_nonsense_is_refused(function: ca.Function) -> None:
         compile_batch(function, precision="half")  # type: ignore[arg-type]
     with pytest.raises(InvalidProblemError, match="nothing has no argument to vary"):
         compile_batch(ca.Function("nothing", [], [ca.SX(1)]))
+
+
+@pytest.mark.parametrize("backend", ["llvm", "casadi"])
+@pytest.mark.parametrize("kind", [ca.SX, ca.MX])
+def test_gradient_is_one_more_output(backend: str, kind: type) -> None:
+    """Of a closed form, by a matrix: its columns one below the other."""
+    x, p = kind.sym("x", 2, 2), kind.sym("p")  # type: ignore[attr-defined]
+    cost = p * ca.sumsqr(x) + ca.sin(x[0, 1])
+    function = ca.Function("f", [x, p], [cost, 2 * cost])
+    evaluate = compile_batch(function, backend=backend, gradient=True)
+    population = np.random.default_rng(0).normal(size=(4, 600))
+    value, twice, slope = evaluate(population, [0.3])
+    np.testing.assert_allclose(twice, 2 * value)
+    want = 0.6 * population
+    want[2] += np.cos(population[2])
+    np.testing.assert_allclose(slope, want, rtol=1e-13)
+
+
+def test_gradient_of_a_column_or_of_a_kink_is_what_casadi_says() -> None:
+    x = ca.SX.sym("x", 2)
+    with pytest.raises(InvalidProblemError, match=r"output of f has shape \(2, 1"):
+        compile_batch(ca.Function("f", [x], [x]), gradient=True)
+    kink = compile_batch(ca.Function("f", [x], [ca.fabs(x[0])]), gradient=True)
+    np.testing.assert_array_equal(kink(np.array([[-2.0], [1.0]]))[1], [[-1.0], [0.0]])
+    constant = compile_batch(ca.Function("f", [x], [ca.SX(3)]), gradient=True)
+    np.testing.assert_array_equal(constant(np.ones((2, 3)))[1], np.zeros((2, 3)))
