@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 LONG = Path(__file__).with_name("long.txt")
-"""Names of tests that take two seconds and more."""
+"""Names of tests that take a second and more, but for those that nothing replaces."""
 FIRST = ("tests/system/test_replicate.py", "tests/system/", "tests/adversary/")
 """Files that are begun first: at the end one worker would wait for the other."""
 
