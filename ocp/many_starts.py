@@ -13,7 +13,7 @@ alone.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -167,14 +167,10 @@ class ManyStarts:
         return lanes, best
 
 
-_ORDER: tuple[Origin, ...] = (
-    "zero controls", "the middle of the bounds", "the guess", "the lanes", "the search",
-)  # fmt: skip
-
-
 def _ordered(starts: Sequence[Origined]) -> list[Origined]:
     """Return starts with the cheapest kind first."""
-    return sorted(starts, key=lambda one: _ORDER.index(one.origin))
+    order = get_args(Origin)
+    return sorted(starts, key=lambda one: order.index(one.origin))
 
 
 def _clearly_better(one: Polished, other: Polished, tolerance: float) -> bool:

@@ -29,10 +29,13 @@ power.py.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from swarmstart.ocp.compiled.coefficients import table
 from swarmstart.ocp.compiled.vector_ir import VectorIR
+
+Served = Callable[..., tuple[str, str]]
+"""(ir, arguments) -> value, and the mask of where it is right."""
 
 
 def sin_and_cos(ir: VectorIR, x: str) -> tuple[str, str]:
@@ -254,18 +257,32 @@ def rational(
     return ir.div(numerator, ir.polynomial(z, bottom))
 
 
-def fmod(ir: VectorIR, x: str, y: str) -> str:
-    """Return what is left of x after whole multiples of y, with the sign of x."""
+def served_by_library(
+    ir: VectorIR, function: str, method: Served, *arguments: str
+) -> str:
+    """Return a function by a method, and by the C library where that does not serve.
+
+    Args:
+        ir: Where to emit; a fast body only marks what is not served.
+        function: The C library's name.
+        method: (ir, arguments) -> value, and the mask of where it is right.
+        arguments: Of the function.
+    """
     if ir.careful:
-        return ir.beside("careful_fmod", _careful_fmod, x, y)
-    value, served = _fmod(ir, x, y)
+
+        def careful(inner: VectorIR, *given: str) -> str:
+            value, served = method(inner, *given)
+            return inner.select(served, value, inner.lane_by_lane(function, *given))
+
+        return ir.beside(f"careful_{function}", careful, *arguments)
+    value, served = method(ir, *arguments)
     ir.mark(ir.select(served, ir.unserved, ir.constant(math.inf)))
     return value
 
 
-def _careful_fmod(ir: VectorIR, x: str, y: str) -> str:
-    value, served = _fmod(ir, x, y)
-    return ir.select(served, value, ir.lane_by_lane("fmod", x, y))
+def fmod(ir: VectorIR, x: str, y: str) -> str:
+    """Return what is left of x after whole multiples of y, with the sign of x."""
+    return served_by_library(ir, "fmod", _fmod, x, y)
 
 
 def _fmod(ir: VectorIR, x: str, y: str) -> tuple[str, str]:

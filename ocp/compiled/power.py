@@ -9,7 +9,11 @@ polynomials (computed with mpmath).
 
 import math
 
-from swarmstart.ocp.compiled.elementary import exp_of_sum, exponent_and_rest
+from swarmstart.ocp.compiled.elementary import (
+    exp_of_sum,
+    exponent_and_rest,
+    served_by_library,
+)
 from swarmstart.ocp.compiled.vector_ir import DOUBLE, VectorIR, converted
 
 # 2/3 in two parts, then the series of log((1 + s) / (1 - s)) / s^5 in s^2.
@@ -31,16 +35,7 @@ _LARGEST_LOG = 708.0
 
 def power(ir: VectorIR, base: str, exponent: str) -> str:
     """Return base^exponent = exp(exponent log base), the logarithm to 2^-64."""
-    if ir.careful:
-        return ir.beside("careful_pow", _careful_power, base, exponent)
-    value, served = _power(ir, base, exponent)
-    ir.mark(ir.select(served, ir.unserved, ir.constant(math.inf)))
-    return value
-
-
-def _careful_power(ir: VectorIR, base: str, exponent: str) -> str:
-    value, served = _power(ir, base, exponent)
-    return ir.select(served, value, ir.lane_by_lane("pow", base, exponent))
+    return served_by_library(ir, "pow", _power, base, exponent)
 
 
 def _power(ir: VectorIR, base: str, exponent: str) -> tuple[str, str]:

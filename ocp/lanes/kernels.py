@@ -27,10 +27,9 @@ import casadi as ca
 
 from swarmstart.ocp.compiled.scan import Role, compile_scan
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat
-from swarmstart.ocp.nlp_assembly import Part, Parts, inputs_of
+from swarmstart.ocp.nlp_assembly import Part, inputs_of
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.shooting import Shooting
-from swarmstart.ocp.transcription import multiple_shooting
+from swarmstart.ocp.transcription import NonlinearProgram
 
 _AT_BOUND = 1e-9
 """A control this near to its bound, in parts of its size, is at it."""
@@ -96,9 +95,9 @@ class Stage(NamedTuple):
     rows: ca.SX
 
 
-def stages(shooting: Shooting, parts: Parts) -> tuple[Stage, Stage, Stage | None]:
+def stages(program: NonlinearProgram) -> tuple[Stage, Stage, Stage | None]:
     """Return an interval, the end and the start of a problem."""
-    problem = shooting.problem
+    problem, parts = program.problem, program.parts
     begin = None if parts.begin is None else _stage(problem, parts.begin)
     return _interval(problem, parts.interval), _stage(problem, parts.end), begin
 
@@ -166,19 +165,19 @@ def _augmented(stage: Stage, m: ca.SX, r: ca.SX) -> _Augmented:
     return _Augmented(value, r * d, most, broken, pressed)
 
 
-def compile_kernels(shooting: Shooting, *, threads: int = 1) -> LaneKernels:
+def compile_kernels(program: NonlinearProgram, *, threads: int = 1) -> LaneKernels:
     """Return the machine code that all ways to solve lanes need.
 
     Args:
-        shooting: The problem's functions.
+        program: The problem's NLP.
         threads: Over how many threads individuals may be spread.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.
         NoCompilerError: If machine code cannot be made here, or would be too long.
     """
-    N = shooting.problem.intervals
-    interval, end, begin = stages(shooting, multiple_shooting(shooting).parts)
+    N = program.problem.intervals
+    interval, end, begin = stages(program)
     return LaneKernels(
         roll=_roll(interval, N, threads),
         rows=_looked_at(interval, N, threads),
@@ -187,17 +186,17 @@ def compile_kernels(shooting: Shooting, *, threads: int = 1) -> LaneKernels:
     )
 
 
-def compile_sweeps(shooting: Shooting, *, threads: int = 1) -> Sweeps:
+def compile_sweeps(program: NonlinearProgram, *, threads: int = 1) -> Sweeps:
     """Return the machine code of steps by sweeps; see `compile_kernels`."""
-    N = shooting.problem.intervals
-    interval, _, _ = stages(shooting, multiple_shooting(shooting).parts)
+    N = program.problem.intervals
+    interval, _, _ = stages(program)
     return Sweeps(_backward(interval, N, threads), _forward(interval, N, threads))
 
 
-def compile_adjoint(shooting: Shooting, *, threads: int = 1) -> SimdBatch:
+def compile_adjoint(program: NonlinearProgram, *, threads: int = 1) -> SimdBatch:
     """Return (lambda, x, u, m: each, r: lane) -> (lambda at the start; L_u: each)."""
-    N = shooting.problem.intervals
-    stage, _, _ = stages(shooting, multiple_shooting(shooting).parts)
+    N = program.problem.intervals
+    stage, _, _ = stages(program)
     ahead, m, r = _symbols(ahead=stage.x.numel(), m=stage.rows.numel(), r=1)
     al, z = _augmented(stage, m, r), ca.vertcat(stage.x, stage.u)
     slope = ca.gradient(al.value + ca.dot(ahead, stage.after), z)

@@ -19,7 +19,7 @@ from swarmstart.ocp.lanes.posed import Posed, posed
 from swarmstart.ocp.lanes.slopes import solve_by_slopes
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.shooting import Shooting, shooting_of
-from swarmstart.ocp.transcription import multiple_shooting
+from swarmstart.ocp.transcription import NonlinearProgram, multiple_shooting
 from swarmstart.tape import UnknownOperationError
 
 Array = NDArray[np.float64]
@@ -64,13 +64,13 @@ class LaneSolver:
         reason = _refused(shooting.problem)
         if reason:
             raise NoLanesError(reason)
+        self._program = multiple_shooting(shooting)
         try:
-            self._kernels = compile_kernels(shooting, threads=threads)
-            self._step = _step_of(shooting, threads)
+            self._kernels = compile_kernels(self._program, threads=threads)
+            self._step = _step_of(self._program, threads)
         except (NoCompilerError, UnknownOperationError) as error:
             raise NoLanesError(str(error)) from error
         self.problem = shooting.problem
-        self._program = multiple_shooting(shooting)
         self._arguments = Arguments(shooting)
         self._options = options or LaneOptions()
 
@@ -163,17 +163,17 @@ class LaneSolver:
         return np.asarray(np.clip(starts, lower, upper))
 
 
-def _step_of(shooting: Shooting, threads: int) -> Sweeps | SimdBatch:
+def _step_of(program: NonlinearProgram, threads: int) -> Sweeps | SimdBatch:
     """Return the machine code of sweeps; of slopes where sweeps would be too long."""
     try:
-        return compile_sweeps(shooting, threads=threads)
+        return compile_sweeps(program, threads=threads)
     except NoCompilerError:
-        problem = shooting.problem
+        problem = program.problem
         starts = [(one.value.lower, one.value.upper) for one in problem.free_starts]
         limits = (*problem.control_limits, np.array(starts))
         if not all(np.isfinite(part).all() for part in limits):
             raise
-        return compile_adjoint(shooting, threads=threads)
+        return compile_adjoint(program, threads=threads)
 
 
 def _refused(problem: OptimalControlProblem) -> str:
