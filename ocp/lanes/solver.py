@@ -185,6 +185,7 @@ def _refused(problem: OptimalControlProblem) -> str:
         "it has whole numbers": bool(problem.integer),
         "its risk needs decisions of the NLP": problem.epigraph is not None,
         "its model is stiff": problem.integrator == "stiff",
+        "its polish collocates": problem.collocation is not None,
     }
     return next((reason for reason, is_so in reasons.items() if is_so), "")
 

@@ -195,6 +195,8 @@ def test_lane_that_leaves_the_numbers_ends_infinite() -> None:
 def test_reason_is_given_where_lanes_do_not_serve() -> None:
     with pytest.raises(NoLanesError, match="blocks of intervals"):
         LaneSolver(cart(blocks=[25, 25]))
+    with pytest.raises(NoLanesError, match="collocates"):
+        LaneSolver(cart(transcription="radau"))
 
 
 def test_long_stages_are_solved_by_slopes(monkeypatch: pytest.MonkeyPatch) -> None:
