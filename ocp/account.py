@@ -1,12 +1,17 @@
 """Where an answer comes from, and what the other starts led to."""
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, get_args
 
 from swarmstart.ocp.lanes.optima import Optimum, Unseen
 
 Origin = Literal[
-    "zero controls", "the middle of the bounds", "the guess", "the lanes", "the search"
+    "zero controls",
+    "the middle of the bounds",
+    "the guess",
+    "guesses of states",
+    "the lanes",
+    "the search",
 ]
 """Kinds of starts, the cheapest first: of equal answers the cheapest start's counts."""
 
@@ -22,13 +27,19 @@ class Tried:
         origin: Which start.
         cost: Of the NLP solver's answer from it, which is minimised.
         violation: Of that answer.
+        feasible: Whether that is within the problem's tolerance.
         iterations: The solver's iterations.
+        evaluations: Of the objective, by the solver.
+        seconds: Wall time [s].
     """
 
     origin: Origin
     cost: float
     violation: float
+    feasible: bool
     iterations: int
+    evaluations: int
+    seconds: float = field(compare=False)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -41,12 +52,29 @@ class Lanes:
         optima: Distinct local optima, the cheapest first, with their counts.
         unseen: Share of such starts that would end in an optimum not seen yet; of these
             starts and this way of solving only, never of all optima.
+        iterations: Steps of all lanes together.
+        seconds: Wall time [s].
     """
 
     starts: int
     method: str
     optima: tuple[Optimum, ...]
     unseen: Unseen
+    iterations: int
+    seconds: float = field(compare=False)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Effort:
+    """What a part of the way took.
+
+    Attributes:
+        evaluations: Of the problem; of lanes their steps.
+        seconds: Wall time without compiling [s].
+    """
+
+    evaluations: int
+    seconds: float = field(compare=False)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -59,17 +87,29 @@ class StartsAccount:
         tried: What the NLP solver made of the starts, in the order in which it did.
         lanes: What the local solves found; None: there were none.
         without_lanes: Why there were none; empty: there were.
+        search: What the search took; None: there was none.
     """
 
     won: Origin
     tried: tuple[Tried, ...]
     lanes: Lanes | None
     without_lanes: str = ""
+    search: Effort | None = None
+
+    @property
+    def polish(self) -> Effort:
+        """What the NLP solver took for all starts."""
+        return Effort(
+            evaluations=sum(one.evaluations for one in self.tried),
+            seconds=sum(one.seconds for one in self.tried),
+        )
 
     def best_of(self, origin: Origin) -> Tried | None:
         """Return the best answer from starts of one kind; None: there was none."""
         found = [one for one in self.tried if one.origin == origin]
-        return min(found, key=lambda one: (one.violation > 0, one.cost), default=None)
+        return min(
+            found, key=lambda one: (not one.feasible, one.cost), default=None
+        )
 
     def told(self, sense: float = 1.0) -> dict[str, Any]:
         """Return the account as JSON has it.
@@ -77,16 +117,20 @@ class StartsAccount:
         Args:
             sense: -1 where costs are gains.
         """
-        tried = [asdict(one) | {"cost": sense * one.cost} for one in self.tried]
-        if self.lanes is None:
-            return {"won": self.won, "tried": tried, "lanes": None,
-                    "without_lanes": self.without_lanes}  # fmt: skip
-        optima = [
-            {"cost": sense * one.cost, "count": one.count} for one in self.lanes.optima
-        ]
-        lanes = {"starts": self.lanes.starts, "method": self.lanes.method,
-                 "optima": optima, "unseen": asdict(self.lanes.unseen)}  # fmt: skip
-        return {"won": self.won, "tried": tried, "lanes": lanes, "without_lanes": ""}
+        lanes: dict[str, Any] | None = None
+        if self.lanes is not None:
+            optima = [
+                {"cost": sense * one.cost, "count": one.count}
+                for one in self.lanes.optima
+            ]
+            lanes = asdict(self.lanes) | {"optima": optima}
+        return {
+            "won": self.won,
+            "tried": [asdict(one) | {"cost": sense * one.cost} for one in self.tried],
+            "lanes": lanes,
+            "without_lanes": self.without_lanes,
+            "search": None if self.search is None else asdict(self.search),
+        }
 
     def lines(self, sense: float = 1.0) -> list[str]:
         """Return the account in three lines.
@@ -94,22 +138,52 @@ class StartsAccount:
         Args:
             sense: -1 where costs are gains.
         """
-        origins = dict.fromkeys(one.origin for one in self.tried)
         gave = []
-        for origin in origins:
+        for origin in dict.fromkeys(one.origin for one in self.tried):
             best = self.best_of(origin)
             if best is not None:
-                gave.append(f"{origin} {sense * best.cost:.7g}")
-        lines = [f"  won         {self.won}", f"  polished    {'; '.join(gave)}"]
-        if self.lanes is None:
-            return [*lines, f"  lanes       none: {self.without_lanes}"]
-        shown = [
-            f"{sense * one.cost:.7g} ({one.count})" for one in self.lanes.optima[:SHOWN]
-        ]
-        more = len(self.lanes.optima) - SHOWN
-        listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
+                cost = f"{sense * best.cost:.7g}" if best.feasible else "infeasible"
+                gave.append(f"{origin} {cost}")
         return [
-            *lines,
-            f"  lanes       {self.lanes.starts} starts: {listed or 'no optimum'}; "
-            f"at most {self.lanes.unseen.most:.0%} of such starts would end elsewhere",
+            f"  won         {self.won}{self._not_needed()}; {self._seconds()}",
+            f"  polished    {'; '.join(gave) or 'nothing'}",
+            f"  lanes       {self._lanes_line(sense)}",
         ]
+
+    def _not_needed(self) -> str:
+        """Return what the answer did not need."""
+        dearer = {"the lanes": self.lanes, "the search": self.search}
+        needless = [
+            name
+            for name, part in dearer.items()
+            if part is not None and _ORDER.index(name) > _ORDER.index(self.won)
+        ]
+        if not needless:
+            return ""
+        verb = "were" if "the lanes" in needless else "was"
+        return f" ({' and '.join(needless)} {verb} not needed)"
+
+    def _seconds(self) -> str:
+        parts = {
+            "search": self.search,
+            "lanes": self.lanes,
+            "polish": self.polish,
+        }
+        return ", ".join(
+            f"{name} {part.seconds:.2g} s" for name, part in parts.items() if part
+        )
+
+    def _lanes_line(self, sense: float) -> str:
+        if self.lanes is None:
+            return f"none: {self.without_lanes}"
+        optima, unseen = self.lanes.optima, self.lanes.unseen
+        shown = [f"{sense * one.cost:.7g} ({one.count})" for one in optima[:SHOWN]]
+        more = len(optima) - SHOWN
+        listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
+        return (
+            f"{self.lanes.starts} starts: {listed or 'no optimum'}; "
+            f"at most {unseen.most:.0%} of such starts would end elsewhere"
+        )
+
+
+_ORDER = get_args(Origin)

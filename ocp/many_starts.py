@@ -1,14 +1,17 @@
 """The way from many starts to one answer: lanes, distinct optima, the NLP solver.
 
-    starts   the user's guess; zero controls and the middle of the bounds, cold; what a
-             search found; smooth random controls
-    lanes    a local solve from each of them (lanes/solver.py)
-    optima   distinct ones, counted; the best three go to the NLP solver
-    polish   from these, and from each of the other starts but the random ones
+    cold       zero controls, and the middle of the bounds; the guess of the user
+    lanes      local solves from these, from what a search found and from smooth random
+               controls (lanes/solver.py); distinct optima, counted
+    polish     the NLP solver from the cold starts, the guess, the best three optima of
+               the lanes, what the search found, and states that lead to where the end
+               fixes them (state_guesses.py)
+    again      and from the best answer once more with its own settings, if it was kept
+               near: so it leaves a saddle point
 
-So the answer is never worse than the guess, a cold start or the search's best polished.
-What lanes do not know (whole numbers, blocks, stiff models) goes to the NLP solver
-alone.
+The answer is never worse than what any of the starts leads to alone. Of answers that
+are equal to 1e-6 that from the cheapest start is taken. What lanes do not know (whole
+numbers, blocks, stiff models) goes to the NLP solver alone, and the account says so.
 """
 
 from collections.abc import Sequence
@@ -18,18 +21,30 @@ from typing import NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.compile_time import stopwatch
 from swarmstart.ocp.account import Lanes, Origin, StartsAccount, Tried
 from swarmstart.ocp.fitness import Fitness, Known, started
 from swarmstart.ocp.guess import zero_controls
 from swarmstart.ocp.lanes.optima import distinct_optima, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.polish import SAME_COST, Polished, Polisher, is_better
+from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.state_guesses import state_guesses
 
 Array = NDArray[np.float64]
 
+LANES = 64
+"""Random starts of `solve`."""
 POLISHED = 3
 """Optima of the lanes that go to the NLP solver."""
+_GUESSES = 8
+"""Guesses of states, at most."""
+_MOST_WORK = 5_000_000
+"""Iterations times instructions of a rollout after which no further guess of states is
+tried: of a large problem an iteration may take a tenth of a second."""
+_NEAR: tuple[Origin, ...] = ("the lanes", "the search")
+"""Starts that are answers, which the NLP solver stays near."""
 
 
 class Origined(NamedTuple):
@@ -46,6 +61,19 @@ class Answered:
     polished: Polished
     evaluations: int
     account: StartsAccount
+
+
+class ManyStartsInterrupted(KeyboardInterrupt):
+    """Ctrl-C among many starts.
+
+    Attributes:
+        partial: The best answer so far.
+    """
+
+    def __init__(self, partial: Answered) -> None:
+        """Keep the best answer so far."""
+        super().__init__("interrupted among many starts; the best is in .partial")
+        self.partial = partial
 
 
 class ManyStarts:
@@ -80,45 +108,52 @@ class ManyStarts:
             x0: Initial state of the core, shape (nx,).
             known: Parameters and signals.
             rng: Source of all randomness.
+
+        Raises:
+            ManyStartsInterrupted: On Ctrl-C after the first start.
         """
-        tolerance = self._fitness.problem.tolerance
-        starts = [*self._cold(), *given]
-        lanes, optima = self._in_lanes([one.start for one in starts], x0, known, rng)
-        every = _ordered([*starts, *(Origined("the lanes", one) for one in optima)])
-        answers = [
-            self._polisher(
-                start.controls,
-                x0 if start.x0 is None else start.x0,
-                known,
-                states=start.states,
-                is_guess=start.is_guess,
-                near=origin in ("the lanes", "the search") and start.states is None,
-            )
-            for origin, start in every
-        ]
-        tried = [
-            Tried(
-                origin=origin,
-                cost=answer.cost,
-                violation=answer.violation,
-                iterations=answer.iterations,
-            )
-            for (origin, _), answer in zip(every, answers, strict=True)
-        ]
-        best = 0
-        for number in range(1, len(answers)):
-            if _clearly_better(answers[number], answers[best], tolerance):
-                best = number
-        return Answered(
-            answers[best],
-            sum(one.evaluations for one in answers),
-            StartsAccount(
-                won=every[best].origin,
-                tried=tuple(tried),
-                lanes=lanes,
-                without_lanes=self._refused,
-            ),
+        fitness = self._fitness
+        tries = _Tries(self._polisher, x0, known, fitness.problem.tolerance)
+        lanes: Lanes | None = None
+        try:
+            cold = [*self._cold(), *(one for one in given if one.origin not in _NEAR)]
+            for one in cold:
+                tries.polish(one)
+            found = [one for one in given if one.origin in _NEAR]
+            starts = [one.start for one in (*cold, *found)]
+            lanes, optima = self._in_lanes(starts, x0, known, rng)
+            for one in (*(Origined("the lanes", o) for o in optima), *found):
+                tries.polish(one)
+            self._from_states(tries, state_guesses(fitness, x0, known, _GUESSES, rng))
+            tries.polish_again()
+        except KeyboardInterrupt:
+            if not tries.answers:
+                raise
+            raise ManyStartsInterrupted(self._answered(tries, lanes)) from None
+        return self._answered(tries, lanes)
+
+    def _from_states(self, tries: "_Tries", guesses: Sequence[Start]) -> None:
+        """Polish from guesses of states, as many as may be worked on."""
+        shooting = self._fitness.shooting
+        each = shooting.stage_without_path.n_instructions() * shooting.problem.intervals
+        work = 0
+        for guess in guesses:
+            if work > _MOST_WORK:
+                return
+            answer = tries.polish(Origined("guesses of states", guess))
+            work += answer.iterations * each
+
+    def _answered(self, tries: "_Tries", lanes: Lanes | None) -> Answered:
+        """Return the best answer, and what all starts led to."""
+        best = tries.best
+        account = StartsAccount(
+            won=tries.tried[best].origin,
+            tried=tuple(tries.tried),
+            lanes=lanes,
+            without_lanes=self._refused,
         )
+        evaluations = sum(one.evaluations for one in tries.answers)
+        return Answered(tries.answers[best], evaluations, account)
 
     def _cold(self) -> list[Origined]:
         """Return zero controls, and the middle of their bounds where it is another."""
@@ -143,41 +178,116 @@ class ManyStarts:
         solver, problem = self._solver, self._fitness.problem
         if solver is None:
             return None, []
-        state = np.asarray(x0, dtype=np.float64).ravel()
-        controls, decided = random_starts(problem, self._random, rng)
-        firsts = [one.states[0] for one in problem.free_starts]
-        own = [(state if one.x0 is None else one.x0)[firsts] for one in starts]
-        controls = np.dstack([*(one.controls for one in starts), controls])
-        decided = np.hstack([np.array(own).reshape(len(own), len(firsts)).T, decided])
-        found = solver(x0, controls, decided, known=known, rng=rng)
-        optima = distinct_optima(found)
-        best = [
-            Start(
-                found.controls[:, :, one.lane],
-                x0=started(problem, state, found.starts[:, one.lane]),
+        with stopwatch() as watch:
+            state = np.asarray(x0, dtype=np.float64).ravel()
+            controls, decided = random_starts(problem, self._random, rng)
+            firsts = [one.states[0] for one in problem.free_starts]
+            own = [(state if one.x0 is None else one.x0)[firsts] for one in starts]
+            given = np.array(own).reshape(len(own), len(firsts)).T
+            controls = np.dstack([*(one.controls for one in starts), controls])
+            decided = np.hstack([given, decided])
+            found = solver(x0, controls, decided, known=known, rng=rng)
+            optima = distinct_optima(found)
+            best = [
+                Start(
+                    found.controls[:, :, one.lane],
+                    x0=started(problem, state, found.starts[:, one.lane]),
+                )
+                for one in optima[:POLISHED]
+            ]
+            lanes = Lanes(
+                starts=controls.shape[2],
+                method=solver.method,
+                optima=tuple(optima),
+                unseen=unseen_share([one.count for one in optima]),
+                iterations=int(found.iterations.sum()),
+                seconds=watch.seconds,
             )
-            for one in optima[:POLISHED]
-        ]
-        lanes = Lanes(
-            starts=controls.shape[2],
-            method=solver.method,
-            optima=tuple(optima),
-            unseen=unseen_share([one.count for one in optima]),
-        )
         return lanes, best
 
 
-def _ordered(starts: Sequence[Origined]) -> list[Origined]:
-    """Return starts with the cheapest kind first."""
-    order = get_args(Origin)
-    return sorted(starts, key=lambda one: order.index(one.origin))
+class _Tries:
+    """What the NLP solver made of starts so far.
 
+    Attributes:
+        answers: Its answers.
+        tried: What is said of each.
+    """
 
-def _clearly_better(one: Polished, other: Polished, tolerance: float) -> bool:
-    """Return whether an answer is better by more than rounding."""
-    values = [(answer.cost, answer.violation) for answer in (one, other)]
-    if not is_better(*values, tolerance=tolerance):
-        return False
-    both = max(one.violation, other.violation) <= tolerance
-    same = abs(one.cost - other.cost) <= SAME_COST * max(abs(one.cost), abs(other.cost))
-    return not (both and same)
+    def __init__(
+        self, polisher: Polisher, x0: ArrayLike, known: Known, tolerance: float
+    ) -> None:
+        self._polisher, self._x0, self._known = polisher, x0, known
+        self._tolerance = tolerance
+        self.answers: list[Polished] = []
+        self.tried: list[Tried] = []
+
+    def polish(self, one: Origined, *, near: bool | None = None) -> Polished:
+        """Polish from a start; near to it, unless said otherwise, if it is an answer."""
+        origin, start = one
+        if near is None:
+            near = origin in _NEAR and start.states is None
+        with stopwatch() as watch:
+            answer = self._polisher(
+                start.controls,
+                self._x0 if start.x0 is None else start.x0,
+                self._known,
+                states=start.states,
+                is_guess=start.is_guess,
+                near=near,
+            )
+            self.answers.append(answer)
+            self.tried.append(
+                Tried(
+                    origin=origin,
+                    cost=answer.cost,
+                    violation=answer.violation,
+                    feasible=bool(
+                        np.isfinite(answer.cost)
+                        and answer.violation <= self._tolerance
+                    ),
+                    iterations=answer.iterations,
+                    evaluations=answer.evaluations,
+                    seconds=watch.seconds,
+                )
+            )
+        return answer
+
+    def polish_again(self) -> None:
+        """Polish the best answer once more, not near to it, if it was kept near."""
+        origin, answer = self.tried[self.best].origin, self.answers[self.best]
+        if origin in _NEAR and np.isfinite(answer.cost + answer.violation):
+            start = Start(answer.controls, x0=answer.x0)
+            self.polish(Origined(origin, start), near=False)
+
+    @property
+    def best(self) -> int:
+        """Number of the best answer; of equal ones of the cheapest that converged."""
+        best = 0
+        for number in range(1, len(self.answers)):
+            if is_better(
+                *(self._value(i) for i in (number, best)), tolerance=self._tolerance
+            ):
+                best = number
+        order = get_args(Origin)
+        equal = [i for i in range(len(self.answers)) if self._equals(i, best)]
+        return min(
+            equal,
+            key=lambda i: (
+                self.answers[i].status is not PolishStatus.CONVERGED,
+                order.index(self.tried[i].origin),
+            ),
+        )
+
+    def _value(self, number: int) -> tuple[float, float]:
+        answer = self.answers[number]
+        return answer.cost, answer.violation
+
+    def _equals(self, number: int, best: int) -> bool:
+        """Return whether an answer is as good as the best, but for rounding."""
+        if number == best:
+            return True
+        (cost, violation), (least, broken) = self._value(number), self._value(best)
+        if not max(violation, broken) <= self._tolerance:
+            return False
+        return abs(cost - least) <= SAME_COST * max(abs(cost), abs(least))

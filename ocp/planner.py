@@ -11,6 +11,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.compile_time import stopwatch
 from swarmstart.heuristics import (
     SearchInterrupted,
     default_order,
@@ -18,6 +19,7 @@ from swarmstart.heuristics import (
 )
 from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.heuristics.interrupts import heeded
+from swarmstart.ocp.account import Effort, Origin, StartsAccount
 from swarmstart.ocp.checking import Checker, Excess
 from swarmstart.ocp.control_shape import split_knots
 from swarmstart.ocp.errors import InvalidProblemError
@@ -25,13 +27,17 @@ from swarmstart.ocp.fitness import (
     NOTHING,
     Fitness,
     Known,
-    at_nodes,
     core_known,
     shared_arguments,
 )
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.integer_polish import IntegerPolisher
-from swarmstart.ocp.many_starts import ManyStarts, Origined
+from swarmstart.ocp.many_starts import (
+    Answered,
+    ManyStarts,
+    ManyStartsInterrupted,
+    Origined,
+)
 from swarmstart.ocp.path import Tracer
 from swarmstart.ocp.plan import (
     Account,
@@ -59,12 +65,24 @@ from swarmstart.ocp.search_space import (
     space_of,
 )
 from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.state_guesses import straight_states
 
 Array = NDArray[np.float64]
 
 
 _BASINS = 3
 """Basins that are polished where more than the controls is decided."""
+
+
+def _origined(
+    found: Sequence[Start], controls: Array | None, states: Array | None
+) -> list[Origined]:
+    """Return what a search found and the guess, if there are any."""
+    given = [Origined("the search", one) for one in found]
+    if controls is not None:
+        start = Start(controls, states, is_guess=states is not None)
+        given.append(Origined("the guess", start))
+    return given
 
 
 def _turned(search: SearchSettings) -> SearchSettings:
@@ -143,7 +161,7 @@ class Planner:
             self.polisher = Polisher(self.fitness, polish)
         if lanes and self.polisher is None:
             raise InvalidProblemError("lanes need a polish, which ends what they begin")
-        self._lanes = 0 if self._rounding else lanes
+        self._lanes = lanes
 
     @cached_property
     def tracer(self) -> Tracer:
@@ -153,7 +171,7 @@ class Planner:
     @cached_property
     def many_starts(self) -> ManyStarts | None:
         """Local solves from many starts; None: there are none."""
-        if not self._lanes or self.polisher is None:
+        if not self._lanes or self.polisher is None or self._rounding is not None:
             return None
         return ManyStarts(self.fitness, self.polisher, self._lanes)
 
@@ -250,30 +268,35 @@ class Planner:
         if candidates is not None:
             columns = np.moveaxis(candidates, -1, 0)
             first = [bounded_controls(self.problem, one) for one in columns]
-        plan, starts = self._searched(x0, controls, first, known, rng, progress)
+        with stopwatch() as watch:
+            plan, starts = self._searched(x0, controls, first, known, rng, progress)
+            search_s = watch.seconds
         if self.polisher is None:
             return plan
+        found = starts if self.search is not None else []
         if controls is not None and states is not None:
-            found = starts if self.search is not None else []
             starts = [*found, Start(controls, states, is_guess=True)]
         progress(0, 0, "polishing")
         relaxed_cost, account = np.nan, None
         try:
             with heeded():
                 if not near and self.many_starts is not None:
-                    several = self._given(starts, controls, states)
+                    several = _origined(found, controls, states)
                     answered = self.many_starts(several, x0, known, rng)
-                    polished, evaluations = answered.polished, answered.evaluations
-                    account = answered.account
-                elif self._rounding is None:
+                    return self._of_many(answered, plan, known, search_s)
+                if self._rounding is None:
                     polished, evaluations = self._polished(
                         self.polisher, starts, x0, known, near=near
                     )
                 else:
+                    account = None if near else self._whole_account()
                     near = near or self.search is not None
                     rounded = self._rounding(starts, x0, known, near=near)
                     polished, evaluations = rounded.polished, rounded.evaluations
                     relaxed_cost = rounded.relaxed_cost
+        except ManyStartsInterrupted as stopped:
+            best = self._of_many(stopped.partial, plan, known, search_s)
+            raise PlanningInterrupted(best) from None
         except KeyboardInterrupt:
             raise PlanningInterrupted(plan) from None
         return self.evaluated(
@@ -290,16 +313,42 @@ class Planner:
             starts=account,
         )
 
-    def _given(
-        self, starts: Sequence[Start], controls: Array | None, states: Array | None
-    ) -> list[Origined]:
-        """Return what a search found and the guess, if there are any."""
-        found = starts if self.search is not None else ()
-        given = [Origined("the search", one) for one in found if one.states is None]
-        if controls is not None:
-            start = Start(controls, states, is_guess=states is not None)
-            given.append(Origined("the guess", start))
-        return given
+    def _whole_account(self) -> StartsAccount | None:
+        """Return what is said of many starts where controls take whole numbers."""
+        if not self._lanes:
+            return None
+        origin: Origin = "zero controls" if self.search is None else "the search"
+        reason = "controls take whole numbers"
+        return StartsAccount(won=origin, tried=(), lanes=None, without_lanes=reason)
+
+    def _of_many(
+        self, answered: Answered, searched: Plan, known: Known, seconds: float
+    ) -> Plan:
+        """Return the answer from many starts as a plan.
+
+        Args:
+            answered: The answer.
+            searched: The search's plan, or the guess.
+            known: Parameters and signals.
+            seconds: What the search took [s].
+        """
+        polished, account = answered.polished, answered.account
+        source = Source.SEARCH if account.won == "the search" else Source.GUESS
+        if self.search is not None:
+            effort = Effort(evaluations=searched.evaluations, seconds=seconds)
+            account = replace(account, search=effort)
+        return self.evaluated(
+            polished.controls,
+            polished.x0,
+            known=known,
+            value=(polished.cost, polished.violation),
+            source=Source.POLISH if polished.improved else source,
+            search=searched.search,
+            evaluations=searched.evaluations + answered.evaluations,
+            polish_status=polished.status,
+            point=polished.point,
+            starts=account,
+        )
 
     def _polished(
         self,
@@ -342,18 +391,12 @@ class Planner:
     def _straight(self, first: Start, x0: ArrayLike, known: Known) -> list[Start]:
         """Return starts whose states lead straight to where the end fixes them.
 
-        Where the controls of a start lead far from the end, the solver may not find
-        back; from states that reach it, it often does. With zero controls, and with
-        those of the start, where these are others; none if the end fixes nothing.
+        With zero controls, and with those of the start, where these are others; none if
+        the end fixes nothing.
         """
-        state, p, flat = shared_arguments(self.problem, x0, known)
-        sizing, signals = self.fitness.shooting.sizing, at_nodes(self.problem, flat)
-        target = sizing.target(p, signals[:, -1])
-        if np.isnan(target).all():
+        states = straight_states(self.fitness, x0, known)
+        if states is None:
             return []
-        reached = np.where(np.isnan(target), state, target)
-        part = np.linspace(0.0, 1.0, self.problem.nodes)
-        states = state[:, None] + np.outer(reached - state, part)
         zero = Start(zero_controls(self.problem), states)
         if np.array_equal(first.controls, zero.controls):
             return [zero]

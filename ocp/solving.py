@@ -15,6 +15,7 @@ from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.fitness import NOTHING, Known
 from swarmstart.ocp.improving import improved
 from swarmstart.ocp.limits import require_choice, require_count
+from swarmstart.ocp.many_starts import LANES
 from swarmstart.ocp.plan import PlanningInterrupted
 from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.polish_options import (
@@ -58,7 +59,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     known: Known = NOTHING,
     start: StartRule = "must hold",
     repair: bool = False,
-    lanes: int = 0,
+    lanes: int | None = None,
     backend: str | None = None,
     rng: np.random.Generator | None = None,
     seed: int | Sequence[int] | None = None,
@@ -87,9 +88,9 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         repair: Whether an answer that breaks a constraint between the checks is solved
             again with a margin, at most three times.
         lanes: Number of random starts that are solved at once, in SIMD lanes; with them
-            the polish begins at zero controls, the middle of the bounds, the guess and
-            the search's best as well, and the answer says what each led to. 0 means
-            none.
+            the polish begins at zero controls, the middle of the bounds, the guess,
+            the search's best and guesses of states as well, and the answer says what
+            each led to. None means 64, if there is a polish; 0 means one start alone.
         backend: What evaluates populations, as in compiled/backend.py.
         rng: Source of all randomness; either this or a seed.
         seed: Seed of a new generator.
@@ -115,6 +116,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     rng = generator_of(rng, seed)
     settings = search_settings(search, budget, order)
     polishing = polish_options(polish)
+    if lanes is None:
+        lanes = LANES if polishing is not None else 0
     if settings is None and polishing is None:
         raise InvalidProblemError("solve needs a search, a polish or both, got neither")
     with stopwatch() as watch:

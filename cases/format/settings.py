@@ -338,7 +338,7 @@ class Scenario(Part):
     polish: Literal["none", "ipopt"] = "none"
     ipopt: IpoptPart = IpoptPart()
     basins: int = Field(default=0, ge=0, le=10_000)
-    lanes: int = Field(default=0, ge=0, le=MOST_LANES)
+    lanes: int | None = Field(default=None, ge=0, le=MOST_LANES)
     backend: Backend = "auto"
     claims: list[Claim] = Field(default_factory=list)
 
@@ -369,6 +369,10 @@ class Scenario(Part):
             return 1
         line = Box(lower=np.zeros(1), upper=np.ones(1))
         return algorithm.first_size(line, self.budget.evaluations)
+
+    def random_starts(self) -> int:
+        """Return the number of random starts that are solved in lanes."""
+        return self.lanes or 0
 
     def polish_options(self) -> IpoptOptions | None:
         """Return the polish as a planner takes it; None where it is `none`."""

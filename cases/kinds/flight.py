@@ -168,7 +168,7 @@ def _planner(agent: PosedAgent, scenario: Scenario) -> Planner:
         polish=scenario.polish_options() if agent.given is None else None,
         family=agent.family,
         backend=scenario.backend,
-        lanes=scenario.lanes if agent.given is None else 0,
+        lanes=scenario.random_starts() if agent.given is None else 0,
     )
 
 

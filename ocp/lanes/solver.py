@@ -14,6 +14,7 @@ from swarmstart.ocp.lanes.kernels import (
     compile_adjoint,
     compile_kernels,
     compile_sweeps,
+    stages,
 )
 from swarmstart.ocp.lanes.posed import Posed, posed
 from swarmstart.ocp.lanes.slopes import solve_by_slopes
@@ -164,11 +165,18 @@ class LaneSolver:
 
 
 def _step_of(program: NonlinearProgram, threads: int) -> Sweeps | SimdBatch:
-    """Return the machine code of sweeps; of slopes where sweeps would be too long."""
+    """Return the machine code of sweeps; of slopes where sweeps would be too long.
+
+    Raises:
+        NoCompilerError: If they would be too long, and slopes do not serve: by gradients
+            alone lanes do not meet constraints (shuttle_reentry: 0 of 256).
+    """
     try:
         return compile_sweeps(program, threads=threads)
     except NoCompilerError:
         problem = program.problem
+        if any(one is not None and one.rows.numel() for one in stages(program)):
+            raise
         starts = [(one.value.lower, one.value.upper) for one in problem.free_starts]
         limits = (*problem.control_limits, np.array(starts))
         if not all(np.isfinite(part).all() for part in limits):

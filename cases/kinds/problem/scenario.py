@@ -37,6 +37,7 @@ from swarmstart.cases.kinds.problem.values import (
 from swarmstart.cases.kinds.problem.variations import Phase, Uncertain
 from swarmstart.cases.record.first_plan import recorded_plan
 from swarmstart.errors import SwarmstartError
+from swarmstart.ocp.many_starts import LANES
 from swarmstart.ocp.tables import Table as LookupTable
 
 EVALUATIONS = 20_000
@@ -55,6 +56,12 @@ class UserScenario(Scenario):
     search: AnySearch = Field(default={"name": "lshade"}, validate_default=True)
     budget: BudgetPart = BudgetPart(evaluations=EVALUATIONS)
     polish: Literal["none", "ipopt"] = "ipopt"
+
+    def random_starts(self) -> int:
+        """Return the number of random starts; 64 unless the scenario says another."""
+        if self.polish == "none":
+            return 0
+        return LANES if self.lanes is None else self.lanes
 
 
 class ProblemScenario(UserScenario):
