@@ -159,8 +159,9 @@ class ManyStarts:
         """Return zero controls, and the middle of their bounds where it is another."""
         problem = self._fitness.problem
         zero = zero_controls(problem)
-        lower, upper = problem.control_limits
-        middle = np.where(np.isfinite(upper - lower), (lower + upper) / 2, zero[:, 0])
+        limits = np.array(problem.control_limits)
+        bounded = np.isfinite(limits).all(axis=0)
+        middle = np.where(bounded, np.where(bounded, limits, 0).mean(axis=0), zero[:, 0])
         cold = [Origined("zero controls", Start(zero))]
         if not np.array_equal(middle, zero[:, 0]):
             same = np.repeat(middle[:, None], problem.intervals, axis=1)

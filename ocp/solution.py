@@ -217,7 +217,7 @@ def verified(
     if path.outside:
         reason = f"the start is outside: {path.outside[0]}; {reason}"
     fast = None
-    if not status.is_confirmed:
+    if not status.is_confirmed or plan.polish_status is PolishStatus.NUMERICAL_FAILURE:
         fast = fastest_mode(trace.shooting, path, state, Known(parameters, signals))
     every = (path.times.size - 1) // (problem.nodes - 1)
     stated = trace.shooting.stated

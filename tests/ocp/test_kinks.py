@@ -155,7 +155,13 @@ def least(cost: ca.SX, bound: float = 1.0) -> SolutionStatus:
         bounds=Bounds(controls=(-bound, bound)),
     )
     return solve(
-        problem, [0], search=None, guess=[0.3, 0.3], backend="casadi", seed=0
+        problem,
+        [0],
+        search=None,
+        guess=[0.3, 0.3],
+        lanes=0,
+        backend="casadi",
+        seed=0,
     ).status
 
 

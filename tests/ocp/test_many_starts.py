@@ -102,7 +102,7 @@ def test_same_seed_gives_the_same_answer() -> None:
 
 
 def test_without_lanes_nothing_is_told_of_starts() -> None:
-    answer = solve(cart(), [0.0, 1.0], search=None, seed=0)
+    answer = solve(cart(), [0.0, 1.0], search=None, lanes=0, seed=0)
     assert answer.plan.starts is None
     assert "lanes" not in str(answer)
 

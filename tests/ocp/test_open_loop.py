@@ -26,7 +26,7 @@ def test_an_open_loop_flies_what_solve_answers() -> None:
         bounds=Bounds(controls=(-1.0, 1.0)),
         terminal=[x - ca.vertcat(1.0, 0.0)],
     )
-    answer = solve(problem, np.zeros(2), search=None, seed=0)
+    answer = solve(problem, np.zeros(2), search=None, lanes=0, seed=0)
     planner = Planner(problem, search=None, polish=IpoptOptions())
     controller = OpenLoop(loop=RecedingHorizon(planner=planner))
     plan = controller.decide(0.0, np.zeros(2), None, rng=np.random.default_rng(0))

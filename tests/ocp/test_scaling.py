@@ -377,8 +377,10 @@ def test_start_with_states_is_a_guess_of_their_sizes(double_integrator: Model) -
     problem = replace(pushed(double_integrator), terminal=[double_integrator.states])
     along = np.array([[300.0], [-40.0]]) * np.linspace(0, 1, problem.nodes)
     start = Start(np.ones((1, 6)), along)
-    answer = solve(problem, [1.0, 0.0], guess=start, search=None, seed=0)
-    guessed = solve(problem, [1.0, 0.0], guess=start.controls, search=None, seed=0)
+    answer, guessed = (
+        solve(problem, [1.0, 0.0], guess=guess, search=None, lanes=0, seed=0)
+        for guess in (start, start.controls)
+    )
     assert answer.cost == pytest.approx(guessed.cost, rel=1e-7)
     assert answer.plan.point is not None
     program, q = answer.plan.point.program, answer.plan.point.q

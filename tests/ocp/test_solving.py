@@ -103,6 +103,7 @@ def test_gradient_alone_passes_on_the_expensive_side(passing_side: Posed) -> Non
         search=None,
         polish=IpoptOptions(),
         known=known,
+        lanes=0,
         repair=True,
         rng=np.random.default_rng(0),
     )
