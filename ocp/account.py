@@ -89,7 +89,7 @@ class StartsAccount:
         return {"won": self.won, "tried": tried, "lanes": lanes, "without_lanes": ""}
 
     def lines(self, sense: float = 1.0) -> list[str]:
-        """Return the account in three lines.
+        """Return the account in lines, one for each of its parts.
 
         Args:
             sense: -1 where costs are gains.
@@ -110,6 +110,7 @@ class StartsAccount:
         listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
         return [
             *lines,
-            f"  lanes       {self.lanes.starts} starts: {listed or 'no optimum'}; "
-            f"at most {self.lanes.unseen.most:.0%} of such starts would end elsewhere",
+            f"  lanes       {self.lanes.starts} starts: {listed or 'no optimum'}",
+            f"  unseen      at most {self.lanes.unseen.most:.0%} of such starts, "
+            "solved in this way, end in another optimum (95% interval)",
         ]

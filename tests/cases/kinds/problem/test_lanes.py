@@ -34,6 +34,9 @@ def test_account_is_in_the_record_and_on_the_screen(
     said = capsys.readouterr().out
     assert "  won         zero controls" in said
     assert "  lanes       17 starts: " in said
+    unseen = next(line for line in said.splitlines() if line.startswith("  unseen"))
+    assert "at most 18% of such starts, solved in this way" in unseen
+    assert unseen.endswith("(95% interval)") and len(unseen) <= 100
     starts = json.loads((folder / "run.json").read_text())["starts"]
     assert starts["won"] == "zero controls"
     assert {one["origin"] for one in starts["tried"]} == {"zero controls", "the lanes"}
