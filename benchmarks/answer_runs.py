@@ -284,10 +284,10 @@ class Amount:
 
     seeds: int = 20
     most_seeds: int = 30
-    solve_s: float = 30.0
+    solve_s: float = 20.0
     starts: int = 10
-    most_starts: int = 60
-    ipopt_s: float = 20.0
+    most_starts: int = 400
+    ipopt_s: float = 10.0
     repaired: int = 0
 
 
