@@ -47,6 +47,8 @@ ipopt      IPOPT's solver alone, from a random start"""
 
 COLD = 5
 """Repetitions of the cold solve."""
+_REPAIRED = 3
+"""Seeds with repair=True, at least."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -279,7 +281,7 @@ class Amount:
         starts: Of IPOPT, at least.
         most_starts: As many if they take less than `ipopt_s`.
         ipopt_s: See there [s].
-        repaired: Seeds with repair=True, where constraints are broken along the path.
+        repaired_s: As many seeds with repair=True as take less, three at least [s].
     """
 
     seeds: int = 20
@@ -288,7 +290,7 @@ class Amount:
     starts: int = 10
     most_starts: int = 400
     ipopt_s: float = 10.0
-    repaired: int = 0
+    repaired_s: float = 60.0
 
 
 class Wanted(NamedTuple):
@@ -309,13 +311,14 @@ class Wanted(NamedTuple):
     seconds: float
 
 
-def wanted(one: Shipped, amount: Amount, *, is_broken: bool) -> Iterator[Wanted]:
+def wanted(one: Shipped, log: Log, amount: Amount) -> Iterator[Wanted]:
     """Yield the runs that a problem wants.
 
     Args:
         one: The problem.
+        log: What has been done; runs with repair=True are wanted where an answer that
+            is in it breaks a constraint along its path.
         amount: How much is wanted.
-        is_broken: Whether its best answers break constraints between the checks.
     """
     alone: list[tuple[What, int]] = [("zero", 1), ("cold", COLD)]
     if one.middle is not None:
@@ -326,9 +329,11 @@ def wanted(one: Shipped, amount: Amount, *, is_broken: bool) -> Iterator[Wanted]
         yield Wanted(what, partial(one.polished, what), many, many, 0.0)
     more = amount.seeds, amount.most_seeds, amount.solve_s
     yield Wanted("answer", one.answer, *more)
-    if is_broken:
+    answers = log.of(one.name, "answer", one.lanes)
+    if any(run.feasible and not run.confirmed for run in answers):
         again = partial(one.answer, what="repaired")
-        yield Wanted("repaired", again, amount.repaired, amount.repaired, 0.0)
+        less = min(amount.seeds, _REPAIRED)
+        yield Wanted("repaired", again, less, amount.seeds, amount.repaired_s)
     starts = amount.starts, amount.most_starts, amount.ipopt_s
     yield Wanted("ipopt", one.from_start, *starts)
 

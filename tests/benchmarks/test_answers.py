@@ -28,7 +28,7 @@ RUN = Run(
     feasible=True, confirmed=True, process_s=1.0, wall_s=1.5,
 )  # fmt: skip
 LITTLE = Amount(
-    seeds=1, most_seeds=1, solve_s=0.0, starts=2, most_starts=2, ipopt_s=0.0, repaired=1
+    seeds=1, most_seeds=1, solve_s=0, starts=2, most_starts=2, ipopt_s=0, repaired_s=0
 )
 
 
@@ -108,20 +108,28 @@ def test_log_goes_on_after_a_line_that_was_not_ended(tmp_path: Path) -> None:
 def test_what_is_there_is_not_run_again(tmp_path: Path) -> None:
     log, name = Log(tmp_path / "runs.jsonl"), "double_integrator"
     one = shipped(name, 8)
-    runs = list(wanted(one, LITTLE, is_broken=False))
-    for run in missing(one, log, runs):
+    for run in missing(one, log, wanted(one, log, LITTLE)):
         log.add(run)
     kinds = [run.what for run in log.runs]
     assert kinds == ["first", "zero", *["cold"] * COLD, "answer", *["ipopt"] * 2]
     exact = 12 / (1 - 1 / 20**2)
     assert [run.cost for run in log.runs] == pytest.approx([exact] * len(kinds))
-    assert not list(missing(one, log, runs))
+    assert not list(missing(one, log, wanted(one, log, LITTLE)))
     assert all(run.won for run in log.of(name, "answer", 8))
     rows = [line for line in page([name], log, 8) if line.startswith("| `double")]
     assert len(rows) == 2
     assert "| yes | 12.03008 | 12.03008 | 1 of 1 | 1 of 1 | 0 |" in rows[0]
     assert rows[1].endswith("| yes |") or rows[1].endswith("| **no** |")
     assert not [line for line in page([name], log, None) if line.startswith("| `")]
+
+
+def test_broken_paths_are_solved_again_with_a_margin(tmp_path: Path) -> None:
+    log, one = Log(tmp_path / "runs.jsonl"), shipped("double_integrator", None)
+    log.add(RUN)
+    assert "repaired" not in [kind.what for kind in wanted(one, log, LITTLE)]
+    log.add(replace(RUN, number=1, confirmed=False))
+    kinds = {kind.what: kind for kind in wanted(one, log, Amount())}
+    assert (kinds["repaired"].least, kinds["repaired"].most) == (3, 20)
 
 
 def test_page_is_written_from_what_is_there(tmp_path: Path) -> None:
