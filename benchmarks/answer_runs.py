@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,7 +123,7 @@ class Shipped:
 
     def answer(self, number: int, what: What = "answer") -> Run:
         """Return a solve with the defaults."""
-        more = {} if self.lanes is None else {"lanes": self.lanes}
+        more: dict[str, Any] = {} if self.lanes is None else {"lanes": self.lanes}
         found, seconds = timed(
             lambda: solve(
                 self.problem,

@@ -95,7 +95,10 @@ def _timed(name: str, way: Way, rounds: int) -> Timed:
         *(one[None] for one in arguments)
     )
     out = np.empty(VALUES)
-    calls = {OURS: prepared.run, NUMPY: lambda: way.theirs(*arguments, out=out)}
+    calls: dict[str, Callable[[], object]] = {
+        OURS: prepared.run,
+        NUMPY: lambda: way.theirs(*arguments, out=out),
+    }
     for call in calls.values():
         call()
     if not np.allclose(prepared.outputs[0][0], out, rtol=_AGREE, atol=1e-300):
