@@ -49,6 +49,7 @@ COLD = 5
 """Repetitions of the cold solve."""
 _REPAIRED = 3
 """Seeds with repair=True, at least."""
+_SELDOM, _AS_LONG, _MANY = 0.3, 12, 100_000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -282,6 +283,7 @@ class Amount:
         most_starts: As many if they take less than `ipopt_s`.
         ipopt_s: See there [s].
         repaired_s: As many seeds with repair=True as take less, three at least [s].
+        longest_s: Of IPOPT's starts where they seldom hit, at most [s].
     """
 
     seeds: int = 20
@@ -291,6 +293,7 @@ class Amount:
     most_starts: int = 400
     ipopt_s: float = 10.0
     repaired_s: float = 60.0
+    longest_s: float = 100.0
 
 
 class Wanted(NamedTuple):
@@ -311,14 +314,21 @@ class Wanted(NamedTuple):
     seconds: float
 
 
-def wanted(one: Shipped, log: Log, amount: Amount) -> Iterator[Wanted]:
+def wanted(
+    one: Shipped, log: Log, amount: Amount, is_hit: Callable[[Run], bool]
+) -> Iterator[Wanted]:
     """Yield the runs that a problem wants.
+
+    Where IPOPT's starts seldom hit, there are more of them, until they have taken
+    twelve times as long as a solve: less would not show that they take ten times as
+    long where none hits.
 
     Args:
         one: The problem.
         log: What has been done; runs with repair=True are wanted where an answer that
             is in it breaks a constraint along its path.
         amount: How much is wanted.
+        is_hit: Whether a run found the best that is known.
     """
     alone: list[tuple[What, int]] = [("zero", 1), ("cold", COLD)]
     if one.middle is not None:
@@ -336,6 +346,12 @@ def wanted(one: Shipped, log: Log, amount: Amount) -> Iterator[Wanted]:
         yield Wanted("repaired", again, less, amount.seeds, amount.repaired_s)
     starts = amount.starts, amount.most_starts, amount.ipopt_s
     yield Wanted("ipopt", one.from_start, *starts)
+    done = log.of(one.name, "ipopt", one.lanes)
+    answers = log.of(one.name, "answer", one.lanes)
+    if done and answers and sum(map(is_hit, done)) < _SELDOM * len(done):
+        seconds = _AS_LONG * sum(run.wall_s for run in answers) / len(answers)
+        seconds = min(seconds, amount.longest_s)
+        yield Wanted("ipopt", one.from_start, 0, _MANY, seconds)
 
 
 def missing(one: Shipped, log: Log, runs: Iterable[Wanted]) -> Iterator[Run]:

@@ -28,8 +28,14 @@ RUN = Run(
     feasible=True, confirmed=True, process_s=1.0, wall_s=1.5,
 )  # fmt: skip
 LITTLE = Amount(
-    seeds=1, most_seeds=1, solve_s=0, starts=2, most_starts=2, ipopt_s=0, repaired_s=0
-)
+    seeds=1, most_seeds=1, solve_s=0, starts=2, most_starts=2, ipopt_s=0, repaired_s=0,
+    longest_s=0,
+)  # fmt: skip
+
+
+def hits(run: Run) -> bool:
+    """Return whether a run costs at most 2."""
+    return run.cost <= 2.0
 
 
 def test_seconds_until_a_hit_are_those_of_enough_runs() -> None:
@@ -108,13 +114,13 @@ def test_log_goes_on_after_a_line_that_was_not_ended(tmp_path: Path) -> None:
 def test_what_is_there_is_not_run_again(tmp_path: Path) -> None:
     log, name = Log(tmp_path / "runs.jsonl"), "double_integrator"
     one = shipped(name, 8)
-    for run in missing(one, log, wanted(one, log, LITTLE)):
+    for run in missing(one, log, wanted(one, log, LITTLE, hits)):
         log.add(run)
     kinds = [run.what for run in log.runs]
     assert kinds == ["first", "zero", *["cold"] * COLD, "answer", *["ipopt"] * 2]
     exact = 12 / (1 - 1 / 20**2)
     assert [run.cost for run in log.runs] == pytest.approx([exact] * len(kinds))
-    assert not list(missing(one, log, wanted(one, log, LITTLE)))
+    assert not list(missing(one, log, wanted(one, log, LITTLE, hits)))
     assert all(run.won for run in log.of(name, "answer", 8))
     rows = [line for line in page([name], log, 8) if line.startswith("| `double")]
     assert len(rows) == 2
@@ -126,10 +132,24 @@ def test_what_is_there_is_not_run_again(tmp_path: Path) -> None:
 def test_broken_paths_are_solved_again_with_a_margin(tmp_path: Path) -> None:
     log, one = Log(tmp_path / "runs.jsonl"), shipped("double_integrator", None)
     log.add(RUN)
-    assert "repaired" not in [kind.what for kind in wanted(one, log, LITTLE)]
+    assert "repaired" not in [kind.what for kind in wanted(one, log, LITTLE, hits)]
     log.add(replace(RUN, number=1, confirmed=False))
-    kinds = {kind.what: kind for kind in wanted(one, log, Amount())}
+    kinds = {kind.what: kind for kind in wanted(one, log, Amount(), hits)}
     assert (kinds["repaired"].least, kinds["repaired"].most) == (3, 20)
+
+
+def test_starts_that_seldom_hit_are_tried_for_longer(tmp_path: Path) -> None:
+    """A solve takes 1.5 s: until 18 s, or the longest allowed."""
+    log, one = Log(tmp_path / "runs.jsonl"), shipped("double_integrator", None)
+    log.add(RUN)
+    for number, cost in enumerate((2.0, 3.0, 3.0)):
+        log.add(replace(RUN, what="ipopt", number=number, cost=cost))
+    assert [k.what for k in wanted(one, log, Amount(), hits)].count("ipopt") == 1
+    log.add(replace(RUN, what="ipopt", number=3, cost=3.0))
+    *_, last = wanted(one, log, Amount(), hits)
+    assert (last.what, last.least, last.seconds) == ("ipopt", 0, 18.0)
+    *_, last = wanted(one, log, Amount(longest_s=5), hits)
+    assert last.seconds == 5
 
 
 def test_page_is_written_from_what_is_there(tmp_path: Path) -> None:
