@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
-from swarmstart.benchmarks import rivals, scaling
+from swarmstart.benchmarks import elementary, rivals, scaling
 from swarmstart.benchmarks.problems import (
     Instance,
     bicycle,
@@ -63,6 +63,7 @@ class Measured(NamedTuple):
     builds: Sequence[scaling.Build]
     populations: Sequence[scaling.Series]
     horizon: scaling.Series
+    functions: Sequence[elementary.Timed]
 
     def race(self, problem: str, size: int) -> Race:
         """Return one race."""
@@ -101,6 +102,7 @@ def measure(*, short: bool) -> Measured:
         scaling.build_times(builds=5 if short else 15, reloads=50),
         scaling.over_populations(prepared, LARGE if short else 100_000, rounds),
         scaling.over_horizons(prepared, rounds),
+        elementary.timed(rounds=rounds),
     )
 
 
@@ -173,6 +175,7 @@ def report(measured: Measured) -> list[str]:
         lines += _race_table(races, Race.ns)
         lines += [f"## {size} individuals, times as fast as the map", ""]
         lines += _race_table(races, Race.ratio)
+    lines += _function_table(measured.functions)
     lines += _build_table(measured.builds)
     lines += _growth_tables(measured)
     lines += bar_table(bars(measured))
@@ -197,6 +200,15 @@ def _race_table(
         )
         rows.append([one.problem, *cells])
     return _table(rows)
+
+
+def _function_table(functions: Iterable[elementary.Timed]) -> list[str]:
+    rows = [["function", elementary.OURS, elementary.NUMPY, "times as fast"]]
+    for one in functions:
+        times = (one.ns[who] for who in (elementary.OURS, elementary.NUMPY))
+        rows.append([one.name, *map(_spread, times), _number(one.ratio)])
+    title = f"## Elementary functions of {elementary.VALUES} values, ns per value"
+    return [title, "", *_table(rows)]
 
 
 def _build_table(builds: Iterable[scaling.Build]) -> list[str]:

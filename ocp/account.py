@@ -1,5 +1,6 @@
 """Where an answer comes from, and what the other starts led to."""
 
+import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, get_args
 
@@ -15,7 +16,7 @@ Origin = Literal[
 ]
 """Kinds of starts, the cheapest first: of equal answers the cheapest start's counts."""
 
-SHOWN = 5
+SHOWN = 3
 """Optima that a summary shows."""
 
 
@@ -126,7 +127,7 @@ class StartsAccount:
             lanes = asdict(self.lanes) | {"optima": optima}
         return {
             "won": self.won,
-            "tried": [asdict(one) | {"cost": sense * one.cost} for one in self.tried],
+            "tried": [_told(one, sense) for one in self.tried],
             "lanes": lanes,
             "without_lanes": self.without_lanes,
             "search": None if self.search is None else asdict(self.search),
@@ -182,8 +183,15 @@ class StartsAccount:
         listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
         return (
             f"{self.lanes.starts} starts: {listed or 'no optimum'}; "
-            f"at most {unseen.most:.0%} of such starts would end elsewhere"
+            f"at most {unseen.most:.0%} of such starts end in others (95% interval)"
         )
 
 
 _ORDER = get_args(Origin)
+
+
+def _told(one: Tried, sense: float) -> dict[str, Any]:
+    """Return what a start led to as JSON has it, which knows no infinite numbers."""
+    values = {"cost": sense * one.cost, "violation": one.violation}
+    finite = {k: v if math.isfinite(v) else None for k, v in values.items()}
+    return asdict(one) | finite

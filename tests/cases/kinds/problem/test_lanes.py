@@ -34,9 +34,11 @@ def test_account_is_in_the_record_and_on_the_screen(
     said = capsys.readouterr().out
     assert "  won         zero controls" in said
     assert "  lanes       17 starts: " in said
+    assert "at most 18% of such starts end in others (95% interval)" in said
     starts = json.loads((folder / "run.json").read_text())["starts"]
     assert starts["won"] == "zero controls"
-    assert {one["origin"] for one in starts["tried"]} == {"zero controls", "the lanes"}
+    origins = {one["origin"] for one in starts["tried"]}
+    assert origins == {"zero controls", "the lanes", "guesses of states"}
     assert starts["lanes"]["optima"][0]["count"] == 17
     assert starts["lanes"]["unseen"]["most"] == pytest.approx(3 / 17)
 
@@ -66,6 +68,11 @@ def test_only_the_first_plan_of_a_flight_has_many_starts() -> None:
 def test_without_lanes_nothing_is_told() -> None:
     done = run(stated(SWING.replace("lanes: 16", "lanes: 0")), seed=0)
     assert done.summary()["starts"] is None
+
+
+def test_lanes_are_used_unless_the_scenario_says_otherwise() -> None:
+    done = run(stated(SWING.replace("lanes: 16\n", "")), seed=0)
+    assert done.summary()["starts"]["lanes"]["starts"] == 65
 
 
 def test_lanes_want_a_polish() -> None:

@@ -1,0 +1,224 @@
+"""Answers of `solve` on every shipped problem, and how long they take, measured.
+
+    python benchmarks/answers.py [--write docs/answers_measured.md] [--only NAME]
+        [--seeds 20] [--lanes N] [--short] [--out results/answers]
+
+Every run is a line of OUT/runs.jsonl; what is there is not done again, so a measurement
+goes on where it was stopped, and the page is made of what is there. It wants a quiet
+machine: some twenty minutes. A new state of the code wants a new folder.
+"""
+
+import sys
+from collections.abc import Iterable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from swarmstart.benchmarks.answer_races import (
+    SOONER,
+    SURE,
+    Raced,
+    raced,
+)
+from swarmstart.benchmarks.answer_runs import (
+    Amount,
+    Log,
+    Run,
+    What,
+    missing,
+    shipped,
+    wanted,
+)
+from swarmstart.benchmarks.kept_values import PROBLEMS, Kept
+from swarmstart.benchmarks.kept_values import read as kept_values
+from swarmstart.benchmarks.shipped_problems import WITHIN
+from swarmstart.benchmarks.tables import head, page_options, publish, row
+
+SHORT = Amount(
+    seeds=2, most_seeds=2, solve_s=0, starts=3, most_starts=10, ipopt_s=1,
+    repaired_s=0, longest_s=0,
+)  # fmt: skip
+SAME = 1e-6
+"""Of a cost, relative: a difference that is rounding."""
+LONGEST, TIMES_COLD = 5.0, 3.0
+"""A solve is to end within so many seconds, or so many cold ones."""
+TEXT = """# Answers, measured
+
+Made by `python benchmarks/answers.py --write docs/answers_measured.md`: `solve` with
+its defaults{lanes}, from several seeds, on every shipped problem. Seconds are those of
+the process on all cores, whole calls with what posing, verifying and loading machine
+code takes, but for the first call of a process, which makes or loads it ("code"); by
+the clock in brackets. "Cold" is IPOPT alone from zero controls, a whole call, too.
+
+- A seed hits if its answer is feasible and costs at most 1e-4 more, relative, than the
+  best that is known at the problem's checks (`docs/kept_values.json`); "along the path"
+  the same of confirmed answers with the constraints kept along it, with `repair=True`
+  where a seed's answer breaks one.
+- "Worse" is the number of seeds whose answer costs more, by 1e-6 of it, than IPOPT from
+  zero controls, from the middle of the bounds (where that is not zero), from the guess
+  that the problem's file states, or from the best of the starts that the account of
+  that seed names.
+
+"""
+RACE_TEXT = """
+## Seconds until the best optimum is found with 95 % probability
+
+With p the share of starts that hit and t their mean seconds: t max(1, log(0.05) /
+log(1 - p)). For IPOPT, starts are smooth random controls as the lanes have them, one
+after the other on the same solver; only the solver's own seconds count, not those of
+posing the problem once nor those of verifying. For `solve`, whole calls. Where no start
+hits, p is the largest that would be so in 5 % of all cases, and the seconds are a lower
+bound: those that all starts took. In brackets is what 90 % of 2,000 samples of the runs
+with replacement give.
+
+Asked for: {sooner} times less where IPOPT hits in less than 30 % of its starts; not
+slower on the others that have several optima, which are those where feasible answers of
+IPOPT's starts differ by more than 1e-4; where there is one, at most 1.3 times the cold
+solve and 0.2 s.
+
+"""
+
+
+def is_hit(run: Run, value: float, sense: float) -> bool:
+    """Return whether a run found the best that is known, or better.
+
+    Args:
+        run: The run.
+        value: The best that is known, as the problem states it.
+        sense: -1 where costs are gains.
+    """
+    return run.feasible and sense * (run.cost - value) <= WITHIN * abs(value)
+
+
+def worse(answers: Iterable[Run], others: Sequence[Run], sense: float) -> int:
+    """Return how many answers are worse than a solve that is simpler.
+
+    Args:
+        answers: Of `solve`.
+        others: Solves from other starts.
+        sense: -1 where costs are gains.
+    """
+    number = 0
+    feasible = [run.cost for run in others if run.feasible]
+    for run in answers:
+        known = [sense * cost for cost in (*feasible, *run.tried.values())]
+        least = min(known, default=np.inf)
+        within = least + SAME * abs(least) if known else np.inf
+        number += bool(known) and not (run.feasible and sense * run.cost <= within)
+    return number
+
+
+def answers_row(name: str, log: Log, lanes: int | None, value: Kept) -> str:
+    """Return what is measured of the answers of a problem."""
+    answers = log.of(name, "answer", lanes)
+    repaired = log.of(name, "repaired", lanes) or answers
+    sense = shipped(name, lanes).problem.sense
+    cold = np.median([run.process_s for run in log.of(name, "cold", lanes)])
+    seconds = np.array([run.process_s for run in answers])
+    wall = np.array([run.wall_s for run in answers])
+    at_checks = sum(is_hit(run, value.at_checks, sense) for run in answers)
+    along = [run.confirmed and is_hit(run, value.along_path, sense) for run in repaired]
+    simpler: tuple[What, ...] = ("zero", "middle", "guess")
+    others = [run for what in simpler for run in log.of(name, what, lanes)]
+    costs = [sense * run.cost for run in answers if run.feasible]
+    most = max(LONGEST, TIMES_COLD * float(cold))
+    return row(
+        f"`{name}`",
+        _lanes(answers),
+        f"{value.at_checks:.7g}",
+        f"{sense * min(costs):.7g}" if costs else "-",
+        f"{at_checks} of {len(answers)}",
+        f"{sum(along)} of {len(repaired)}",
+        f"{worse(answers, others, sense)}",
+        f"{np.median(seconds):.2f} ({np.median(wall):.2f})",
+        f"{seconds.max():.2f} ({wall.max():.2f})",
+        f"{cold:.2f}",
+        "yes" if seconds.max() <= most else "**no**",
+        f"{max(run.code_s for run in log.of(name, 'first', lanes)):.2f}",
+    )
+
+
+def _lanes(answers: Sequence[Run]) -> str:
+    """Return what is said of lanes."""
+    if answers[0].without_lanes:
+        return f"none: {answers[0].without_lanes}"
+    return "yes" if answers[0].won else "not asked for"
+
+
+def race_row(name: str, found: Raced) -> str:
+    """Return the race of a problem."""
+    return row(
+        f"`{name}`",
+        f"{found.ipopt.runs}",
+        f"{found.ipopt.share:.2f}",
+        f"{found.ipopt.mean_s:.3f}",
+        found.ipopt.told,
+        f"{found.solve.share:.2f}",
+        f"{found.solve.mean_s:.3f}",
+        found.solve.told,
+        found.told,
+        found.asked,
+        "yes" if found.reached else "**no**",
+    )
+
+
+def page(names: Iterable[str], log: Log, lanes: int | None) -> list[str]:
+    """Return both tables, of the problems whose runs are there."""
+    values = kept_values()
+    rows, races = list[str](), list[str]()
+    for name in names:
+        answers, starts = log.of(name, "answer", lanes), log.of(name, "ipopt", lanes)
+        cold = log.of(name, "cold", lanes)
+        if not (answers and starts and cold and log.of(name, "first", lanes)):
+            continue
+        rows.append(answers_row(name, log, lanes, values[name]))
+        sense, value = shipped(name, lanes).problem.sense, values[name].at_checks
+        hits = [[is_hit(run, value, sense) for run in runs] for runs in
+                (starts, answers)]  # fmt: skip
+        races.append(race_row(name, raced(starts, hits[0], answers, hits[1], cold)))
+    return [
+        *head("problem", "lanes", "best known", "best found", "hits",
+              "along the path", "worse", "s, median", "s, most", "cold s",
+              f"{LONGEST:g} s or {TIMES_COLD:g} cold", "code s"),
+        *rows,
+        *RACE_TEXT.format(sooner=SOONER).splitlines(),
+        *head("problem", "starts of IPOPT", "hits", "s each",
+              f"s until {SURE:.0%}", "`solve` hits", "s each", f"s until {SURE:.0%}",
+              "times less", "asked for", "reached"),
+        *races,
+    ]  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what is missing, print the tables, and write them where asked."""
+    parser = page_options(__doc__)
+    parser.add_argument("--only", action="append", help="one problem")
+    parser.add_argument("--seeds", type=int, default=20, help="of solve, at least")
+    parser.add_argument("--lanes", type=int, help="of solve; its default unless given")
+    parser.add_argument("--short", action="store_true", help="a few runs of each")
+    parser.add_argument("--out", type=Path, default=Path("results/answers"))
+    options = parser.parse_args(arguments)
+    log, values = Log(options.out / "runs.jsonl"), kept_values()
+    amount = Amount(seeds=options.seeds, most_seeds=max(30, options.seeds))
+    names = options.only or PROBLEMS
+    for name in names:
+        one = shipped(name, options.lanes)
+        found = partial(is_hit, value=values[name].at_checks, sense=one.problem.sense)
+        runs = wanted(one, log, SHORT if options.short else amount, found)
+        for run in missing(one, log, runs):
+            log.add(run)
+            print(
+                f"{run.problem} {run.what} {run.number}: {run.cost:.7g}, "
+                f"{run.process_s:.2f} s",
+                file=sys.stderr,
+                flush=True,
+            )
+    said = "" if options.lanes is None else f" but `lanes={options.lanes}`"
+    lines = page(names, log, options.lanes)
+    publish(lines, options, TEXT.format(lanes=said))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

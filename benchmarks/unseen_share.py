@@ -1,0 +1,274 @@
+"""How often the account's interval holds the share of optima that were not seen.
+
+    python benchmarks/unseen_share.py [--write docs/unseen_share.md] [--only NAME]
+        [--lanes 2000] [--draws 400] [--keep FOLDER]
+
+Each problem is solved once from 2,000 random starts. From these, 400 times, some are
+drawn without replacement; the account of a draw is made as if there were no others, and
+its interval compared with the share of the others that ended elsewhere. No time counts.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.benchmarks.lanes import of_instance, shipped
+from swarmstart.benchmarks.problems import passing
+from swarmstart.benchmarks.tables import (
+    Bar,
+    bar_table,
+    head,
+    page_options,
+    publish,
+    row,
+)
+from swarmstart.benchmarks.unseen_ways import WAYS, laws, least_held
+from swarmstart.ocp import IpoptOptions, Planner
+from swarmstart.ocp.lanes.augmented import LaneAnswers
+from swarmstart.ocp.lanes.optima import (
+    APART,
+    distinct_optima,
+    optimum_of,
+    paths,
+    unseen_share,
+)
+from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
+
+Array = NDArray[np.float64]
+
+ASKED = ("four_discs", "pendulum_on_cart", "lynx_and_hares")
+CONTROLS = ("goddard_rocket", "two_stage_launch", "passing")
+SIZES = (16, 40, 64, 256)
+HELD = 0.9
+"""Part of the draws whose interval is to hold the share."""
+TEXT = """# The share of optima not seen
+
+Made by `python benchmarks/unseen_share.py --write docs/unseen_share.md`. The account of
+[many starts](answers.md#many-starts) states up to which share of such starts, solved in
+the same way, end in an optimum that none of them found. Here each problem is solved
+from {lanes:,} starts; {draws} times some of them are drawn without replacement, and the
+account of a draw, with its own distinct optima, is compared with
+
+- the share of all {lanes:,} that ended in an optimum which no start of the draw found,
+  by the distinct optima of all {lanes:,};
+- the same share of those that were not drawn: the draw's own starts, which are seen,
+  are not among them;
+- the share of those that were not drawn and are apart, by more than {apart}, from each
+  optimum of the draw: what the account speaks of, told apart as the account does it.
+
+Starts that ended without an optimum count nowhere. Share and "at most" are means over
+the draws; the interval is that from 0 up to "at most", at 95 %. "More alone" is the
+share of a draw's starts that are alone in their optimum by the draw's own distinct
+optima, less that by those of all: whether answers that are about as far apart as the
+limit belong together depends on what else was drawn.
+
+"""
+WAYS_TEXT = """
+## Ways to state it
+
+With n1 optima found once and n2 found twice among n starts, each way states an upper
+end; all lower ends are 0. The first numbers are the least part of the draws in which it
+holds the last of the three shares, over all problems. "Laws" are multinomial ones with
+known shares ({laws} of them, 1,000 draws of each): 2 to 1,000 optima that are alike,
+Zipf's, geometric, and one frequent optimum with 1, 3 or 10 rare ones, found half a time
+to four times. The last is the mean end on {asked}.
+
+- *score*: the account's, the largest U with (n U - n1)^2 <= 1.645^2 (n U (1 - U) + 2
+  n2), at least 3 / n: Wilson's (1927) way with the variance of Esty (1983).
+- *n1 + 1.96 sd*: n1 / n + 1.96 sqrt(n1 + 2 n2) / n: stated before.
+- *Esty* (1983): n1 / n + 1.645 sqrt(n1 + 2 n2 - n1^2 / n) / n.
+- *Wilson* (1927), *Clopper-Pearson* (1934): a binomial n1, without n2.
+- *Chao and Jost* (2012): Esty's about (n1 / n) (n - 1) n1 / ((n - 1) n1 + 2 n2).
+- *bootstrap*: 100 draws from the optima found and from Chao's number of others.
+
+All but Wilson's and Clopper-Pearson's are at least 3 / n.
+
+"""
+
+
+class Held(NamedTuple):
+    """What accounts of draws of one size stated, and what was so.
+
+    Attributes:
+        problem: Its name.
+        size: Starts in a draw.
+        shares: Of each draw: of all, of those not drawn, and of these by the draw's own
+            optima; shape (draws, 3).
+        most: Way -> what it stated, shape (draws,).
+        more: Of each draw: how many more starts were alone, in parts of all.
+    """
+
+    problem: str
+    size: int
+    shares: Array
+    most: Mapping[str, Array]
+    more: Array
+
+    def holds(self, way: str = "score") -> Array:
+        """Return in which part of the draws a way holds each of the shares, (3,)."""
+        within = self.shares <= self.most[way][:, None] + 1e-12
+        return np.asarray(within.mean(axis=0))
+
+
+def solved(name: str, lanes: int) -> LaneAnswers:
+    """Return what lanes made of random starts of a problem."""
+    posed = of_instance(passing()) if name == "passing" else shipped(name)
+    planner = Planner(posed.problem, search=None, polish=IpoptOptions())
+    solver = LaneSolver(planner.fitness.shooting)
+    x0, known, _ = planner.posed(posed.x0, posed.known)
+    starts = random_starts(solver.problem, lanes, np.random.default_rng(0))
+    return solver(x0, *starts, known=known, rng=np.random.default_rng(1))
+
+
+def kept(name: str, lanes: int, folder: Path | None) -> LaneAnswers:
+    """Return the same; read from a folder if they are there, and written to it."""
+    if folder is None:
+        return solved(name, lanes)
+    file = folder / f"{name}_{lanes}.npz"
+    if not file.exists():
+        found = solved(name, lanes)
+        folder.mkdir(parents=True, exist_ok=True)
+        parts = {one.name: getattr(found, one.name) for one in fields(found)}
+        np.savez(file, **parts)
+    with np.load(file) as read:
+        return LaneAnswers(**read)
+
+
+def of(answers: LaneAnswers, lanes: NDArray[np.int64]) -> LaneAnswers:
+    """Return some of the answers."""
+    parts = {f.name: getattr(answers, f.name)[..., lanes] for f in fields(answers)}
+    return LaneAnswers(**parts)
+
+
+def held(name: str, answers: LaneAnswers, size: int, draws: int) -> Held:
+    """Return what the accounts of draws stated, and what was so.
+
+    Args:
+        name: Of the problem.
+        answers: All of them.
+        size: Starts in a draw.
+        draws: Their number.
+    """
+    rng, number = np.random.default_rng(size), optimum_of(answers)
+    shares, more = np.empty((draws, 3)), np.empty(draws)
+    most = {way: np.empty(draws) for way in WAYS}
+    for draw in range(draws):
+        lanes = rng.choice(number.size, size, replace=False)
+        optima = distinct_optima(of(answers, lanes))
+        counts = [one.count for one in optima]
+        found = number[lanes][number[lanes] >= 0]
+        _, by_all = np.unique(found, return_counts=True)
+        alone = counts.count(1) - int((by_all == 1).sum())
+        more[draw] = alone / max(found.size, 1)
+        others = np.setdiff1d(np.flatnonzero(number >= 0), lanes)
+        new = ~np.isin(number[others], found)
+        firsts = lanes[[one.lane for one in optima]]
+        apart = _apart(answers, firsts, others)
+        shares[draw] = new.sum() / (number >= 0).sum(), new.mean(), apart.mean()
+        for way, state in WAYS.items():
+            most[way][draw] = state(counts) if counts else unseen_share(counts).most
+    return Held(name, size, shares, most, more)
+
+
+def _apart(
+    answers: LaneAnswers, firsts: NDArray[np.int64], others: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return which of the others are apart from each of the first, cheapest first."""
+    if not firsts.size:
+        return np.ones(others.size, dtype=bool)
+    points = paths(answers, int(firsts[0]))
+    near, far = points[firsts], points[others]
+    squares = (far**2).sum(axis=1)[:, None] + (near**2).sum(axis=1)
+    away = (squares - 2 * far @ near.T).min(axis=1) / points.shape[1]
+    return np.asarray(away > APART**2)
+
+
+def table(found: Iterable[Held]) -> list[str]:
+    """Return a row for each size of draws of each problem."""
+    lines = head(
+        "problem", "starts", "share not drawn", "at most", "more alone",
+        "holds that of all", "of those not drawn", "told apart by the draw",
+    )  # fmt: skip
+    for one in found:
+        lines.append(
+            row(
+                one.problem, str(one.size), f"{one.shares[:, 1].mean():.3f}",
+                f"{one.most['score'].mean():.3f}", f"{one.more.mean():+.3f}",
+                *(f"{part:.3f}" for part in one.holds()),
+            )
+        )  # fmt: skip
+    return lines
+
+
+def ways_table(found: Sequence[Held], draws: int) -> list[str]:
+    """Return a row for each way to state the share.
+
+    Args:
+        found: Of all problems.
+        draws: From each known law.
+    """
+    sizes = sorted({one.size for one in found})
+    lines = head(
+        "way",
+        *(f"problems, {n}" for n in sizes),
+        *(f"laws, {n}" for n in sizes),
+        *(f"end, {n}" for n in sizes),
+    )
+    for name, way in WAYS.items():
+        least, known, ends = [], [], []
+        for n in sizes:
+            of_size = [one for one in found if one.size == n]
+            least.append(f"{min(one.holds(name)[2] for one in of_size):.3f}")
+            is_slow = name == "bootstrap"
+            known.append("-" if is_slow else f"{least_held(way, n, draws):.3f}")
+            means = [one.most[name].mean() for one in of_size if one.problem in ASKED]
+            ends.append(f"{np.mean(means):.3f}" if means else "-")
+        lines.append(row(name, *least, *known, *ends))
+    return lines
+
+
+def bars(found: Iterable[Held]) -> list[Bar]:
+    """Return what is asked for, and what was measured."""
+    made = [
+        Bar(f"{one.problem}, {one.size} of all: holds", ">=", HELD, one.holds()[0])
+        for one in found
+        if one.problem in ASKED and one.size == SIZES[-1]
+    ]
+    least = min(one.holds()[2] for one in found)
+    text = "every problem and size, told apart by the draw: holds"
+    return [*made, Bar(text, ">=", HELD, least)]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw, compare, print the tables, and write them where asked."""
+    parser = page_options(__doc__)
+    parser.add_argument("--only", action="append", help="one problem")
+    parser.add_argument("--lanes", type=int, default=2000)
+    parser.add_argument("--draws", type=int, default=400)
+    parser.add_argument("--keep", type=Path, help="a folder to keep answers in")
+    options = parser.parse_args(arguments)
+    found = list[Held]()
+    for name in options.only or (*ASKED, *CONTROLS):
+        answers = kept(name, options.lanes, options.keep)
+        for size in SIZES:
+            found.append(held(name, answers, size, options.draws))
+            print(table(found)[-1], flush=True)
+    said = WAYS_TEXT.format(laws=len(laws(SIZES[-1])), asked=", ".join(ASKED))
+    lines = [
+        *table(found),
+        *said.splitlines(),
+        *ways_table(found, 1000),
+        "",
+        *bar_table(bars(found)),
+    ]
+    above = TEXT.format(lanes=options.lanes, draws=options.draws, apart=APART)
+    publish(lines[:-1], options, above)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
