@@ -108,9 +108,7 @@ class StartsAccount:
     def best_of(self, origin: Origin) -> Tried | None:
         """Return the best answer from starts of one kind; None: there was none."""
         found = [one for one in self.tried if one.origin == origin]
-        return min(
-            found, key=lambda one: (not one.feasible, one.cost), default=None
-        )
+        return min(found, key=lambda one: (not one.feasible, one.cost), default=None)
 
     def told(self, sense: float = 1.0) -> dict[str, Any]:
         """Return the account as JSON has it.

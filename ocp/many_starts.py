@@ -1,11 +1,12 @@
 """The way from many starts to one answer: lanes, distinct optima, the NLP solver.
 
-    cold       zero controls, and the middle of the bounds; the guess of the user
+    cold       the NLP solver from zero controls, from the middle of the bounds and from
+               the guess of the user; the population search
     lanes      local solves from these, from what a search found and from smooth random
                controls (lanes/solver.py); distinct optima, counted
-    polish     the NLP solver from the cold starts, the guess, the best three optima of
-               the lanes, what the search found, and states that lead to where the end
-               fixes them (state_guesses.py)
+    polish     the NLP solver from the best three optima of the lanes, what the search
+               found, and states that lead to where the end fixes them
+               (state_guesses.py)
     again      and from the best answer once more with its own settings, if it was kept
                near: so it leaves a saddle point
 
@@ -14,7 +15,7 @@ are equal to 1e-6 that from the cheapest start is taken. What lanes do not know 
 numbers, blocks, stiff models) goes to the NLP solver alone, and the account says so.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, get_args
 
@@ -96,7 +97,8 @@ class ManyStarts:
 
     def __call__(
         self,
-        given: Sequence[Origined],
+        guess: Start | None,
+        search: Callable[[], Sequence[Start]],
         x0: ArrayLike,
         known: Known,
         rng: np.random.Generator,
@@ -104,7 +106,8 @@ class ManyStarts:
         """Return the best answer.
 
         Args:
-            given: The guess and what a search found, if there are any.
+            guess: The guess of the user, if there is one.
+            search: Searches, and returns what it found, the best first.
             x0: Initial state of the core, shape (nx,).
             known: Parameters and signals.
             rng: Source of all randomness.
@@ -112,14 +115,15 @@ class ManyStarts:
         Raises:
             ManyStartsInterrupted: On Ctrl-C after the first start.
         """
-        fitness = self._fitness
+        fitness, lanes = self._fitness, None
         tries = _Tries(self._polisher, x0, known, fitness.problem.tolerance)
-        lanes: Lanes | None = None
+        cold = self._cold()
+        if guess is not None:
+            cold.append(Origined("the guess", guess))
         try:
-            cold = [*self._cold(), *(one for one in given if one.origin not in _NEAR)]
             for one in cold:
                 tries.polish(one)
-            found = [one for one in given if one.origin in _NEAR]
+            found = [Origined("the search", one) for one in search()]
             starts = [one.start for one in (*cold, *found)]
             lanes, optima = self._in_lanes(starts, x0, known, rng)
             for one in (*(Origined("the lanes", o) for o in optima), *found):
@@ -160,8 +164,8 @@ class ManyStarts:
         problem = self._fitness.problem
         zero = zero_controls(problem)
         limits = np.array(problem.control_limits)
-        bounded = np.isfinite(limits).all(axis=0)
-        middle = np.where(bounded, np.where(bounded, limits, 0).mean(axis=0), zero[:, 0])
+        ends = np.isfinite(limits).all(axis=0)
+        middle = np.where(ends, np.where(ends, limits, 0).mean(axis=0), zero[:, 0])
         cold = [Origined("zero controls", Start(zero))]
         if not np.array_equal(middle, zero[:, 0]):
             same = np.repeat(middle[:, None], problem.intervals, axis=1)
@@ -224,7 +228,7 @@ class _Tries:
         self.tried: list[Tried] = []
 
     def polish(self, one: Origined, *, near: bool | None = None) -> Polished:
-        """Polish from a start; near to it, unless said otherwise, if it is an answer."""
+        """Polish from a start; near to it if it is an answer, unless said otherwise."""
         origin, start = one
         if near is None:
             near = origin in _NEAR and start.states is None
@@ -244,8 +248,7 @@ class _Tries:
                     cost=answer.cost,
                     violation=answer.violation,
                     feasible=bool(
-                        np.isfinite(answer.cost)
-                        and answer.violation <= self._tolerance
+                        np.isfinite(answer.cost) and answer.violation <= self._tolerance
                     ),
                     iterations=answer.iterations,
                     evaluations=answer.evaluations,

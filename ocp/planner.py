@@ -6,7 +6,7 @@ A planner is built once for a problem; planning rebuilds nothing.
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,10 +36,10 @@ from swarmstart.ocp.many_starts import (
     Answered,
     ManyStarts,
     ManyStartsInterrupted,
-    Origined,
 )
 from swarmstart.ocp.path import Tracer
 from swarmstart.ocp.plan import (
+    NO_SEARCH,
     Account,
     Plan,
     PlanningInterrupted,
@@ -74,15 +74,26 @@ _BASINS = 3
 """Basins that are polished where more than the controls is decided."""
 
 
-def _origined(
-    found: Sequence[Start], controls: Array | None, states: Array | None
-) -> list[Origined]:
-    """Return what a search found and the guess, if there are any."""
-    given = [Origined("the search", one) for one in found]
-    if controls is not None:
-        start = Start(controls, states, is_guess=states is not None)
-        given.append(Origined("the guess", start))
-    return given
+class _Task(NamedTuple):
+    """What is planned; as in `Planner.plan`.
+
+    Attributes:
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        guess: Within the bounds.
+        first: Controls that a search looks at first, each (nu, N).
+        near: Whether the guess is an earlier answer.
+        rng: Source of all randomness.
+        progress: Told what is done.
+    """
+
+    x0: ArrayLike
+    known: Known
+    guess: Start | None
+    first: Sequence[Array]
+    near: bool
+    rng: np.random.Generator
+    progress: ProgressCallback
 
 
 def _turned(search: SearchSettings) -> SearchSettings:
@@ -260,30 +271,32 @@ class Planner:
             PlanningInterrupted: On Ctrl-C, with the best plan so far, if there is one.
         """
         given = guess if isinstance(guess, Start) or guess is None else Start(guess)
-        controls, states, start = given[:3] if given else (None, None, None)
-        x0 = x0 if start is None else start
-        if controls is not None:
-            controls = bounded_controls(self.problem, controls)
+        if given is not None:
+            x0 = x0 if given.x0 is None else given.x0
+            controls = bounded_controls(self.problem, given.controls)
+            has_states = given.states is not None
+            given = given._replace(controls=controls, is_guess=has_states)
         first = []
         if candidates is not None:
             columns = np.moveaxis(candidates, -1, 0)
             first = [bounded_controls(self.problem, one) for one in columns]
-        with stopwatch() as watch:
-            plan, starts = self._searched(x0, controls, first, known, rng, progress)
-            search_s = watch.seconds
+        task = _Task(x0, known, given, first, near, rng, progress)
+        if not near and self.many_starts is not None:
+            return self._from_many(task, self.many_starts)
+        return self._from_one(task)
+
+    def _from_one(self, task: "_Task") -> Plan:
+        """Return the best plan from what a search found, or from the guess."""
+        x0, known, guess, near = task.x0, task.known, task.guess, task.near
+        plan, starts = self._searched(task)
         if self.polisher is None:
             return plan
-        found = starts if self.search is not None else []
-        if controls is not None and states is not None:
-            starts = [*found, Start(controls, states, is_guess=True)]
-        progress(0, 0, "polishing")
+        if guess is not None and guess.states is not None:
+            starts = [*(starts if self.search is not None else ()), guess]
+        task.progress(0, 0, "polishing")
         relaxed_cost, account = np.nan, None
         try:
             with heeded():
-                if not near and self.many_starts is not None:
-                    several = _origined(found, controls, states)
-                    answered = self.many_starts(several, x0, known, rng)
-                    return self._of_many(answered, plan, known, search_s)
                 if self._rounding is None:
                     polished, evaluations = self._polished(
                         self.polisher, starts, x0, known, near=near
@@ -294,9 +307,6 @@ class Planner:
                     rounded = self._rounding(starts, x0, known, near=near)
                     polished, evaluations = rounded.polished, rounded.evaluations
                     relaxed_cost = rounded.relaxed_cost
-        except ManyStartsInterrupted as stopped:
-            best = self._of_many(stopped.partial, plan, known, search_s)
-            raise PlanningInterrupted(best) from None
         except KeyboardInterrupt:
             raise PlanningInterrupted(plan) from None
         return self.evaluated(
@@ -321,21 +331,46 @@ class Planner:
         reason = "controls take whole numbers"
         return StartsAccount(won=origin, tried=(), lanes=None, without_lanes=reason)
 
+    def _from_many(self, task: "_Task", many_starts: ManyStarts) -> Plan:
+        """Return the best plan from many starts."""
+        searched: list[tuple[Plan, float]] = []
+
+        def search() -> list[Start]:
+            if self.search is None:
+                return []
+            with stopwatch() as watch:
+                plan, starts = self._searched(task)
+                searched.append((plan, watch.seconds))
+            task.progress(0, 0, "polishing")
+            return starts
+
+        task.progress(0, 0, "polishing")
+        try:
+            with heeded():
+                answered = many_starts(
+                    task.guess, search, task.x0, task.known, task.rng
+                )
+        except ManyStartsInterrupted as stopped:
+            best = self._of_many(stopped.partial, searched, task.known)
+            raise PlanningInterrupted(best) from None
+        return self._of_many(answered, searched, task.known)
+
     def _of_many(
-        self, answered: Answered, searched: Plan, known: Known, seconds: float
+        self, answered: Answered, searched: Sequence[tuple[Plan, float]], known: Known
     ) -> Plan:
         """Return the answer from many starts as a plan.
 
         Args:
             answered: The answer.
-            searched: The search's plan, or the guess.
+            searched: What the search found, and its seconds; empty: it did not.
             known: Parameters and signals.
-            seconds: What the search took [s].
         """
         polished, account = answered.polished, answered.account
         source = Source.SEARCH if account.won == "the search" else Source.GUESS
-        if self.search is not None:
-            effort = Effort(evaluations=searched.evaluations, seconds=seconds)
+        report, evaluations = NO_SEARCH, 0
+        for plan, seconds in searched:
+            report, evaluations = plan.search, plan.evaluations
+            effort = Effort(evaluations=evaluations, seconds=seconds)
             account = replace(account, search=effort)
         return self.evaluated(
             polished.controls,
@@ -343,8 +378,8 @@ class Planner:
             known=known,
             value=(polished.cost, polished.violation),
             source=Source.POLISH if polished.improved else source,
-            search=searched.search,
-            evaluations=searched.evaluations + answered.evaluations,
+            search=report,
+            evaluations=evaluations + answered.evaluations,
             polish_status=polished.status,
             point=polished.point,
             starts=account,
@@ -435,19 +470,13 @@ class Planner:
             **account,
         )
 
-    def _searched(
-        self,
-        x0: ArrayLike,
-        guess: Array | None,
-        first: Sequence[Array],
-        known: Known,
-        rng: np.random.Generator,
-        progress: ProgressCallback,
-    ) -> tuple[Plan, list[Start]]:
+    def _searched(self, task: "_Task") -> tuple[Plan, list[Start]]:
         """Return the search's answer, and where to polish from, the best first.
 
         Without a search that is the guess, or zero controls.
         """
+        x0, known, rng = task.x0, task.known, task.rng
+        guess = None if task.guess is None else task.guess.controls
         search, space = self.search, self._space
         if search is None or space is None:
             controls = zero_controls(self.problem) if guess is None else guess
@@ -466,11 +495,11 @@ class Planner:
                 algorithm=search.algorithm,
                 budget=search.budget,
                 order=order,
-                initial=first_population(search, space, guess, first, x0),
+                initial=first_population(search, space, guess, task.first, x0),
                 basins=basins,
                 radius=search.radius,
                 rng=rng,
-                on_advance=of_budget(progress, search.budget, "searching"),
+                on_advance=of_budget(task.progress, search.budget, "searching"),
             )
         except SearchInterrupted as stopped:
             start = space.decoded(stopped.partial.x, x0, known)

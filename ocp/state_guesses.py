@@ -1,4 +1,4 @@
-"""Guesses of states that lead to where the end fixes them: a line, and sine modes on it.
+"""Guesses of states that lead to where the end fixes them: lines with sine modes.
 
 Where the controls of a start lead far from the end, an NLP solver may not find back;
 from states that reach it, it often does. Such guesses are drawn, not optimised: which

@@ -168,8 +168,8 @@ def _step_of(program: NonlinearProgram, threads: int) -> Sweeps | SimdBatch:
     """Return the machine code of sweeps; of slopes where sweeps would be too long.
 
     Raises:
-        NoCompilerError: If they would be too long, and slopes do not serve: by gradients
-            alone lanes do not meet constraints (shuttle_reentry: 0 of 256).
+        NoCompilerError: If they would be too long, and slopes do not serve: by
+            gradients alone lanes do not meet constraints (shuttle_reentry: 0 of 256).
     """
     try:
         return compile_sweeps(program, threads=threads)
