@@ -119,7 +119,6 @@ def raced(
     start_hits: Sequence[bool],
     answers: Sequence[Run],
     answer_hits: Sequence[bool],
-    cold: Sequence[Run],
 ) -> Raced:
     """Return two ways, and whether what is asked for is so.
 
@@ -128,20 +127,25 @@ def raced(
         start_hits: Whether they hit.
         answers: Those of `solve`.
         answer_hits: Whether they hit.
-        cold: IPOPT's solves from zero controls, whole calls.
     """
-    ipopt = way([run.process_s for run in starts], start_hits)
-    own = way([run.process_s for run in answers], answer_hits)
+    ipopt = way([run.wall_s for run in starts], start_hits)
+    until = [_until(*one) for one in zip(answers, answer_hits, strict=True)]
+    own = way(until, answer_hits)
     if ipopt.share < SELDOM:
         asked, most = f"{SOONER} times less", ipopt.seconds / SOONER
     elif has_several_optima([*starts, *answers]):
         asked, most = "not slower", ipopt.seconds
     else:
-        once = float(np.median([run.process_s for run in cold]))
+        once = float(np.median([run.zero_s or run.wall_s for run in answers]))
         most = _COLD * once + _MORE
         asked = f"at most {_number(most)} s"
     is_so = own.share > 0 and own.seconds <= most
     return Raced(ipopt=ipopt, solve=own, asked=asked, reached=is_so)
+
+
+def _until(run: Run, hit: bool) -> float:
+    """Return the seconds of a solve until it found its answer; of a miss all."""
+    return run.wall_s if run.found_s is None or not hit else run.found_s
 
 
 def has_several_optima(runs: Sequence[Run]) -> bool:

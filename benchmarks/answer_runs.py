@@ -67,6 +67,9 @@ class Run:
         process_s: Time of this process on all cores [s].
         wall_s: Time by the clock [s].
         code_s: Of it, on machine code: made, or loaded if it was there [s].
+        found_s: Time by the clock until an answer as good was there: of the search, the
+            lanes and the NLP solver alone; None: not told [s].
+        zero_s: The NLP solver's from zero controls; None: not told [s].
         won: Start that the answer comes from; empty: nothing is said of it.
         without_lanes: Why there were no lanes; empty: there were, or nothing is said.
         tried: Best feasible cost of each kind of start.
@@ -82,6 +85,8 @@ class Run:
     process_s: float
     wall_s: float
     code_s: float = 0.0
+    found_s: float | None = None
+    zero_s: float | None = None
     won: str = ""
     without_lanes: str = ""
     tried: Mapping[str, float] = field(default_factory=dict)
@@ -224,6 +229,8 @@ class Shipped:
                 tried[one.origin] = min(before, one.cost)
         return replace(
             run,
+            found_s=account.found_after,
+            zero_s=account.tried[0].seconds if account.tried else None,
             won=account.won,
             without_lanes=account.without_lanes,
             tried={origin: sense * cost for origin, cost in tried.items()},

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, get_args
 
 from swarmstart.ocp.lanes.optima import Optimum, Unseen
+from swarmstart.ocp.polish import SAME_COST
 
 Origin = Literal[
     "zero controls",
@@ -105,6 +106,27 @@ class StartsAccount:
             seconds=sum(one.seconds for one in self.tried),
         )
 
+    @property
+    def found_after(self) -> float:
+        """Seconds until an answer as good as the best was there, without compiling.
+
+        The cold starts and the guess are polished first, then searched, then solved in
+        lanes.
+        """
+        feasible = [one.cost for one in self.tried if one.feasible]
+        least = min(feasible, default=math.inf)
+        enough = least + SAME_COST * abs(least)
+        seconds, waits = 0.0, True
+        for one in self.tried:
+            if waits and one.origin not in _FIRST:
+                waits = False
+                parts = (self.search, self.lanes)
+                seconds += sum(part.seconds for part in parts if part is not None)
+            seconds += one.seconds
+            if one.feasible and one.cost <= enough:
+                return seconds
+        return seconds
+
     def best_of(self, origin: Origin) -> Tried | None:
         """Return the best answer from starts of one kind; None: there was none."""
         found = [one for one in self.tried if one.origin == origin]
@@ -186,6 +208,7 @@ class StartsAccount:
 
 
 _ORDER = get_args(Origin)
+_FIRST = _ORDER[:3]
 
 
 def _told(one: Tried, sense: float) -> dict[str, Any]:

@@ -80,19 +80,19 @@ def test_answer_is_worse_if_a_simpler_start_leads_to_less() -> None:
 
 def test_what_is_asked_depends_on_how_often_ipopt_hits() -> None:
     starts = [replace(RUN, what="ipopt", cost=c) for c in (2.0, 3.0, 3.0, 3.0)]
-    answers, cold = [RUN] * 3, [replace(RUN, what="cold", process_s=1.0)]
-    seldom = raced(starts, [True, False, False, False], answers, [True] * 3, cold)
+    answers = [replace(RUN, found_s=1.5)] * 3
+    seldom = raced(starts, [True, False, False, False], answers, [True] * 3)
     assert seldom.asked == "10 times less"
-    # log(0.05) / log(0.75) = 10.4 s.
+    # 1.5 log(0.05) / log(0.75) = 15.6 s.
     assert seldom.reached
-    slow = [replace(RUN, process_s=1.1)] * 3
-    late = raced(starts, [True, False, False, False], slow, [True] * 3, cold)
+    slow = [replace(RUN, found_s=1.6)] * 3
+    late = raced(starts, [True, False, False, False], slow, [True] * 3)
     assert not late.reached
-    often = raced(starts[:3], [True, False, False], slow, [True] * 3, cold)
+    often = raced(starts[:3], [True, False, False], slow, [True] * 3)
     assert often.asked == "not slower" and often.reached
-    one = raced(starts[:1], [True], [replace(RUN, process_s=1.4)], [True], cold)
+    one = raced(starts[:1], [True], [replace(RUN, found_s=1.4, zero_s=1.0)], [True])
     assert one.asked == "at most 1.5 s" and one.reached
-    dear = raced(starts[:1], [True], [replace(RUN, process_s=1.6)], [True], cold)
+    dear = raced(starts[:1], [True], [replace(RUN, found_s=1.6, zero_s=1.0)], [True])
     assert not dear.reached
     assert has_several_optima(starts)
     assert not has_several_optima([*starts[1:], replace(RUN, cost=9.0, feasible=False)])

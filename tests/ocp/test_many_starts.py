@@ -48,6 +48,22 @@ def test_of_equal_answers_the_cheapest_start_wins() -> None:
     assert len(account.lanes.optima) == 1
 
 
+def test_seconds_until_found_are_those_of_the_parts_before() -> None:
+    """The cold start hits on a convex problem; of four discs only what follows."""
+    account = solve(cart(), [0.0, 1.0], lanes=16, budget=1000, seed=0).plan.starts
+    assert account is not None
+    assert account.found_after == account.tried[0].seconds
+    answer = solve(four_discs(), [0.0, 0.0, 0.0], budget=1000, lanes=64, seed=0)
+    account = answer.plan.starts
+    assert account is not None and account.search is not None
+    assert account.lanes is not None
+    before = [one for one in account.tried if one.cost > answer.cost * (1 + 1e-5)]
+    assert account.tried[0] in before
+    least = account.search.seconds + account.lanes.seconds + account.tried[0].seconds
+    most = least + account.polish.seconds
+    assert least < account.found_after <= most
+
+
 def test_guess_that_is_best_wins() -> None:
     """A valley that nothing else reaches: lanes have one random start."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
