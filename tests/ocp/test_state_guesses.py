@@ -5,6 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem, Planner
 from swarmstart.ocp.fitness import NOTHING
 from swarmstart.ocp.state_guesses import state_guesses, straight_states
