@@ -159,7 +159,7 @@ def test_a_distance_of_at_most_is_kept() -> None:
 def test_a_distance_of_at_least_is_kept_with_its_margin(along: str) -> None:
     cost = "(x - 3)**2 + (y - 0.1)**2"
     path = "path: [{distance: [x - 1.5, y], at_least: 1, along: AS, margin: 0.1}]\n"
-    more = path.replace("AS", along) + "feedback: {repair: false}\n"
+    more = path.replace("AS", along) + "feedback: {repair: false}\nlanes: 0\n"
     text = POINT.format(start=0, cost=cost, more=more)
     _, (x, y) = planned(text.replace("u: 0.1, w: 0.1", "u: 2, w: 1"))
     assert np.hypot(x - 1.5, y).min() == pytest.approx(1.1, abs=1e-5)

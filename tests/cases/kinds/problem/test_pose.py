@@ -61,6 +61,7 @@ stage_cost: 0.01*u**2
 terminal_cost: (x**2 - 1)**2 + 0.05*x
 prediction: {{horizon_s: 1, intervals: 5}}
 search: {{name: none}}
+lanes: 0
 {more}
 """
 

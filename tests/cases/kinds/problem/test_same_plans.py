@@ -48,6 +48,7 @@ path:
 prediction: {{horizon_s: 8, intervals: 8, checks: 4, substeps: 1, quadrature: left}}
 feedback: receding_horizon
 steps: 1
+lanes: 0
 {search}
 """
 CLOSE_FORMATION = """
