@@ -7,16 +7,11 @@ from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.simd import SimdBatch
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING, Arguments, Known
-from swarmstart.ocp.lanes.augmented import LaneAnswers, LaneOptions
+from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.ddp import solve_by_sweeps
-from swarmstart.ocp.lanes.kernels import (
-    Sweeps,
-    compile_adjoint,
-    compile_kernels,
-    compile_sweeps,
-)
 from swarmstart.ocp.lanes.posed import Posed, posed
-from swarmstart.ocp.lanes.slopes import solve_by_slopes
+from swarmstart.ocp.lanes.schedule import LaneOptions
+from swarmstart.ocp.lanes.sweep_kernels import Sweeps, compile_sweeps
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.shooting import Shooting, shooting_of
 from swarmstart.ocp.transcription import NonlinearProgram, multiple_shooting
@@ -65,14 +60,14 @@ class LaneSolver:
         if reason:
             raise NoLanesError(reason)
         self._program = multiple_shooting(shooting)
+        self._options = options or LaneOptions()
         try:
-            self._kernels = compile_kernels(self._program, threads=threads)
-            self._step = _step_of(self._program, threads)
+            self._step = _step_of(self._program, self._options, threads)
         except (NoCompilerError, UnknownOperationError) as error:
             raise NoLanesError(str(error)) from error
         self.problem = shooting.problem
         self._arguments = Arguments(shooting)
-        self._options = options or LaneOptions()
+        self._threads = threads
 
     def __call__(
         self,
@@ -121,8 +116,9 @@ class LaneSolver:
         step, options = self._step, self._options
         if isinstance(step, Sweeps):
             return solve_by_sweeps(
-                posed, step, controls, starts, weights=weights, options=options
-            )
+                posed, step, controls, starts, weights=weights, options=options,
+                threads=self._threads,
+            )  # fmt: skip
         return solve_by_slopes(
             posed, step, controls, starts, weights=weights, options=options
         )
@@ -134,7 +130,7 @@ class LaneSolver:
 
     def posed(self, x0: ArrayLike, known: Known = NOTHING) -> Posed:
         """Return the problem from one initial state, as `solve_lanes` takes it."""
-        return posed(self._kernels, self._program, self._arguments, x0, known)
+        return posed(self._program, self._arguments, x0, known)
 
     def _first(self, x0: ArrayLike, controls: Array, starts: Array | None) -> Array:
         """Return what is decided about the start, within its bounds, (ny, n)."""
@@ -163,17 +159,10 @@ class LaneSolver:
         return np.asarray(np.clip(starts, lower, upper))
 
 
-def _step_of(program: NonlinearProgram, threads: int) -> Sweeps | SimdBatch:
-    """Return the machine code of sweeps; of slopes where sweeps would be too long."""
-    try:
-        return compile_sweeps(program, threads=threads)
-    except NoCompilerError:
-        problem = program.problem
-        starts = [(one.value.lower, one.value.upper) for one in problem.free_starts]
-        limits = (*problem.control_limits, np.array(starts))
-        if not all(np.isfinite(part).all() for part in limits):
-            raise
-        return compile_adjoint(program, threads=threads)
+def _step_of(
+    program: NonlinearProgram, options: LaneOptions, threads: int
+) -> Sweeps:
+    return compile_sweeps(program, options)
 
 
 def _refused(problem: OptimalControlProblem) -> str:
