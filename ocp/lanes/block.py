@@ -8,17 +8,20 @@ theta, length (of the step to try; 0: it is to be rolled out), paid (the cost), 
 (excess), and where it stands in its schedule. A name in `_new` is after the step.
 """
 
+import ctypes
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.compiled.simd import addresses
 from swarmstart.ocp.lanes.stages import Kernel
 from swarmstart.ocp.lanes.sweep_kernels import Sweeps
+from swarmstart.ocp.lanes.turns import Rows
 
 Array = NDArray[np.float64]
+Count = NDArray[np.int64]
+
 _NEXT = "next."
 _FIRST = "x0"
 """The state at the start: the first rows of x."""
@@ -29,38 +32,93 @@ class Layout:
     """Which rows of the memory have which name.
 
     Attributes:
-        rows: First row and number of rows.
+        places: First row and number of rows of each name.
         size: Number of rows in all.
-        state: First row of the state, number of its rows, first row of the next one.
+        rows: Those that the loop looks at.
     """
 
-    rows: Mapping[str, tuple[int, int]]
+    places: Mapping[str, tuple[int, int]]
     size: int
-    state: tuple[int, int, int]
+    rows: Rows
 
-    def at(self, *names: str) -> NDArray[np.int64]:
+    def at(self, *names: str) -> Count:
         """Return the rows of names, one after the other."""
-        parts = [np.arange(first, first + n) for first, n in map(self.rows.get, names)]
-        return np.concatenate(parts)
+        places = [self.places[name] for name in names]
+        return np.concatenate([np.arange(i, i + n) for i, n in places])
 
 
 def layout_of(sweeps: Sweeps) -> Layout:
     """Return the rows that kernels need."""
-    sizes = {}
+    sizes = _sizes(sweeps)
+    following = [name for name in sizes if name.startswith(_NEXT)]
+    state = [name.removeprefix(_NEXT) for name in following]
+    others = [name for name in sizes if name not in (*following, *state, _FIRST)]
+    places, first = {}, 0
+    for name in (*state, *following, *others):
+        places[name] = first, sizes[name]
+        first += sizes[name]
+    if _FIRST in sizes:
+        places[_FIRST] = places["x"][0], sizes[_FIRST]
+    rows = Rows(
+        state=0,
+        following=places[following[0]][0],
+        count=sum(sizes[name] for name in following),
+        done=places["done"][0],
+        length=places["length"][0],
+        taken=places["taken"][0],
+    )
+    return Layout(places, first, rows)
+
+
+def _sizes(sweeps: Sweeps) -> dict[str, int]:
+    """Return the number of rows of each name; of all states, too."""
+    sizes: dict[str, int] = {}
     for kernel in sweeps:
         shape = kernel.code.shape
         own = zip(kernel.reads, shape.inputs, shape.per_individual, strict=True)
         sizes |= {name: rows for name, rows, is_own in own if is_own}
         sizes |= dict(zip(kernel.writes, shape.outputs, strict=True))
-    following = [name for name in sizes if name.startswith(_NEXT)]
-    state = [name.removeprefix(_NEXT) for name in following]
-    others = [name for name in sizes if name not in (*following, *state, _FIRST)]
-    rows, first = {}, 0
-    for name in (*state, *following, *others):
-        size = sizes.get(name, sizes.get(_NEXT + name, 0))
-        rows[name] = first, size
-        first += size
-    if _FIRST in sizes:
-        rows[_FIRST] = rows["x"][0], sizes[_FIRST]
-    many = sum(sizes[name] for name in following)
-    return Layout(rows, first, (0, many, many))
+    return sizes | {
+        name.removeprefix(_NEXT): rows
+        for name, rows in sizes.items()
+        if name.startswith(_NEXT)
+    }
+
+
+class Block:
+    """Memory for some lanes.
+
+    Attributes:
+        memory: Shape (rows, lanes).
+        calls: Address of `part`, of its arguments and of its outputs for each kernel.
+    """
+
+    def __init__(
+        self, sweeps: Sweeps, layout: Layout, lanes: int, shared: Mapping[str, Array]
+    ) -> None:
+        """Bind kernels to fresh memory.
+
+        Args:
+            sweeps: The kernels.
+            layout: Of the memory.
+            lanes: Their number.
+            shared: What all lanes know, by name; must live as long as this object.
+        """
+        self.memory = np.zeros((layout.size, lanes))
+        self._places = {name: first for name, (first, _) in layout.places.items()}
+        self._shared, self._tables = shared, list[object]()
+        self.calls = np.array([self._call(kernel) for kernel in sweeps])
+
+    def _call(self, kernel: Kernel) -> tuple[int, int, int]:
+        tables = self._table(kernel.reads), self._table(kernel.writes)
+        self._tables.append(tables)
+        return kernel.code.part_address, *map(ctypes.addressof, tables)
+
+    def _table(self, names: tuple[str, ...]) -> ctypes.Array[ctypes.c_void_p]:
+        return (ctypes.c_void_p * len(names))(*map(self._address, names))
+
+    def _address(self, name: str) -> int:
+        if name in self._shared:
+            return int(self._shared[name].__array_interface__["data"][0])
+        base, width = self.memory.__array_interface__["data"][0], self.memory.strides[0]
+        return int(base + width * self._places[name])

@@ -1,53 +1,57 @@
 """Local solves of many starts at once: differential dynamic programming in lanes.
 
 A step is a sweep back and a roll-out (sweep_kernels.py); verdict.py says what it was
-worth. Lanes do not know of each other: an answer has the same bits, whatever lanes
-stand beside it, and on however many threads.
+worth, turns.py takes one after the other. Lanes do not know of each other: an answer
+has the same bits, whatever lanes stand beside it, and on however many threads.
 """
 
-import os
-from concurrent.futures import ThreadPoolExecutor
+import threading
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.kernel import prepare
-from swarmstart.ocp.compiled.simd import addresses
+from swarmstart.ocp.compiled.threads import together
 from swarmstart.ocp.lanes.answers import LaneAnswers
-from swarmstart.ocp.lanes.block import Layout, layout_of
+from swarmstart.ocp.lanes.block import Block, Layout, layout_of
 from swarmstart.ocp.lanes.posed import Posed
 from swarmstart.ocp.lanes.schedule import LaneOptions
 from swarmstart.ocp.lanes.sweep_kernels import Sweeps
-from swarmstart.ocp.lanes.turns import take_turns
+from swarmstart.ocp.lanes.turns import Ends, Starts, take_turns
 
 Array = NDArray[np.float64]
 Count = NDArray[np.int64]
 
-SIDE_BY_SIDE = int(os.environ.get("LANES", "32"))
-"""Lanes in one memory: it stays within a core's own cache."""
+SIDE_BY_SIDE = 32
+"""Lanes in one memory, which so stays within a core's own cache."""
 _TURNS = 256
-"""Steps before Python looks whether it was interrupted."""
+"""Turns until Python looks whether it was interrupted."""
+_FIRST_MU = 1e-6
+_BROUGHT = "u", "y", "r", "r_end"
+_KEPT = "u", "y", "x", "end", "paid", "worst", "iterations"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
-    """Starts to be solved, and where answers are written.
+class _Task:
+    """Starts of one problem.
 
     Attributes:
-        given: What each start brings, and the rows of the memory it comes to.
-        found: What each lane ends with, and the rows of the memory it comes from.
-        blank: What each lane begins with.
+        sweeps: The machine code.
         layout: Of the memory.
-        shared: What all lanes know, by name.
+        shared: What all lanes know.
+        starts: All starts.
+        ends: What lanes end with.
+        stop: Set if the rest need not be solved.
     """
 
-    given: tuple[Array, Count]
-    found: tuple[Array, Count]
-    blank: Array
+    sweeps: Sweeps
     layout: Layout
     shared: dict[str, Array]
+    starts: Starts
+    ends: Ends
+    stop: threading.Event
 
 
 def solve_by_sweeps(
@@ -73,69 +77,60 @@ def solve_by_sweeps(
         threads: Over how many threads lanes are spread.
     """
     n, layout = controls.shape[2], layout_of(sweeps)
-    scaled, y = posed.scaled(controls), starts / posed.start_sizes
-    given = np.vstack([scaled, y, *(np.reshape(w, (1, n)) for w in weights)])
-    kept = "u", "y", "x", "end", "paid", "worst", "iterations"
-    blank = np.zeros(layout.size)
-    for name, value in (
-        ("mu", 1e-6), ("tolerance", options.first_tolerance), ("broken", np.inf),
-        ("broken_end", np.inf), ("paid", np.inf), ("worst", np.inf), ("r_was", 1.0)
-    ):  # fmt: skip
-        blank[layout.at(name)] = value
-    rows = layout.at(*kept)
-    found = np.empty((rows.size, n))
-    task = Task((given, layout.at("u", "y", "r", "r_end")), (found, rows), blank, layout,
-                posed.shared())  # fmt: skip
+    y = starts / posed.start_sizes
+    given = np.vstack([posed.scaled(controls), y, *(w[None, :] for w in weights)])
+    kept = layout.at(*_KEPT)
+    task = _Task(
+        sweeps=sweeps,
+        layout=layout,
+        shared=posed.shared(),
+        starts=Starts(_blank(layout, options), given, layout.at(*_BROUGHT), np.arange(n)),
+        ends=Ends(np.empty((kept.size, n)), kept),
+        stop=threading.Event(),
+    )
     shares = [np.arange(first, n, threads) for first in range(min(threads, n))]
-    others = [_pool(os.getpid(), threads - 1).submit(_solve, task, sweeps, one) for one in shares[1:]]
-    _solve(task, sweeps, shares[0])
-    for one in others:
-        one.result()
-    return _answers(posed, task, kept)
+    if shares:
+        together([partial(_solve, task, one) for one in shares])
+    return _answers(posed, task)
 
 
-@cache
-def _pool(process: int, workers: int) -> ThreadPoolExecutor:
-    del process
-    return ThreadPoolExecutor(workers)
+def _blank(layout: Layout, options: LaneOptions) -> Array:
+    """Return what any lane begins with; it is to be rolled out (its length is 0)."""
+    blank = np.zeros(layout.size)
+    blank[layout.at("mu")] = _FIRST_MU
+    blank[layout.at("r_was")] = 1.0
+    blank[layout.at("tolerance")] = options.first_tolerance
+    blank[layout.at("broken", "broken_end", "paid", "worst")] = np.inf
+    return blank
 
 
-def _solve(task: Task, sweeps: Sweeps, numbers: Count) -> None:
-    layout = task.layout
-    width = SIDE_BY_SIDE
-    memory = np.repeat(task.blank[:, None], width, axis=1)
-    tables = []
-    calls = np.empty((len(sweeps), 3), dtype=np.int64)
-    base = memory.__array_interface__["data"][0]
-    import ctypes
-    for row, kernel in zip(calls, sweeps, strict=True):
-        places = [
-            task.shared[name].__array_interface__["data"][0] if name in task.shared
-            else base + 8 * width * layout.rows[name][0]
-            for name in kernel.reads
-        ]
-        out = [base + 8 * width * layout.rows[name][0] for name in kernel.writes]
-        pair = [(ctypes.c_void_p * len(p))(*p) for p in (places, out)]
-        tables.append(pair)
-        row[:] = kernel.code.address, *map(ctypes.addressof, pair)
-    first, rows, following = layout.state
-    state = np.zeros(2 + width, dtype=np.int64)
-    places = np.array([first, rows, following, layout.at("done")[0], _TURNS])
-    while state[1] < numbers.size or state[0]:
-        take_turns(calls, memory, task.blank, (*task.given, numbers), task.found, places, state)
+def _solve(task: _Task, numbers: Count) -> None:
+    """Solve some of the starts."""
+    lanes = min(SIDE_BY_SIDE, numbers.size)
+    block = Block(task.sweeps, task.layout, lanes, task.shared)
+    work = np.zeros(2 + lanes, dtype=np.int64)
+    given = (
+        block.calls, block.memory, task.layout.rows,
+        task.starts._replace(numbers=numbers), task.ends, work, _TURNS,
+    )  # fmt: skip
+    prepare(take_turns, *given)
+    try:
+        while (work[0] or work[1] < numbers.size) and not task.stop.is_set():
+            take_turns(*given)
+    except BaseException:
+        task.stop.set()
+        raise
 
 
-def _answers(posed: Posed, task: Task, names: tuple[str, ...]) -> LaneAnswers:
-    found, _ = task.found
-    sizes = [task.layout.rows[name][1] for name in names]
-    u, y, x, end, cost, worst, iterations = np.split(found, np.cumsum(sizes)[:-1])
-    nx, n = posed.x0.size, found.shape[1]
-    inner = np.moveaxis(x.reshape(posed.intervals, nx, n), 0, 1)
+def _answers(posed: Posed, task: _Task) -> LaneAnswers:
+    sizes = [task.layout.places[name][1] for name in _KEPT]
+    parts = np.split(task.ends.found, np.cumsum(sizes)[:-1])
+    u, y, x, end, cost, worst, iterations = parts
     return LaneAnswers(
-        controls=np.ascontiguousarray(posed.controls(u)),
+        controls=posed.controls(u),
         starts=y * posed.start_sizes,
-        states=np.concatenate([inner, end[:, None]], axis=1),
+        states=posed.states(x, end),
         cost=cost[0] * posed.sizes.cost,
-        violation=worst[0].copy(),
+        violation=worst[0],
         iterations=iterations[0].astype(np.int64),
     )

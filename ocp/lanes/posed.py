@@ -78,6 +78,16 @@ class Posed:
         rows[:, :nu] = np.moveaxis(controls, 1, 0) / self.sizes.controls[:nu, None]
         return rows.reshape(-1, n)
 
+    def start(self, y: Array) -> Array:
+        """Return the state at the start, (nx, n), of what is decided about it."""
+        fixed = np.where(self.tied.any(axis=1), 0.0, self.x0)
+        return np.ascontiguousarray(fixed[:, None] + self.tied @ y)
+
+    def states(self, inner: Array, end: Array) -> Array:
+        """Return (nx, N + 1, n) of states (N nx, n) of intervals and (nx, n) after."""
+        rows = inner.reshape(self.intervals, self.x0.size, end.shape[1])
+        return np.concatenate([np.moveaxis(rows, 0, 1), end[:, None]], axis=1)
+
     def controls(self, lanes: Array) -> Array:
         """Return the controls (nu, N, n) of lanes (N nu, n)."""
         nu, n = self.sizes.controls.size, lanes.shape[1]

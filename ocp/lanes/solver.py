@@ -4,13 +4,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.compiled.engine import NoCompilerError
-from swarmstart.ocp.compiled.simd import SimdBatch
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING, Arguments, Known
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.ddp import solve_by_sweeps
 from swarmstart.ocp.lanes.posed import Posed, posed
 from swarmstart.ocp.lanes.schedule import LaneOptions
+from swarmstart.ocp.lanes.slope_kernels import Slopes, compile_slopes
+from swarmstart.ocp.lanes.slopes import solve_by_slopes
 from swarmstart.ocp.lanes.sweep_kernels import Sweeps, compile_sweeps
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.shooting import Shooting, shooting_of
@@ -62,7 +63,7 @@ class LaneSolver:
         self._program = multiple_shooting(shooting)
         self._options = options or LaneOptions()
         try:
-            self._step = _step_of(self._program, self._options, threads)
+            self._step = _step_of(self._program, self._options)
         except (NoCompilerError, UnknownOperationError) as error:
             raise NoLanesError(str(error)) from error
         self.problem = shooting.problem
@@ -159,10 +160,17 @@ class LaneSolver:
         return np.asarray(np.clip(starts, lower, upper))
 
 
-def _step_of(
-    program: NonlinearProgram, options: LaneOptions, threads: int
-) -> Sweeps:
-    return compile_sweeps(program, options)
+def _step_of(program: NonlinearProgram, options: LaneOptions) -> Sweeps | Slopes:
+    """Return the machine code of sweeps; of slopes where sweeps would be too long."""
+    try:
+        return compile_sweeps(program, options)
+    except NoCompilerError:
+        problem = program.problem
+        starts = [(one.value.lower, one.value.upper) for one in problem.free_starts]
+        limits = (*problem.control_limits, np.array(starts))
+        if not all(np.isfinite(part).all() for part in limits):
+            raise
+        return compile_slopes(program, options)
 
 
 def _refused(problem: OptimalControlProblem) -> str:

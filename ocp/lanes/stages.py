@@ -127,13 +127,18 @@ def augmented(stage: Stage, m: ca.SX, r: ca.SX) -> Augmented:
     return Augmented(value, force, multipliers, worst, broken, pressed)
 
 
-def slope_and_bend(stage: Stage, al: Augmented, r: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return gradient and Gauss-Newton Hessian of L at an end, by its state."""
+def slope_of(stage: Stage, al: Augmented) -> ca.SX:
+    """Return the gradient of L at an end, by its state."""
     rows = ca.jacobian(stage.rows, stage.x)
-    slope = ca.gradient(stage.cost, stage.x) + rows.T @ al.force
+    return ca.gradient(stage.cost, stage.x) + rows.T @ al.force
+
+
+def bend_of(stage: Stage, al: Augmented, r: ca.SX) -> ca.SX:
+    """Return the Gauss-Newton Hessian of L at an end, by its state."""
+    rows = ca.jacobian(stage.rows, stage.x)
     bend = ca.hessian(stage.cost, stage.x)[0]
     bend += r * (rows.T @ (rows * ca.repmat(al.pressed, 1, stage.x.numel())))
-    return slope, bend
+    return bend
 
 
 def triangle(n: int) -> list[tuple[int, int]]:
@@ -177,6 +182,11 @@ def solved(A: ca.SX, B: ca.SX) -> ca.SX:
 
 
 _SMALLEST_PIVOT = 1e-10
+
+def symbols(**sizes: int) -> dict[str, ca.SX]:
+    """Return symbols of given names and sizes."""
+    return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+
 
 Named = Mapping[str, ca.SX]
 """Arguments or outputs of a kernel by their names."""

@@ -21,13 +21,15 @@ from swarmstart.ocp.lanes.stages import (
     Reads,
     Stage,
     augmented,
+    bend_of,
     flat_kernel,
     known_of,
     lower,
     scan_kernel,
-    slope_and_bend,
+    slope_of,
     solved,
     stages,
+    symbols,
     symmetric,
     triangle,
 )
@@ -79,11 +81,6 @@ def compile_sweeps(program: NonlinearProgram, options: LaneOptions) -> Sweeps:
         verdict_kernel(end, begin, options, starts=len(program.problem.free_starts)),
         _keep(interval, N),
     )
-
-
-def symbols(**sizes: int) -> dict[str, ca.SX]:
-    """Return symbols of given names and sizes."""
-    return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
 
 
 def _backward(stage: Stage, N: int) -> Kernel:
@@ -163,8 +160,8 @@ def _start(problem: OptimalControlProblem, begin: Stage | None) -> Kernel:
     if begin is not None:
         own = {"x0": begin.x, **symbols(m_begin=begin.rows.numel(), r=1)}
         al = augmented(begin, own["m_begin"], own["r"])
-        more, curved = slope_and_bend(begin, al, own["r"])
-        slope, bend, value = slope + more, bend + curved, value + al.value
+        slope, bend = slope + slope_of(begin, al), bend + bend_of(begin, al, own["r"])
+        value += al.value
         lane, shared = lane | own, shared | known_of(begin, "begin")
     g = tied.T @ slope
     free = 1 - held_at(y, g, least, most)

@@ -1,73 +1,145 @@
 """The loop over the steps of lanes, compiled: kernels called at their addresses.
 
-Lanes stand side by side in the columns of one memory. Each turn takes a step in all of
-them; a lane that has ended is written down, and the next start takes its place, or, if
-there is none left, the last lane.
+Lanes stand side by side in the columns of one memory. A turn tries a step in all of
+them: start, forward, verdict, keep. Lanes whose step is done with wait for a sweep
+backward until most lanes do; so shorter steps are tried without one. A lane that has
+ended is written down, and the next start takes its place; if there is none left, the
+last lane does, so that those at work are always the first ones.
 """
 
-import numpy as np
+from typing import NamedTuple
 
-from swarmstart.heuristics.compiled_loop import call_kernel
-from swarmstart.kernel import Array, Count, free_kernel
+from swarmstart.kernel import Array, Count, free_kernel, kernel
+from swarmstart.ocp.compiled.calls import call_part
+
+_WAITING = 0.75
+"""Part of the lanes that wait for a sweep before there is one."""
+_WHOLE = 1.0
+"""Length of the step of a lane that waits."""
+
+
+class Rows(NamedTuple):
+    """Rows of the memory.
+
+    Attributes:
+        state: First one of the state.
+        following: First one of the state after a turn.
+        count: Number of rows of the state.
+        done: Whether a lane has ended.
+        length: Length of the step that is tried next.
+        taken: Whether the step that was tried is taken.
+    """
+
+    state: int
+    following: int
+    count: int
+    done: int
+    length: int
+    taken: int
+
+
+class Starts(NamedTuple):
+    """Starts to be solved.
+
+    Attributes:
+        blank: What any lane begins with, shape (rows,).
+        given: What a start brings besides, a column for each of all starts.
+        rows: Rows of the memory that it comes to.
+        numbers: Those of the starts to be solved.
+    """
+
+    blank: Array
+    given: Array
+    rows: Count
+    numbers: Count
+
+
+class Ends(NamedTuple):
+    """What lanes end with.
+
+    Attributes:
+        found: To be written, a column for each of all starts.
+        rows: Rows of the memory that it comes from.
+    """
+
+    found: Array
+    rows: Count
+
+
+@kernel
+def _refill(
+    memory: Array, rows: Rows, starts: Starts, ends: Ends, work: Count
+) -> None:
+    """Write down lanes that have ended, and put others in their places."""
+    lane = 0
+    while lane < memory.shape[1]:
+        old = lane < work[0]
+        if old and memory[rows.done, lane] == 0.0:
+            lane += 1
+            continue
+        if old:
+            for i in range(ends.rows.size):
+                ends.found[i, work[2 + lane]] = memory[ends.rows[i], lane]
+        if work[1] < starts.numbers.size:
+            number = starts.numbers[work[1]]
+            for i in range(starts.blank.size):
+                memory[i, lane] = starts.blank[i]
+            for i in range(starts.rows.size):
+                memory[starts.rows[i], lane] = starts.given[i, number]
+            work[2 + lane] = number
+            work[1] += 1
+            work[0] = max(work[0], lane + 1)
+            lane += 1
+        elif old:
+            work[0] -= 1
+            for i in range(starts.blank.size):
+                memory[i, lane] = memory[i, work[0]]
+            work[2 + lane] = work[2 + work[0]]
+        else:
+            return
 
 
 @free_kernel
-def take_turns(
+def take_turns(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
     calls: Count,
     memory: Array,
-    blank: Array,
-    starts: tuple[Array, Count, Count],
-    ends: tuple[Array, Count],
-    places: Count,
-    state: Count,
+    rows: Rows,
+    starts: Starts,
+    ends: Ends,
+    work: Count,
+    turns: int,
 ) -> None:
     """Take steps until a number of turns is over, or all starts have ended.
 
     Args:
-        calls: Address, arguments, outputs and lanes at a time of each kernel, (5, 3).
+        calls: Addresses of `part`, arguments and outputs of each kernel, shape (5, 3).
         memory: Of the lanes, shape (rows, lanes).
-        blank: What a new lane begins with, shape (rows,).
-        starts: What a start brings besides, (given, all starts); rows of the memory it
-            comes to; numbers of the starts to be solved.
-        ends: To be written: what lanes end with, (kept, all starts); rows of the
-            memory that it comes from.
-        places: First row of the state, its rows, first row of the next state, row of
-            `done`, turns to take.
-        state: Number of lanes, starts begun; then the number of each lane's start.
+        rows: Those that the loop looks at.
+        starts: What lanes begin with.
+        ends: What they end with; written.
+        work: Number of lanes at work, starts begun, then the number of each lane's
+            start; changed.
+        turns: How many to take at most.
     """
-    given, given_rows, numbers = starts
-    found, found_rows = ends
-    first, rows, following, done, turns = places
+    width = memory.shape[1]
     for _ in range(turns):
-        lane = 0
-        while lane < memory.shape[1]:
-            if lane >= state[0] or memory[done, lane] != 0.0:
-                if lane < state[0]:
-                    for i in range(found_rows.size):
-                        found[i, state[2 + lane]] = memory[found_rows[i], lane]
-                if state[1] < numbers.size:
-                    number = numbers[state[1]]
-                    for i in range(blank.size):
-                        memory[i, lane] = blank[i]
-                    for i in range(given_rows.size):
-                        memory[given_rows[i], lane] = given[i, number]
-                    state[2 + lane] = number
-                    state[1] += 1
-                    state[0] = max(state[0], lane + 1)
-                elif lane < state[0]:
-                    last = state[0] - 1
-                    for i in range(blank.size):
-                        memory[i, lane] = memory[i, last]
-                    state[2 + lane] = state[2 + last]
-                    state[0] = last
-                    continue
-                else:
-                    break
-            lane += 1
-        if state[0] == 0:
+        _refill(memory, rows, starts, ends, work)
+        lanes = work[0]
+        if lanes == 0:
             return
-        for i in range(calls.shape[0]):
-            call_kernel(calls[i, 0], calls[i, 1], calls[i, 2], memory.shape[1])
-        for i in range(rows):
-            for j in range(memory.shape[1]):
-                memory[first + i, j] = memory[following + i, j]
+        waiting = 0
+        for j in range(lanes):
+            if memory[rows.length, j] == _WHOLE:
+                waiting += 1
+        all_go = waiting >= _WAITING * lanes
+        for i in range(0 if all_go else 1, calls.shape[0] - 1):
+            call_part(calls[i, 0], calls[i, 1], calls[i, 2], width, lanes)
+        for j in range(lanes):
+            if all_go or memory[rows.length, j] != _WHOLE:
+                for i in range(rows.count):
+                    memory[rows.state + i, j] = memory[rows.following + i, j]
+            else:
+                memory[rows.taken, j] = 0.0
+                memory[rows.done, j] = 0.0
+        last = calls.shape[0] - 1
+        call_part(calls[last, 0], calls[last, 1], calls[last, 2], width, lanes)
