@@ -34,12 +34,10 @@ def _call_part(
     return signature, generate
 
 
-def _in_python(
-    function: int, inputs: int, outputs: int, size: int, last: int
-) -> None:
+def _in_python(function: int, inputs: int, outputs: int, size: int, last: int) -> None:
     """Do the same from plain Python."""
-    tables = ctypes.c_void_p(inputs), ctypes.c_void_p(outputs)
-    PART(function)(*tables, size, 0, last)
+    tables = ctypes.c_void_p(int(inputs)), ctypes.c_void_p(int(outputs))
+    PART(int(function))(*tables, size, 0, int(last))
 
 
 _PLAIN = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined, unused-ignore]

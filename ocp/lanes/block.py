@@ -62,7 +62,7 @@ def layout_of(sweeps: Sweeps) -> Layout:
     rows = Rows(
         state=0,
         following=places[following[0]][0],
-        count=sum(sizes[name] for name in following),
+        size=sum(sizes[name] for name in following),
         done=places["done"][0],
         length=places["length"][0],
         taken=places["taken"][0],
@@ -112,7 +112,8 @@ class Block:
     def _call(self, kernel: Kernel) -> tuple[int, int, int]:
         tables = self._table(kernel.reads), self._table(kernel.writes)
         self._tables.append(tables)
-        return kernel.code.part_address, *map(ctypes.addressof, tables)
+        reads, writes = map(ctypes.addressof, tables)
+        return kernel.code.part_address, reads, writes
 
     def _table(self, names: tuple[str, ...]) -> ctypes.Array[ctypes.c_void_p]:
         return (ctypes.c_void_p * len(names))(*map(self._address, names))

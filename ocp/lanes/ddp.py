@@ -54,7 +54,7 @@ class _Task:
     stop: threading.Event
 
 
-def solve_by_sweeps(
+def solve_by_sweeps(  # noqa: PLR0913 - starts and how they are solved
     posed: Posed,
     sweeps: Sweeps,
     controls: Array,
@@ -84,13 +84,14 @@ def solve_by_sweeps(
         sweeps=sweeps,
         layout=layout,
         shared=posed.shared(),
-        starts=Starts(_blank(layout, options), given, layout.at(*_BROUGHT), np.arange(n)),
+        starts=Starts(
+            _blank(layout, options), given, layout.at(*_BROUGHT), np.arange(n)
+        ),
         ends=Ends(np.empty((kept.size, n)), kept),
         stop=threading.Event(),
     )
-    shares = [np.arange(first, n, threads) for first in range(min(threads, n))]
-    if shares:
-        together([partial(_solve, task, one) for one in shares])
+    shares = np.array_split(np.arange(n), max(1, min(threads, n)))
+    together([partial(_solve, task, one) for one in shares])
     return _answers(posed, task)
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.fitness import Arguments, Known, at_nodes, shared_arguments
-from swarmstart.ocp.nlp_assembly import Part, inputs_of
 from swarmstart.ocp.lanes.stages import KNOWN
+from swarmstart.ocp.nlp_assembly import Part, inputs_of
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.transcription import NonlinearProgram
 
@@ -76,7 +76,7 @@ class Posed:
         nu, N, n = controls.shape
         rows = np.zeros((N, self.least.size, n))
         rows[:, :nu] = np.moveaxis(controls, 1, 0) / self.sizes.controls[:nu, None]
-        return rows.reshape(-1, n)
+        return rows.reshape(N * self.least.size, n)
 
     def start(self, y: Array) -> Array:
         """Return the state at the start, (nx, n), of what is decided about it."""

@@ -46,12 +46,15 @@ class Slopes(NamedTuple):
     renewal: SimdBatch
 
 
-def compile_slopes(program: NonlinearProgram, options: LaneOptions) -> Slopes:
+def compile_slopes(
+    program: NonlinearProgram, options: LaneOptions, *, threads: int = 1
+) -> Slopes:
     """Return the machine code of gradients.
 
     Args:
         program: The problem's NLP.
         options: When lanes end.
+        threads: Over how many threads individuals may be spread.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.
@@ -60,24 +63,24 @@ def compile_slopes(program: NonlinearProgram, options: LaneOptions) -> Slopes:
     N = program.problem.intervals
     interval, end, begin = stages(program)
     return Slopes(
-        roll=_roll(interval, N),
-        adjoint=_adjoint(interval, N),
-        rows=_rows(interval, N),
-        end=_at(end),
-        begin=None if begin is None else _at(begin),
+        roll=_roll(interval, N, threads),
+        adjoint=_adjoint(interval, N, threads),
+        rows=_rows(interval, N, threads),
+        end=_at(end, threads),
+        begin=None if begin is None else _at(begin, threads),
         renewal=_renewal(options),
     )
 
 
-def _roll(stage: Stage, N: int) -> SimdBatch:
+def _roll(stage: Stage, N: int, threads: int) -> SimdBatch:
     total, r, m = symbols(total=1, r=1, m=stage.rows.numel()).values()
     value = total + augmented(stage, m, r).value
     reads = Reads({"x": stage.x, "total": total}, {"u": stage.u, "m": m}, {"r": r}, {})
     writes = {"after": stage.after, "value": value, "before": stage.x}
-    return scan_kernel(stage, reads, writes, N).code
+    return scan_kernel(stage, reads, writes, N, threads=threads).code
 
 
-def _adjoint(stage: Stage, N: int) -> SimdBatch:
+def _adjoint(stage: Stage, N: int, threads: int) -> SimdBatch:
     nx = stage.x.numel()
     ahead, m, r = symbols(ahead=nx, m=stage.rows.numel(), r=1).values()
     al, z = augmented(stage, m, r), ca.vertcat(stage.x, stage.u)
@@ -86,10 +89,10 @@ def _adjoint(stage: Stage, N: int) -> SimdBatch:
     each = {"x": stage.x, "u": stage.u, "m": m}
     writes = {"before": before, "of_controls": of_controls}
     reads = Reads({"ahead": ahead}, each, {"r": r}, {})
-    return scan_kernel(stage, reads, writes, N, backward=True).code
+    return scan_kernel(stage, reads, writes, N, backward=True, threads=threads).code
 
 
-def _rows(stage: Stage, N: int) -> SimdBatch:
+def _rows(stage: Stage, N: int, threads: int) -> SimdBatch:
     carried = symbols(total=1, worst=1, broken=1)
     r, m = symbols(r=1, m=stage.rows.numel()).values()
     al = augmented(stage, m, r)
@@ -100,10 +103,11 @@ def _rows(stage: Stage, N: int) -> SimdBatch:
         "m": al.multipliers,
     }
     each = {"x": stage.x, "u": stage.u, "m": m}
-    return scan_kernel(stage, Reads(carried, each, {"r": r}, {}), writes, N).code
+    reads = Reads(carried, each, {"r": r}, {})
+    return scan_kernel(stage, reads, writes, N, threads=threads).code
 
 
-def _at(stage: Stage) -> SimdBatch:
+def _at(stage: Stage, threads: int) -> SimdBatch:
     """Return the kernel of the end or the start."""
     m, r = symbols(m=stage.rows.numel(), r=1).values()
     al = augmented(stage, m, r)
@@ -112,12 +116,13 @@ def _at(stage: Stage) -> SimdBatch:
         "worst": al.worst, "broken": al.broken, "m": al.multipliers,
     }  # fmt: skip
     lane = {"x": stage.x, "m": m, "r": r}
-    return flat_kernel(lane, known_of(stage, "end"), writes).code
+    known = known_of(stage, "end")
+    return flat_kernel(lane, known, writes, threads=threads).code
 
 
 def _renewal(options: LaneOptions) -> SimdBatch:
     now = symbols(**dict.fromkeys(Schedule._fields, 1))
-    seen = symbols(seen=1, seen_end=1)
-    following, done = renewed(Schedule(**now), *seen.values(), options)
+    seen, at_end = symbols(seen=1, at_end=1).values()
+    following, done = renewed(Schedule(**now), seen, at_end, options)
     writes = {**following._asdict(), "done": done}
-    return flat_kernel(now | seen, {}, writes).code
+    return flat_kernel({**now, "seen": seen, "at_end": at_end}, {}, writes).code

@@ -117,17 +117,18 @@ class _Descending:
         """Return lanes at their starts."""
         posed, n = self._posed, u.shape[1]
         begin = np.zeros(0) if posed.begin is None else posed.begin[2]
-        first = Schedule(
-            tolerance=options.first_tolerance, r=weights[0], r_end=weights[1],
-            broken=np.inf, broken_end=np.inf, renewed=0.0,
-        )  # fmt: skip
+        first: dict[str, Array | float] = {
+            "tolerance": options.first_tolerance, "r": weights[0], "r_end": weights[1],
+            "broken": np.inf, "broken_end": np.inf, "renewed": 0.0,
+        }  # fmt: skip
+        schedule = [np.broadcast_to(first[name], n) for name in Schedule._fields]
         return _Lanes(
             number=np.arange(n), y=np.array(y), u=u,
             x=np.zeros((posed.intervals * posed.x0.size, n)),
             end=np.zeros((posed.x0.size, n)), value=np.zeros((1, n)),
             m=np.zeros((posed.intervals * posed.interval[2].size, n)),
             m_end=np.zeros((posed.end[2].size, n)), m_begin=np.zeros((begin.size, n)),
-            schedule=np.array([np.broadcast_to(one, n) for one in first]),
+            schedule=np.array(schedule),
             iterations=np.zeros(n, dtype=np.int64),
         )  # fmt: skip
 

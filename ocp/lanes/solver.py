@@ -63,7 +63,7 @@ class LaneSolver:
         self._program = multiple_shooting(shooting)
         self._options = options or LaneOptions()
         try:
-            self._step = _step_of(self._program, self._options)
+            self._step = _step_of(self._program, self._options, threads)
         except (NoCompilerError, UnknownOperationError) as error:
             raise NoLanesError(str(error)) from error
         self.problem = shooting.problem
@@ -160,7 +160,9 @@ class LaneSolver:
         return np.asarray(np.clip(starts, lower, upper))
 
 
-def _step_of(program: NonlinearProgram, options: LaneOptions) -> Sweeps | Slopes:
+def _step_of(
+    program: NonlinearProgram, options: LaneOptions, threads: int
+) -> Sweeps | Slopes:
     """Return the machine code of sweeps; of slopes where sweeps would be too long."""
     try:
         return compile_sweeps(program, options)
@@ -170,7 +172,7 @@ def _step_of(program: NonlinearProgram, options: LaneOptions) -> Sweeps | Slopes
         limits = (*problem.control_limits, np.array(starts))
         if not all(np.isfinite(part).all() for part in limits):
             raise
-        return compile_slopes(program, options)
+        return compile_slopes(program, options, threads=threads)
 
 
 def _refused(problem: OptimalControlProblem) -> str:

@@ -11,7 +11,7 @@ weight r (Powell, Hestenes, Rockafellar):
 A lane is one individual.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import casadi as ca
@@ -183,6 +183,7 @@ def solved(A: ca.SX, B: ca.SX) -> ca.SX:
 
 _SMALLEST_PIVOT = 1e-10
 
+
 def symbols(**sizes: int) -> dict[str, ca.SX]:
     """Return symbols of given names and sizes."""
     return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
@@ -229,7 +230,13 @@ def known_of(stage: Stage, place: str) -> dict[str, ca.SX]:
 
 
 def scan_kernel(
-    stage: Stage, reads: Reads, writes: Named, N: int, *, backward: bool = False
+    stage: Stage,
+    reads: Reads,
+    writes: Named,
+    N: int,
+    *,
+    backward: bool = False,
+    threads: int = 1,
 ) -> Kernel:
     """Return the kernel of all intervals.
 
@@ -239,6 +246,7 @@ def scan_kernel(
         writes: What is carried on, in order, then what is kept of each interval.
         N: Number of intervals.
         backward: Whether the last interval comes first.
+        threads: Over how many threads individuals may be spread.
     """
     known = known_of(stage, "interval")
     roles: list[Role] = ["carried"] * len(reads.carried)
@@ -247,19 +255,21 @@ def scan_kernel(
     roles += ["shared"] * len(reads.shared)
     roles += ["shared", "interval", "shared", "shared"]  # KNOWN
     named = {**reads.carried, **reads.each, **reads.lane, **reads.shared, **known}
-    code = compile_scan(_function(named, writes), roles, turns=N, backward=backward)
+    function = _function(named, writes)
+    code = compile_scan(function, roles, turns=N, backward=backward, threads=threads)
     return Kernel(code, tuple(named), tuple(writes))
 
 
-def flat_kernel(lane: Named, shared: Named, writes: Named) -> Kernel:
+def flat_kernel(
+    lane: Named, shared: Named, writes: Named, *, threads: int = 1
+) -> Kernel:
     """Return a kernel without intervals, of numbers of individuals and shared ones."""
     own = (True,) * len(lane) + (False,) * len(shared)
     named = {**lane, **shared}
-    return Kernel(
-        compile_flat(_function(named, writes), own), tuple(named), tuple(writes)
-    )
+    code = compile_flat(_function(named, writes), own, threads=threads)
+    return Kernel(code, tuple(named), tuple(writes))
 
 
 def _function(reads: Named, writes: Named) -> ca.Function:
-    outputs: Sequence[ca.SX] = ca.cse([ca.densify(one) for one in writes.values()])
+    outputs = ca.cse([ca.densify(one) for one in writes.values()])
     return ca.Function("step", list(reads.values()), outputs)

@@ -111,7 +111,9 @@ def _backward(stage: Stage, N: int) -> Kernel:
     # What is carried begins as the end says it.
     named = {"slope": slope, "bend": bend, "at_end": spent, "nothing": stuck}
     each = {"x": x, "u": u, "m": given}
-    return scan_kernel(stage, Reads(named, each, lane, shared), writes, N, backward=True)
+    return scan_kernel(
+        stage, Reads(named, each, lane, shared), writes, N, backward=True
+    )
 
 
 def _box_step(

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from swarmstart.kernel import Array, Count, free_kernel, kernel
 from swarmstart.ocp.compiled.calls import call_part
 
-_WAITING = 0.75
+_MOST = 0.75
 """Part of the lanes that wait for a sweep before there is one."""
 _WHOLE = 1.0
 """Length of the step of a lane that waits."""
@@ -24,7 +24,7 @@ class Rows(NamedTuple):
     Attributes:
         state: First one of the state.
         following: First one of the state after a turn.
-        count: Number of rows of the state.
+        size: Number of rows of the state.
         done: Whether a lane has ended.
         length: Length of the step that is tried next.
         taken: Whether the step that was tried is taken.
@@ -32,7 +32,7 @@ class Rows(NamedTuple):
 
     state: int
     following: int
-    count: int
+    size: int
     done: int
     length: int
     taken: int
@@ -67,36 +67,59 @@ class Ends(NamedTuple):
 
 
 @kernel
-def _refill(
-    memory: Array, rows: Rows, starts: Starts, ends: Ends, work: Count
-) -> None:
+def _begin(memory: Array, lane: int, starts: Starts, work: Count) -> None:
+    """Put the next start in a lane."""
+    number = starts.numbers[work[1]]
+    for i in range(starts.blank.size):
+        memory[i, lane] = starts.blank[i]
+    for i in range(starts.rows.size):
+        memory[starts.rows[i], lane] = starts.given[i, number]
+    work[2 + lane] = number
+    work[1] += 1
+
+
+@kernel
+def _refill(memory: Array, rows: Rows, starts: Starts, ends: Ends, work: Count) -> None:
     """Write down lanes that have ended, and put others in their places."""
     lane = 0
-    while lane < memory.shape[1]:
-        old = lane < work[0]
-        if old and memory[rows.done, lane] == 0.0:
+    while lane < work[0]:
+        if memory[rows.done, lane] == 0.0:
             lane += 1
             continue
-        if old:
-            for i in range(ends.rows.size):
-                ends.found[i, work[2 + lane]] = memory[ends.rows[i], lane]
+        for i in range(ends.rows.size):
+            ends.found[i, work[2 + lane]] = memory[ends.rows[i], lane]
         if work[1] < starts.numbers.size:
-            number = starts.numbers[work[1]]
-            for i in range(starts.blank.size):
-                memory[i, lane] = starts.blank[i]
-            for i in range(starts.rows.size):
-                memory[starts.rows[i], lane] = starts.given[i, number]
-            work[2 + lane] = number
-            work[1] += 1
-            work[0] = max(work[0], lane + 1)
-            lane += 1
-        elif old:
-            work[0] -= 1
-            for i in range(starts.blank.size):
-                memory[i, lane] = memory[i, work[0]]
-            work[2 + lane] = work[2 + work[0]]
+            _begin(memory, lane, starts, work)
+            continue
+        work[0] -= 1
+        for i in range(memory.shape[0]):
+            memory[i, lane] = memory[i, work[0]]
+        work[2 + lane] = work[2 + work[0]]
+    while work[0] < memory.shape[1] and work[1] < starts.numbers.size:
+        _begin(memory, work[0], starts, work)
+        work[0] += 1
+
+
+@kernel
+def _waiting(memory: Array, rows: Rows, lanes: int) -> int:
+    """Return how many lanes wait for a sweep."""
+    count = 0
+    for lane in range(lanes):
+        if memory[rows.length, lane] == _WHOLE:
+            count += 1
+    return count
+
+
+@kernel
+def _take_over(memory: Array, rows: Rows, lanes: int, all_go: bool) -> None:
+    """Take over the states after a turn; lanes that wait stay as they are."""
+    for lane in range(lanes):
+        if all_go or memory[rows.length, lane] != _WHOLE:
+            for i in range(rows.size):
+                memory[rows.state + i, lane] = memory[rows.following + i, lane]
         else:
-            return
+            memory[rows.taken, lane] = 0.0
+            memory[rows.done, lane] = 0.0
 
 
 @free_kernel
@@ -112,7 +135,8 @@ def take_turns(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
     """Take steps until a number of turns is over, or all starts have ended.
 
     Args:
-        calls: Addresses of `part`, arguments and outputs of each kernel, shape (5, 3).
+        calls: Addresses of `part`, arguments and outputs of each kernel, in the order
+            of `Sweeps`, shape (5, 3).
         memory: Of the lanes, shape (rows, lanes).
         rows: Those that the loop looks at.
         starts: What lanes begin with.
@@ -121,25 +145,14 @@ def take_turns(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
             start; changed.
         turns: How many to take at most.
     """
-    width = memory.shape[1]
+    width, last = memory.shape[1], calls.shape[0] - 1
     for _ in range(turns):
         _refill(memory, rows, starts, ends, work)
         lanes = work[0]
         if lanes == 0:
             return
-        waiting = 0
-        for j in range(lanes):
-            if memory[rows.length, j] == _WHOLE:
-                waiting += 1
-        all_go = waiting >= _WAITING * lanes
-        for i in range(0 if all_go else 1, calls.shape[0] - 1):
+        all_go = _waiting(memory, rows, lanes) >= _MOST * lanes
+        for i in range(0 if all_go else 1, last):
             call_part(calls[i, 0], calls[i, 1], calls[i, 2], width, lanes)
-        for j in range(lanes):
-            if all_go or memory[rows.length, j] != _WHOLE:
-                for i in range(rows.count):
-                    memory[rows.state + i, j] = memory[rows.following + i, j]
-            else:
-                memory[rows.taken, j] = 0.0
-                memory[rows.done, j] = 0.0
-        last = calls.shape[0] - 1
+        _take_over(memory, rows, lanes, all_go)
         call_part(calls[last, 0], calls[last, 1], calls[last, 2], width, lanes)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swarmstart.ocp.lanes.augmented import LaneAnswers
+from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import distinct_optima, unseen_share
 
 

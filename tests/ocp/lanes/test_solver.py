@@ -21,8 +21,9 @@ from swarmstart.ocp.compiled import scan
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Fitness
+from swarmstart.ocp.lanes import ddp
 from swarmstart.ocp.lanes import solver as module
-from swarmstart.ocp.lanes.augmented import LaneAnswers
+from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import FEASIBLE, distinct_optima
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.search_space import Start
@@ -47,6 +48,11 @@ def solved(
     controls, starts = random_starts(solver.problem, n, rng)
     state = planner.lowered.start(x0)
     return planner, solver(state, controls, starts, rng=rng)
+
+
+def too_long(*_: object, **__: object) -> None:
+    """Stand in for a compiler that refuses a kernel."""
+    raise NoCompilerError("too long")
 
 
 @pytest.mark.parametrize(
@@ -173,10 +179,41 @@ def test_lane_does_not_depend_on_its_neighbours() -> None:
     np.testing.assert_array_equal(costs([5, 1, 3]), together[[5, 1, 3]])
 
 
-def test_threads_give_the_same_bits() -> None:
-    one, two = (solved(pendulum(), [0.0, 0.0], n=520, threads=t)[1] for t in (1, 2))
-    for name in ("controls", "cost", "violation", "iterations"):
+def test_answers_have_the_same_bits_on_two_threads(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """And with other lanes side by side; a free end time makes long and short lanes."""
+    shooting = Fitness(four_discs()).shooting
+    controls, starts = random_starts(shooting.problem, 41, np.random.default_rng(0))
+    x0 = [0.0, 0.0, 0.0, 10.0]
+
+    def answers(threads: int, side_by_side: int) -> LaneAnswers:
+        monkeypatch.setattr(ddp, "SIDE_BY_SIDE", side_by_side)
+        solver = LaneSolver(shooting, threads=threads)
+        return solver(x0, controls, starts, rng=np.random.default_rng(1))
+
+    one = answers(1, 32)
+    for threads, side_by_side in ((2, 32), (1, 64), (1, 5), (3, 8), (64, 32)):
+        other = answers(threads, side_by_side)
+        for name in one.__slots__:
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_slopes_give_the_same_bits_on_two_threads(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "compile_sweeps", too_long)
+    one, two = (
+        solved(bryson_denham(), [0.0, 1.0], n=520, threads=t)[1] for t in (1, 2)
+    )
+    for name in one.__slots__:
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_no_starts_have_no_answers() -> None:
+    _, answers = solved(cart(), [0.0, 1.0], n=0)
+    assert answers.controls.shape == (1, 50, 0)
+    assert not distinct_optima(answers)
 
 
 def test_lane_that_leaves_the_numbers_ends_infinite() -> None:
@@ -202,7 +239,7 @@ def test_reason_is_given_where_lanes_do_not_serve() -> None:
 def test_long_stages_are_solved_by_slopes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Luus' reactor: both of its optima on this grid, and no other."""
     instance = reactor()
-    monkeypatch.setattr(scan, "MOST_INSTRUCTIONS", 20_000)
+    monkeypatch.setattr(scan, "MOST_INSTRUCTIONS", 10_000)
     assert LaneSolver(instance.problem).method == "slopes"
     planner, answers = solved(instance.problem, instance.x0.tolist(), n=64)
     found = distinct_optima(answers)
@@ -218,9 +255,6 @@ def test_slopes_find_what_sweeps_find(monkeypatch: pytest.MonkeyPatch) -> None:
     """End conditions, path constraints and a free end time by gradients alone."""
     x0 = [0.0, 0.0, 0.0]
     _, sweeps = solved(four_discs(), x0, n=32)
-
-    def too_long(*_: object, **__: object) -> None:
-        raise NoCompilerError("too long")
 
     monkeypatch.setattr(module, "compile_sweeps", too_long)
     _, slopes = solved(four_discs(), x0, n=32)
