@@ -126,7 +126,7 @@ class SimdBatch:
             threads: Over how many threads a population may be spread, at least 1.
         """
         self.address = compiled.address
-        self.part_address = int(ctypes.cast(compiled.part, ctypes.c_void_p).value or 0)
+        self.part_address = compiled.part_address
         self.shape, self.threads = shape, threads
         self._compiled = compiled
 
