@@ -37,7 +37,7 @@ class LaneOptions:
 
     inner: int = 60
     outer: int = 25
-    most: int = 400
+    most: int = 500
     factor: float = 30.0
     first_tolerance: float = 1e-2
     tolerance: float = 1e-6

@@ -33,6 +33,9 @@ _LEAST_VALUE, _NOTHING = 1e-3, 1e-3
 _SLOW, _SHORT = 0.1, 0.2
 """Fall below which second derivatives help; length of a step too short for them."""
 _FINITE = 1e300
+_WILD = 1e4
+"""State or cost at the end, in the NLP's numbers near one, that no step may lead to: as
+long as weights are light, some augmented Lagrangians have no lower bound."""
 _ROUNDING = 1e-13
 
 
@@ -135,7 +138,7 @@ def verdict_kernel(
     new = lane["sums_new"][0] + _at(end, lane, "end_new", "end").al.value
     if begin is not None:
         new += _at(begin, lane, "x0_new", "begin").al.value
-    finite = _all(ca.fabs(new) < _FINITE, *ca.vertsplit(_is_finite(lane["end_new"])))
+    finite = _all(ca.fabs(new) < _FINITE, _below(lane["end_new"], _FINITE), _tame(lane))
     verdict = _judged(lane, new, finite, options)
     now = _taken_over(verdict, lane, new)
     ends = [_at(end, now, "end", "end")]
@@ -177,8 +180,15 @@ def _at(stage: Stage, lane: Named, state: str, place: str) -> _Here:
     return _Here(there, augmented(there, lane[f"m_{place}"], weight))
 
 
-def _is_finite(x: ca.SX) -> ca.SX:
-    return ca.fabs(x) < _FINITE
+def _tame(lane: Named) -> ca.SX:
+    """Return whether a step does not run wild; where a lane begins is as it is."""
+    before = _below(ca.vertcat(lane["end"], lane["paid"]), _WILD)
+    after = _below(ca.vertcat(lane["end_new"], lane["sums_new"][1]), _WILD)
+    return _any(after, lane["length"] == 0, ca.logic_not(before))
+
+
+def _below(x: ca.SX, limit: float) -> ca.SX:
+    return _all(*(ca.fabs(one) < limit for one in ca.vertsplit(x)))
 
 
 def _taken_over(verdict: _Verdict, lane: Named, new: ca.SX) -> dict[str, ca.SX]:

@@ -229,6 +229,25 @@ def test_lane_that_leaves_the_numbers_ends_infinite() -> None:
     assert not distinct_optima(answers)
 
 
+def test_lane_comes_back_where_light_weights_have_no_least() -> None:
+    """With r below 2, -x^2 + r/2 (x - 2)^2 falls without end; x may be exp(50)."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u * x), horizon=1.0, intervals=20,
+        stage_cost=1e-3 * u**2, terminal_cost=-(x**2), terminal=[x - 2],
+        bounds=Bounds(controls=(-50, 50)),
+    )  # fmt: skip
+    solver = LaneSolver(problem)
+    controls, starts = random_starts(solver.problem, 32, np.random.default_rng(0))
+    weights = np.ones(32), np.full(32, 0.1)
+    found = solver.solved(solver.posed([1.0]), controls / 20, starts, weights)
+    assert np.abs(found.states[:, -1]).max() < 1e4
+    good = found.violation <= FEASIBLE  # The others shrink x to where nothing moves it.
+    assert good.mean() >= 0.4
+    least = 1e-3 * np.log(2) ** 2 - 4  # A constant control is the cheapest.
+    np.testing.assert_allclose(found.cost[good], least, rtol=1e-4)
+
+
 def test_reason_is_given_where_lanes_do_not_serve() -> None:
     with pytest.raises(NoLanesError, match="blocks of intervals"):
         LaneSolver(cart(blocks=[25, 25]))
