@@ -59,14 +59,9 @@ def layout_of(sweeps: Sweeps) -> Layout:
         first += sizes[name]
     if _FIRST in sizes:
         places[_FIRST] = places["x"][0], sizes[_FIRST]
-    rows = Rows(
-        state=0,
-        following=places[following[0]][0],
-        size=sum(sizes[name] for name in following),
-        done=places["done"][0],
-        length=places["length"][0],
-        taken=places["taken"][0],
-    )
+    named = {name: place for name, (place, _) in places.items() if name in Rows._fields}
+    size = sum(sizes[name] for name in following)
+    rows = Rows(state=0, following=places[following[0]][0], size=size, **named)
     return Layout(places, first, rows)
 
 

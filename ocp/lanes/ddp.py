@@ -85,7 +85,11 @@ def solve_by_sweeps(  # noqa: PLR0913 - starts and how they are solved
         layout=layout,
         shared=posed.shared(),
         starts=Starts(
-            _blank(layout, options), given, layout.at(*_BROUGHT), np.arange(n)
+            _blank(layout, options),
+            given,
+            layout.at(*_BROUGHT),
+            np.arange(n),
+            options.most,
         ),
         ends=Ends(np.empty((kept.size, n)), kept),
         stop=threading.Event(),

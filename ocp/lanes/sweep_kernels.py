@@ -153,7 +153,7 @@ def _start(problem: OptimalControlProblem, begin: Stage | None) -> Kernel:
         tied[list(one.states), column] = 1
     lane = symbols(
         slope_start=nx, bend_start=len(triangle(nx)), spent_start=1, y=ny, mu=1,
-        length=1, value=1, fresh=1,
+        length=1, value=1, fresh=1, renewed=1, again=1,
     )  # fmt: skip
     slope, bend, value, y, mu, length, *_ = lane.values()
     shared = symbols(first_least=ny, first_most=ny, stride=ny, fixed=nx)
@@ -169,8 +169,11 @@ def _start(problem: OptimalControlProblem, begin: Stage | None) -> Kernel:
     free = 1 - held_at(y, g, least, most)
     H = _without_held(tied.T @ bend @ tied + mu * ca.SX.eye(ny), free)
     step = ca.fmin(ca.fmax(-solved(H, free * g), -stride), stride)
-    # A lane that is rolled out has no step yet.
-    moved = y + ca.if_else(length > 0, length * step, 0 * y)
+    # A lane that is rolled out has no step yet; one that begins again keeps its start
+    # until it has met its end conditions nearly.
+    kept = ca.logic_and(lane["again"], lane["renewed"] < 1)
+    moves = ca.logic_and(length > 0, ca.logic_not(kept))
+    moved = y + ca.if_else(moves, length * step, 0 * y)
     moved = ca.fmin(ca.fmax(moved, least), most)
     writes = {
         "y_new": moved,

@@ -14,6 +14,10 @@ from swarmstart.ocp.compiled.calls import call_part
 
 _MOST = 0.75
 """Part of the lanes that wait for a sweep before there is one."""
+_MET = 1e-6
+"""Largest violation with which a lane need not begin again."""
+_AGAIN_WEIGHT = 100.0
+"""Least weight of the end's rows in a lane that begins again."""
 _WHOLE = 1.0
 """Length of the step of a lane that waits."""
 
@@ -28,6 +32,10 @@ class Rows(NamedTuple):
         done: Whether a lane has ended.
         length: Length of the step that is tried next.
         taken: Whether the step that was tried is taken.
+        worst: Excess.
+        iterations: Steps so far.
+        again: Whether a lane has begun for a second time.
+        r_end: Weight of the end's rows.
     """
 
     state: int
@@ -36,6 +44,10 @@ class Rows(NamedTuple):
     done: int
     length: int
     taken: int
+    worst: int
+    iterations: int
+    again: int
+    r_end: int
 
 
 class Starts(NamedTuple):
@@ -46,12 +58,14 @@ class Starts(NamedTuple):
         given: What a start brings besides, a column for each of all starts.
         rows: Rows of the memory that it comes to.
         numbers: Those of the starts to be solved.
+        most: Steps after which a lane does not begin again.
     """
 
     blank: Array
     given: Array
     rows: Count
     numbers: Count
+    most: int
 
 
 class Ends(NamedTuple):
@@ -67,15 +81,28 @@ class Ends(NamedTuple):
 
 
 @kernel
-def _begin(memory: Array, lane: int, starts: Starts, work: Count) -> None:
-    """Put the next start in a lane."""
-    number = starts.numbers[work[1]]
+def _begin(memory: Array, lane: int, starts: Starts, number: int) -> None:
+    """Put a start in a lane."""
     for i in range(starts.blank.size):
         memory[i, lane] = starts.blank[i]
     for i in range(starts.rows.size):
         memory[starts.rows[i], lane] = starts.given[i, number]
-    work[2 + lane] = number
-    work[1] += 1
+
+
+@kernel
+def _begins_again(
+    memory: Array, lane: int, rows: Rows, starts: Starts, number: int
+) -> bool:
+    """Let a lane begin a second time that has not met its limits; say whether."""
+    steps = memory[rows.iterations, lane]
+    met = memory[rows.worst, lane] <= _MET
+    if met or memory[rows.again, lane] != 0.0 or steps >= starts.most:
+        return False
+    _begin(memory, lane, starts, number)
+    memory[rows.again, lane] = 1.0
+    memory[rows.iterations, lane] = steps
+    memory[rows.r_end, lane] = max(memory[rows.r_end, lane], _AGAIN_WEIGHT)
+    return True
 
 
 @kernel
@@ -83,21 +110,22 @@ def _refill(memory: Array, rows: Rows, starts: Starts, ends: Ends, work: Count) 
     """Write down lanes that have ended, and put others in their places."""
     lane = 0
     while lane < work[0]:
-        if memory[rows.done, lane] == 0.0:
+        number = work[2 + lane]
+        done = memory[rows.done, lane] != 0.0
+        if not done or _begins_again(memory, lane, rows, starts, number):
             lane += 1
             continue
         for i in range(ends.rows.size):
-            ends.found[i, work[2 + lane]] = memory[ends.rows[i], lane]
-        if work[1] < starts.numbers.size:
-            _begin(memory, lane, starts, work)
-            continue
+            ends.found[i, number] = memory[ends.rows[i], lane]
         work[0] -= 1
         for i in range(memory.shape[0]):
             memory[i, lane] = memory[i, work[0]]
         work[2 + lane] = work[2 + work[0]]
     while work[0] < memory.shape[1] and work[1] < starts.numbers.size:
-        _begin(memory, work[0], starts, work)
+        work[2 + work[0]] = starts.numbers[work[1]]
+        _begin(memory, work[0], starts, work[2 + work[0]])
         work[0] += 1
+        work[1] += 1
 
 
 @kernel

@@ -241,11 +241,28 @@ def test_lane_comes_back_where_light_weights_have_no_least() -> None:
     controls, starts = random_starts(solver.problem, 32, np.random.default_rng(0))
     weights = np.ones(32), np.full(32, 0.1)
     found = solver.solved(solver.posed([1.0]), controls / 20, starts, weights)
-    assert np.abs(found.states[:, -1]).max() < 1e4
-    good = found.violation <= FEASIBLE  # The others shrink x to where nothing moves it.
-    assert good.mean() >= 0.4
+    assert (found.violation <= FEASIBLE).mean() >= 0.95
     least = 1e-3 * np.log(2) ** 2 - 4  # A constant control is the cheapest.
-    np.testing.assert_allclose(found.cost[good], least, rtol=1e-4)
+    assert np.median(found.cost) == pytest.approx(least, rel=1e-4)
+
+
+def test_lane_that_is_given_up_begins_once_more() -> None:
+    """Bring an unstable system to rest in a time of one's own choice.
+
+    Where a lane makes the time short before it is near the end, the nearest way there
+    is farther from it; a third of the lanes ended well as long as they began but once.
+    """
+    rng = np.random.default_rng(3)
+    rng.integers(2, 5), rng.integers(1, 3)
+    A, B = 0.7 * rng.normal(size=(4, 4)), rng.normal(size=(4, 1))
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=A @ x + B * u), horizon=Free(0.2, 8),
+        intervals=30, stage_cost=1 + 0.1 * u**2, substeps=2, terminal=[x],
+        bounds=Bounds(controls=(-3, 3)),
+    )  # fmt: skip
+    _, answers = solved(problem, rng.normal(size=4).tolist())
+    assert (answers.violation <= FEASIBLE).mean() >= 0.65
 
 
 def test_reason_is_given_where_lanes_do_not_serve() -> None:
