@@ -170,7 +170,7 @@ def _start(problem: OptimalControlProblem, begin: Stage | None) -> Kernel:
     H = _without_held(tied.T @ bend @ tied + mu * ca.SX.eye(ny), free)
     step = ca.fmin(ca.fmax(-solved(H, free * g), -stride), stride)
     # A lane that is rolled out has no step yet; one that begins again keeps its start
-    # until it has met its end conditions nearly.
+    # until multipliers are renewed.
     kept = ca.logic_and(lane["again"], lane["renewed"] < 1)
     moves = ca.logic_and(length > 0, ca.logic_not(kept))
     moved = y + ca.if_else(moves, length * step, 0 * y)

@@ -3,8 +3,13 @@
 Lanes stand side by side in the columns of one memory. A turn tries a step in all of
 them: start, forward, verdict, keep. Lanes whose step is done with wait for a sweep
 backward until most lanes do; so shorter steps are tried without one. A lane that has
-ended is written down, and the next start takes its place; if there is none left, the
-last lane does, so that those at work are always the first ones.
+ended is written down, and the last lane takes its place, so that those at work are
+always the first ones; then further starts begin.
+
+A lane that ends without having met its limits begins once more from its start: with a
+heavier end, and what is decided about the start held until multipliers are renewed.
+Else a light lane makes a free end time short as long as that costs less than its end
+conditions, and may get to where the nearest way to them is no way.
 """
 
 from typing import NamedTuple
