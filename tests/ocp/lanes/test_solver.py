@@ -254,7 +254,7 @@ def test_lane_that_is_given_up_begins_once_more() -> None:
     """
     rng = np.random.default_rng(3)
     rng.integers(2, 5), rng.integers(1, 3)
-    A, B = 0.7 * rng.normal(size=(4, 4)), rng.normal(size=(4, 1))
+    A, B = ca.SX(0.7 * rng.normal(size=(4, 4))), ca.SX(rng.normal(size=(4, 1)))
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=A @ x + B * u), horizon=Free(0.2, 8),

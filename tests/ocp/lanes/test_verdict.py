@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("compiler")
 
 Array = NDArray[np.float64]
 LANE = {
-    "r": 1.0, "r_end": 1.0, "tolerance": 1e-2, "broken": np.inf, "broken_end": np.inf,
+    "r": 1.0, "r_end": 1e-12, "tolerance": 1e-2, "broken": np.inf, "broken_end": np.inf,
     "value_now": 2.0, "mu": 1e-3, "length": 1.0, "paid": 1.0,
 }  # fmt: skip
 
@@ -69,11 +69,13 @@ def test_lane_is_regularised_where_the_shortest_step_does_not_help(
 def test_no_step_runs_wild(kernel: Kernel) -> None:
     """However low its value is; where lanes begin is as it is."""
     far = np.array([[1e3, 2e4, 2e4], [0, 0, 0]])
-    deep, lane = [-1e6, -1e9, -1e9], {"end_new": far, "r_end": 1e-12}
-    np.testing.assert_array_equal(verdict(kernel, deep, **lane)["taken"][0], [1, 0, 0])
-    begins = verdict(kernel, deep, **lane, length=0.0)
+    deep = [-1e6, -1e9, -1e9]
+    np.testing.assert_array_equal(
+        verdict(kernel, deep, end_new=far)["taken"][0], [1, 0, 0]
+    )
+    begins = verdict(kernel, deep, end_new=far, length=0.0)
     np.testing.assert_array_equal(begins["taken"][0], [1, 1, 1])
-    out = verdict(kernel, deep, **lane, end=np.full((2, 3), 3e4))
+    out = verdict(kernel, deep, end_new=far, end=np.full((2, 3), 3e4))
     np.testing.assert_array_equal(out["taken"][0], [1, 1, 1])
 
 
@@ -86,10 +88,10 @@ def test_lane_that_begins_outside_the_numbers_is_done(kernel: Kernel) -> None:
 def test_lane_that_gains_nothing_renews_its_multipliers(kernel: Kernel) -> None:
     """To r times what its rows are beyond their limits."""
     there = np.array([[0.3], [0.0]])
-    found = verdict(kernel, [2.0], end=there, end_new=there, r_end=1e-9)
+    found = verdict(kernel, [2.0], end=there, end_new=there)
     assert found["next.fresh"] == 1
     assert found["next.tolerance"] == pytest.approx(1e-4)
-    beyond = np.abs(found["next.m_end"]).max() / 1e-9
+    beyond = np.abs(found["next.m_end"]).max() / 1e-12
     assert beyond == pytest.approx(found["next.broken_end"].item())
     assert beyond > 0.1
 
