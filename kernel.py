@@ -66,6 +66,11 @@ def ieee_kernel(function: Function) -> Function:
     return _compiled(function, error_model="numpy")
 
 
+def free_kernel(function: Function) -> Function:
+    """Compile likewise; Python's lock is released while it runs."""
+    return _compiled(function, nogil=True)
+
+
 def prepare(function: Callable[..., object], *arguments: object) -> None:
     """Load or compile a kernel for arguments of these types, without calling it.
 

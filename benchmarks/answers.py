@@ -67,12 +67,12 @@ RACE_TEXT = """
 With p the share of starts that hit and t their mean seconds:
 t max(1, log(0.05) / log(1 - p)). For IPOPT, starts are smooth random controls as the
 lanes have them, one after the other on the same solver. Of both ways only the seconds
-of solving count, by the clock: of `solve` those of the cold starts, the search, the lanes and the polish until
-the best answer was there (`solution.plan.starts.found_after`), not those of posing,
-verifying and machine code, which are in the table above. Where no start hits, p is the
-largest that would be so in 5 % of all cases, and the seconds are a lower bound: those
-that all starts took. In brackets is what 90 % of 2,000 samples of the runs with
-replacement give.
+of solving count, by the clock: of `solve` those of the cold starts, the search, the
+lanes and the polish until the best answer was there
+(`solution.plan.starts.found_after`), not those of posing, verifying and machine code,
+which are in the table above. Where no start hits, p is the largest that would be so in
+5 % of all cases, and the seconds are a lower bound: those that all starts took. In
+brackets is what 90 % of 2,000 samples of the runs with replacement give.
 
 Asked for: {sooner} times less where IPOPT hits in less than 30 % of its starts; not
 slower on the others that have several optima, which are those where feasible answers of

@@ -39,7 +39,9 @@ Made by `python benchmarks/lanes.py --write docs/lanes.md`. Each problem is solv
 the same smooth random starts ([answers](answers.md#many-starts)), all at once in lanes
 on one core, and a few of them one after the other by IPOPT on the problem's own NLP, at
 most 500 iterations each. Seconds are those of the process. "Sweeps" are second-order,
-"slopes" gradients, for stages that are too long for sweeps. A solve counts as feasible
+"slopes" gradients, for stages that are too long for sweeps. A lane of sweeps takes at
+most 500 steps; one that ends without having met its limits begins once more, which is
+in its time. A solve counts as feasible
 to 1e-6 in the NLP's numbers near one; "best" is the share of solves within 1e-4 of the
 cheapest optimum that either found. The last column is Good's estimate of the share of
 such starts that would end in an optimum not seen yet, with the end of its interval.

@@ -28,7 +28,7 @@ from swarmstart.benchmarks.tables import (
 )
 from swarmstart.benchmarks.unseen_ways import WAYS, laws, least_held
 from swarmstart.ocp import IpoptOptions, Planner
-from swarmstart.ocp.lanes.augmented import LaneAnswers
+from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import (
     APART,
     distinct_optima,

@@ -91,7 +91,7 @@ class ManyStarts:
         self._fitness, self._polisher, self._random = fitness, polisher, random
         self._solver, self._refused = None, ""
         try:
-            self._solver = LaneSolver(fitness.shooting)
+            self._solver = LaneSolver(fitness.shooting, constrained_slopes=False)
         except NoLanesError as error:
             self._refused = str(error)
 

@@ -107,6 +107,7 @@ class Compiled:
 
     Attributes:
         address: Of void kernel(double **in, double **out, int64 n).
+        part_address: Of `part`.
         part: void part(double **in, double **out, int64 n, int64 first, int64 last), a
             function of ctypes; both release Python's lock.
         call: The kernel as such a function.
@@ -114,6 +115,7 @@ class Compiled:
     """
 
     address: int
+    part_address: int
     call: Callable[..., None]
     part: Callable[..., None]
     keeps_alive: Any
@@ -161,8 +163,8 @@ def link(code: bytes) -> Compiled:
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     address = engine.get_function_address("kernel")
-    part = PART(engine.get_function_address("part"))
-    return Compiled(address, SIGNATURE(address), part, engine)
+    part = engine.get_function_address("part")
+    return Compiled(address, part, SIGNATURE(address), PART(part), engine)
 
 
 def _target_machine(target: Machine) -> Any:

@@ -14,7 +14,7 @@ from typing import Literal, get_args
 
 import casadi as ca
 
-from swarmstart.ocp.compiled.emitter import simplified
+from swarmstart.ocp.compiled.emitter import simplified, with_inverses
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.frame import Frame, Target, module_of, target_of
 from swarmstart.ocp.compiled.loop import Loop
@@ -160,7 +160,7 @@ def compile_scan(
         )
 
     def emit() -> str:
-        tape = simplified(read_tape(step))
+        tape = simplified(with_inverses(read_tape(step)))
         scan = Scan(step=tape, roles=tuple(roles), turns=turns, backward=backward)
         return emit_scan(scan, target=target_of([tape], precision))
 

@@ -110,6 +110,7 @@ class SimdBatch:
 
     Attributes:
         address: Of void kernel(double **in, double **out, int64 n).
+        part_address: Of its function `part`; see frame.py.
         shape: What it reads and writes.
         threads: Over how many threads a population may be spread.
     """
@@ -125,6 +126,7 @@ class SimdBatch:
             threads: Over how many threads a population may be spread, at least 1.
         """
         self.address = compiled.address
+        self.part_address = compiled.part_address
         self.shape, self.threads = shape, threads
         self._compiled = compiled
 

@@ -6,9 +6,9 @@ neighbours: the results have the same bits, however many threads there are.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from functools import cache
+from functools import cache, partial
 
 LEAST = 256
 """Individuals of a part: handing over fewer costs more than it saves."""
@@ -36,14 +36,23 @@ def in_parts(part: Callable[[int, int], None], size: int, threads: int) -> None:
         size: Number of individuals.
         threads: How many calls there may be at a time.
     """
-    first, *others = parts_of(size, threads) or [(0, 0)]
+    together([partial(part, *one) for one in parts_of(size, threads) or [(0, 0)]])
+
+
+def together(calls: Sequence[Callable[[], None]]) -> None:
+    """Make calls at the same time, each in a thread of its own.
+
+    Args:
+        calls: At least one; they must not hold Python's lock for long.
+    """
+    first, *others = calls
     if not others:
-        part(*first)
+        first()
         return
-    pool = _pool(os.getpid(), threads - 1)
-    running = [pool.submit(part, *one) for one in others]
+    pool = _pool(os.getpid(), len(others))
+    running = [pool.submit(one) for one in others]
     try:
-        part(*first)
+        first()
     finally:
         wait(running)  # They write where the caller reads.
     for one in running:

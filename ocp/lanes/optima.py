@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lanes.augmented import LaneAnswers
+from swarmstart.ocp.lanes.answers import LaneAnswers
 
 Array = NDArray[np.float64]
 

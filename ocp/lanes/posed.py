@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.fitness import Arguments, Known, at_nodes, shared_arguments
-from swarmstart.ocp.lanes.kernels import LaneKernels
+from swarmstart.ocp.lanes.stages import KNOWN
 from swarmstart.ocp.nlp_assembly import Part, inputs_of
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.transcription import NonlinearProgram
@@ -21,7 +21,6 @@ class Posed:
     """A problem from one initial state, in the NLP's numbers.
 
     Attributes:
-        kernels: The machine code.
         intervals: Number N of intervals.
         sizes: What numbers are divided by.
         x0: Initial state where nothing is decided about it, shape (nx,).
@@ -35,7 +34,6 @@ class Posed:
         begin: What the start knows; None where nothing is decided.
     """
 
-    kernels: LaneKernels
     intervals: int
     sizes: Sizes
     x0: Array
@@ -48,6 +46,25 @@ class Posed:
     end: _Known
     begin: _Known | None
 
+    def shared(self) -> dict[str, Array]:
+        """Return what all lanes know, by the names that kernels have for it."""
+        reach = self.first_most - self.first_least
+        numbers = {
+            "least": self.least, "most": self.most, "first_least": self.first_least,
+            "first_most": self.first_most,
+            "stride": np.where(np.isfinite(reach), 0.1 * reach, 1.0),
+            "fixed": np.where(self.tied.any(axis=1), 0.0, self.x0),
+        }  # fmt: skip
+        for place in ("interval", "end", "begin"):
+            known = getattr(self, place)
+            if known is not None:
+                names = (f"{place}.{name}" for name in KNOWN)
+                numbers |= zip(names, known, strict=True)
+        return {
+            name: np.ascontiguousarray(one, dtype=np.float64)
+            for name, one in numbers.items()
+        }
+
     @property
     def start_sizes(self) -> Array:
         """Sizes of what is decided about the start, (ny, 1)."""
@@ -59,7 +76,17 @@ class Posed:
         nu, N, n = controls.shape
         rows = np.zeros((N, self.least.size, n))
         rows[:, :nu] = np.moveaxis(controls, 1, 0) / self.sizes.controls[:nu, None]
-        return rows.reshape(-1, n)
+        return rows.reshape(N * self.least.size, n)
+
+    def start(self, y: Array) -> Array:
+        """Return the state at the start, (nx, n), of what is decided about it."""
+        fixed = np.where(self.tied.any(axis=1), 0.0, self.x0)
+        return np.ascontiguousarray(fixed[:, None] + self.tied @ y)
+
+    def states(self, inner: Array, end: Array) -> Array:
+        """Return (nx, N + 1, n) of states (N nx, n) of intervals and (nx, n) after."""
+        rows = inner.reshape(self.intervals, self.x0.size, end.shape[1])
+        return np.concatenate([np.moveaxis(rows, 0, 1), end[:, None]], axis=1)
 
     def controls(self, lanes: Array) -> Array:
         """Return the controls (nu, N, n) of lanes (N nu, n)."""
@@ -69,7 +96,6 @@ class Posed:
 
 
 def posed(
-    kernels: LaneKernels,
     program: NonlinearProgram,
     arguments: Arguments,
     x0: ArrayLike,
@@ -78,7 +104,6 @@ def posed(
     """Return a problem from one initial state, in the NLP's numbers.
 
     Args:
-        kernels: Its machine code.
         program: Its NLP.
         arguments: Makes its sizes.
         x0: Initial state, shape (nx,), with the guess of what is decided about it.
@@ -108,7 +133,6 @@ def posed(
         tied[list(one.states), number] = 1.0
     firsts = [one.states[0] for one in starts]
     return Posed(
-        kernels=kernels,
         intervals=N,
         sizes=sizes,
         x0=state / sizes.states,

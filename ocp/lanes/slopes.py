@@ -2,99 +2,238 @@
 
 The gradient of a rollout by its controls, from the last interval back (the adjoint
 equation), and projected L-BFGS within the bounds (heuristics/descent.py). Lanes renew
-their multipliers together, after each descent.
+their multipliers together, after each descent (schedule.py).
 """
+
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.heuristics.box import Box
 from swarmstart.heuristics.descent import DescentOptions, descend
-from swarmstart.ocp.compiled.simd import SimdBatch
-from swarmstart.ocp.lanes.augmented import (
-    AugmentedSolver,
-    LaneAnswers,
-    LaneOptions,
-    Lanes,
-    none_found,
-    write_down,
-)
+from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.posed import Posed
+from swarmstart.ocp.lanes.schedule import LaneOptions, Schedule
+from swarmstart.ocp.lanes.slope_kernels import Slopes
 
 Array = NDArray[np.float64]
 
 
+@dataclass(kw_only=True, slots=True, eq=False)
+class _Lanes:
+    """Where the lanes are that are still worked on; the last axis is the lane.
+
+    Attributes:
+        number: Which start it came from.
+        y: Decisions about the start, (ny, n).
+        u: Controls, (N nu, n).
+        x: States as intervals begin, (N nx, n).
+        end: State at the end, (nx, n).
+        value: The augmented Lagrangian.
+        m: Multipliers of the intervals' rows; m_end, m_begin: of the ends'.
+        schedule: Numbers of `Schedule`, a row each.
+        iterations: Steps in all.
+    """
+
+    number: NDArray[np.int64]
+    y: Array
+    u: Array
+    x: Array
+    end: Array
+    value: Array
+    m: Array
+    m_end: Array
+    m_begin: Array
+    schedule: Array
+    iterations: NDArray[np.int64]
+
+    @property
+    def count(self) -> int:
+        """Number of lanes."""
+        return self.number.size
+
+    def of(self, name: str) -> Array:
+        """Return a number of the schedule, (1, n)."""
+        row = Schedule._fields.index(name)
+        return np.ascontiguousarray(self.schedule[row : row + 1])
+
+    def kept(self, places: NDArray[np.int64]) -> "_Lanes":
+        """Return some of the lanes."""
+        return _Lanes(**{
+            one.name: np.ascontiguousarray(getattr(self, one.name)[..., places])
+            for one in fields(self)
+        })  # fmt: skip
+
+
 def solve_by_slopes(
     posed: Posed,
-    adjoint: SimdBatch,
+    slopes: Slopes,
     controls: Array,
     starts: Array,
     *,
     weights: tuple[Array, Array],
-    options: LaneOptions | None = None,
+    options: LaneOptions,
 ) -> LaneAnswers:
     """Return the local optima that many starts lead to.
 
     Args:
         posed: The problem from one initial state; all that is decided has bounds.
-        adjoint: The machine code of the gradient; see `kernels.compile_adjoint`.
+        slopes: The machine code of gradients.
         controls: Shape (nu, N, n), within their bounds.
         starts: What is decided about the start, shape (ny, n), within its bounds.
         weights: First weights of the rows of intervals and of the end, each (n,).
-        options: When lanes end; None means the defaults.
+        options: When lanes end.
     """
-    options = options or LaneOptions()
-    solver = _Descending(posed, adjoint, options)
-    found = none_found(posed, controls, starts)
-    lanes = solver.begun(posed.scaled(controls), starts / posed.start_sizes, weights)
+    solver = _Descending(posed, slopes)
+    found = _none_found(posed, controls, starts)
+    lanes = solver.begun(
+        posed.scaled(controls), starts / posed.start_sizes, weights, options
+    )
     while lanes.count:
         solver.descend(lanes)
-        every = np.arange(lanes.count)
-        ended, cost, worst = solver.renew(lanes, every)
-        write_down(found, posed, lanes.kept(ended), cost, worst)
-        lanes = lanes.kept(np.setdiff1d(every, ended))
+        ended, cost, worst = solver.renew(lanes)
+        _write_down(found, posed, lanes.kept(ended), cost[ended], worst[ended])
+        lanes = lanes.kept(np.setdiff1d(np.arange(lanes.count), ended))
     return found
 
 
-class _Descending(AugmentedSolver):
-    """The inner loop by gradients."""
+class _Descending:
+    """The steps of lanes; changes them in place."""
 
-    def __init__(self, posed: Posed, adjoint: SimdBatch, options: LaneOptions) -> None:
-        super().__init__(posed, options)
-        self._adjoint = adjoint
+    def __init__(self, posed: Posed, slopes: Slopes) -> None:
+        """Take a problem from one initial state."""
+        self._posed, self._slopes = posed, slopes
+        self._split = posed.intervals * posed.least.size
+        tile = posed.intervals
         self._box = Box(
-            lower=np.concatenate([np.tile(posed.least, self.N), posed.first_least]),
-            upper=np.concatenate([np.tile(posed.most, self.N), posed.first_most]),
+            lower=np.concatenate([np.tile(posed.least, tile), posed.first_least]),
+            upper=np.concatenate([np.tile(posed.most, tile), posed.first_most]),
         )
 
-    def descend(self, lanes: Lanes) -> None:
+    def begun(
+        self, u: Array, y: Array, weights: tuple[Array, Array], options: LaneOptions
+    ) -> _Lanes:
+        """Return lanes at their starts."""
+        posed, n = self._posed, u.shape[1]
+        begin = np.zeros(0) if posed.begin is None else posed.begin[2]
+        first: dict[str, Array | float] = {
+            "tolerance": options.first_tolerance, "r": weights[0], "r_end": weights[1],
+            "broken": np.inf, "broken_end": np.inf, "renewed": 0.0,
+        }  # fmt: skip
+        schedule = [np.broadcast_to(first[name], n) for name in Schedule._fields]
+        return _Lanes(
+            number=np.arange(n), y=np.array(y), u=u,
+            x=np.zeros((posed.intervals * posed.x0.size, n)),
+            end=np.zeros((posed.x0.size, n)), value=np.zeros((1, n)),
+            m=np.zeros((posed.intervals * posed.interval[2].size, n)),
+            m_end=np.zeros((posed.end[2].size, n)), m_begin=np.zeros((begin.size, n)),
+            schedule=np.array(schedule),
+            iterations=np.zeros(n, dtype=np.int64),
+        )  # fmt: skip
+
+    def descend(self, lanes: _Lanes) -> None:
         """Make the augmented Lagrangians as small as their tolerance asks."""
-        split = self.N * self.nu
 
         def sloped(w: Array, numbers: NDArray[np.int64]) -> tuple[Array, Array]:
             some = lanes.kept(numbers)
-            some.u, some.y = (np.ascontiguousarray(p) for p in np.split(w, [split]))
+            some.u, some.y = self._parts(w)
             return self._sloped(some)
 
         # A tenth of what the lane asks, as single steps gain less than they could.
-        tolerance = 0.1 * float(lanes.tolerance.min())
+        tolerance = 0.1 * float(lanes.of("tolerance").min())
         found = descend(
             sloped,
             self._box,
             np.vstack([lanes.u, lanes.y]),
             DescentOptions(tolerance=tolerance, slope=tolerance),
         )
-        lanes.u, lanes.y = (np.ascontiguousarray(p) for p in np.split(found.x, [split]))
+        lanes.u, lanes.y = self._parts(found.x)
         lanes.iterations = lanes.iterations + found.iterations
-        self.roll_out(lanes)
+        self._roll_out(lanes)
 
-    def _sloped(self, lanes: Lanes) -> tuple[Array, Array]:
-        """Return values (n,) and gradients by controls and decisions of the start."""
-        self.roll_out(lanes)
-        _, ahead, *_ = self.at_end(lanes.end, lanes)
-        ahead, of_controls = self._adjoint.evaluate(
-            [ahead, lanes.x, lanes.u, lanes.m, lanes.r, *self.posed.interval]
+    def _parts(self, w: Array) -> tuple[Array, Array]:
+        u, y = (np.ascontiguousarray(part) for part in np.split(w, [self._split]))
+        return u, y
+
+    def _roll_out(self, lanes: _Lanes) -> None:
+        """Find states and values of the lanes' controls."""
+        x0, none = self._posed.start(lanes.y), np.zeros((1, lanes.count))
+        lanes.end, value, lanes.x = self._slopes.roll.evaluate(
+            [x0, none, lanes.u, lanes.m, lanes.of("r"), *self._posed.interval]
         )
-        if self.posed.begin is not None:
-            ahead = ahead + self.at_begin(lanes.x0, lanes)[1]
-        return lanes.value[0], np.vstack([of_controls, self.posed.tied.T @ ahead])
+        for at in self._at_ends(lanes):
+            value = value + at[0]
+        finite = np.isfinite(value) & np.isfinite(lanes.end).all(axis=0)
+        lanes.value = np.where(finite, value, np.inf)
+
+    def _at_ends(self, lanes: _Lanes) -> list[tuple[Array, ...]]:
+        """Return what the kernels of the end and the start say; see `Slopes`."""
+        posed, slopes = self._posed, self._slopes
+        given = [lanes.end, lanes.m_end, lanes.of("r_end"), *posed.end]
+        found = [slopes.end.evaluate(given)]
+        if slopes.begin is not None and posed.begin is not None:
+            given = [posed.start(lanes.y), lanes.m_begin, lanes.of("r"), *posed.begin]
+            found.append(slopes.begin.evaluate(given))
+        return found
+
+    def _sloped(self, lanes: _Lanes) -> tuple[Array, Array]:
+        """Return values (n,) and gradients by controls and decisions of the start."""
+        self._roll_out(lanes)
+        at_end, *at_begin = self._at_ends(lanes)
+        ahead, of_controls = self._slopes.adjoint.evaluate(
+            [at_end[1], lanes.x, lanes.u, lanes.m, lanes.of("r"), *self._posed.interval]
+        )
+        for at in at_begin:
+            ahead = ahead + at[1]
+        return lanes.value[0], np.vstack([of_controls, self._posed.tied.T @ ahead])
+
+    def renew(self, lanes: _Lanes) -> tuple[NDArray[np.int64], Array, Array]:
+        """Renew the multipliers of lanes, and their weights where that did not help.
+
+        Returns:
+            Which lanes have ended; costs and worst excesses of all, each (n,).
+        """
+        none = np.zeros((1, lanes.count))
+        cost, worst, broken, lanes.m = self._slopes.rows.evaluate([
+            none, none, none, lanes.x, lanes.u, lanes.m, lanes.of("r"),
+            *self._posed.interval,
+        ])  # fmt: skip
+        at_end, *at_begin = self._at_ends(lanes)
+        lanes.m_end = at_end[-1]
+        cost, worst = cost + at_end[2], np.maximum(worst, at_end[3])
+        for at in at_begin:
+            cost, worst = cost + at[2], np.maximum(worst, at[3])
+            broken, lanes.m_begin = np.maximum(broken, at[4]), at[-1]
+        now = [lanes.of(name) for name in Schedule._fields]
+        *following, done = self._slopes.renewal.evaluate([*now, broken, at_end[4]])
+        lanes.schedule = np.vstack(following)
+        lost = ~(np.isfinite(cost + worst) & np.isfinite(lanes.end).all(axis=0))
+        cost, worst = (np.where(lost, np.inf, part)[0] for part in (cost, worst))
+        return np.flatnonzero(done[0]), cost, worst
+
+
+def _none_found(posed: Posed, controls: Array, starts: Array) -> LaneAnswers:
+    """Return answers of lanes that have not ended: their starts, at infinite cost."""
+    n = controls.shape[2]
+    return LaneAnswers(
+        controls=np.array(controls),
+        starts=np.array(starts),
+        states=np.full((posed.x0.size, posed.intervals + 1, n), np.nan),
+        cost=np.full(n, np.inf),
+        violation=np.full(n, np.inf),
+        iterations=np.zeros(n, dtype=np.int64),
+    )
+
+
+def _write_down(
+    found: LaneAnswers, posed: Posed, lanes: _Lanes, cost: Array, worst: Array
+) -> None:
+    """Write down what lanes have ended with."""
+    number = lanes.number
+    found.controls[:, :, number] = posed.controls(lanes.u)
+    found.starts[:, number] = lanes.y * posed.start_sizes
+    found.states[:, :, number] = posed.states(lanes.x, lanes.end)
+    found.cost[number] = cost * posed.sizes.cost
+    found.violation[number] = worst
+    found.iterations[number] = lanes.iterations

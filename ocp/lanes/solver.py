@@ -4,20 +4,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.compiled.engine import NoCompilerError
-from swarmstart.ocp.compiled.simd import SimdBatch
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING, Arguments, Known
-from swarmstart.ocp.lanes.augmented import LaneAnswers, LaneOptions
+from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.ddp import solve_by_sweeps
-from swarmstart.ocp.lanes.kernels import (
-    Sweeps,
-    compile_adjoint,
-    compile_kernels,
-    compile_sweeps,
-    stages,
-)
 from swarmstart.ocp.lanes.posed import Posed, posed
+from swarmstart.ocp.lanes.schedule import LaneOptions
+from swarmstart.ocp.lanes.slope_kernels import Slopes, compile_slopes
 from swarmstart.ocp.lanes.slopes import solve_by_slopes
+from swarmstart.ocp.lanes.stages import stages
+from swarmstart.ocp.lanes.sweep_kernels import Sweeps, compile_sweeps
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.shooting import Shooting, shooting_of
 from swarmstart.ocp.transcription import NonlinearProgram, multiple_shooting
@@ -48,6 +44,7 @@ class LaneSolver:
         problem: OptimalControlProblem | Shooting,
         *,
         options: LaneOptions | None = None,
+        constrained_slopes: bool = True,
         threads: int = 1,
     ) -> None:
         """Compile what lanes compute.
@@ -55,6 +52,9 @@ class LaneSolver:
         Args:
             problem: The problem, or its functions.
             options: When lanes end; None means the defaults.
+            constrained_slopes: Whether gradients may serve where second-order steps are
+                too long and there are constraints, which lanes then seldom meet: of 256
+                starts of shuttle_reentry none did.
             threads: Over how many threads lanes may be spread.
 
         Raises:
@@ -66,14 +66,16 @@ class LaneSolver:
         if reason:
             raise NoLanesError(reason)
         self._program = multiple_shooting(shooting)
+        self._options = options or LaneOptions()
         try:
-            self._kernels = compile_kernels(self._program, threads=threads)
-            self._step = _step_of(self._program, threads)
+            self._step = _step_of(
+                self._program, self._options, constrained_slopes, threads
+            )
         except (NoCompilerError, UnknownOperationError) as error:
             raise NoLanesError(str(error)) from error
         self.problem = shooting.problem
         self._arguments = Arguments(shooting)
-        self._options = options or LaneOptions()
+        self._threads = threads
 
     def __call__(
         self,
@@ -122,8 +124,9 @@ class LaneSolver:
         step, options = self._step, self._options
         if isinstance(step, Sweeps):
             return solve_by_sweeps(
-                posed, step, controls, starts, weights=weights, options=options
-            )
+                posed, step, controls, starts, weights=weights, options=options,
+                threads=self._threads,
+            )  # fmt: skip
         return solve_by_slopes(
             posed, step, controls, starts, weights=weights, options=options
         )
@@ -135,7 +138,7 @@ class LaneSolver:
 
     def posed(self, x0: ArrayLike, known: Known = NOTHING) -> Posed:
         """Return the problem from one initial state, as `solve_lanes` takes it."""
-        return posed(self._kernels, self._program, self._arguments, x0, known)
+        return posed(self._program, self._arguments, x0, known)
 
     def _first(self, x0: ArrayLike, controls: Array, starts: Array | None) -> Array:
         """Return what is decided about the start, within its bounds, (ny, n)."""
@@ -164,24 +167,25 @@ class LaneSolver:
         return np.asarray(np.clip(starts, lower, upper))
 
 
-def _step_of(program: NonlinearProgram, threads: int) -> Sweeps | SimdBatch:
-    """Return the machine code of sweeps; of slopes where sweeps would be too long.
-
-    Raises:
-        NoCompilerError: If they would be too long, and slopes do not serve: by
-            gradients alone lanes do not meet constraints (shuttle_reentry: 0 of 256).
-    """
+def _step_of(
+    program: NonlinearProgram,
+    options: LaneOptions,
+    constrained_slopes: bool,
+    threads: int,
+) -> Sweeps | Slopes:
+    """Return the machine code of sweeps; of slopes where sweeps would be too long."""
     try:
-        return compile_sweeps(program, threads=threads)
-    except NoCompilerError:
+        return compile_sweeps(program, options)
+    except NoCompilerError as error:
         problem = program.problem
-        if any(one is not None and one.rows.numel() for one in stages(program)):
-            raise
+        rows = [one.rows.numel() for one in stages(program) if one is not None]
+        if sum(rows) and not constrained_slopes:
+            raise NoLanesError(f"second-order steps are too long: {error}") from error
         starts = [(one.value.lower, one.value.upper) for one in problem.free_starts]
         limits = (*problem.control_limits, np.array(starts))
         if not all(np.isfinite(part).all() for part in limits):
             raise
-        return compile_adjoint(program, threads=threads)
+        return compile_slopes(program, options, threads=threads)
 
 
 def _refused(problem: OptimalControlProblem) -> str:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from swarmstart.benchmarks import unseen_share as module
 from swarmstart.benchmarks.unseen_share import bars, held, table
 from swarmstart.benchmarks.unseen_ways import WAYS, laws, least_held
-from swarmstart.ocp.lanes.augmented import LaneAnswers
+from swarmstart.ocp.lanes.answers import LaneAnswers
 
 
 def answers(number: NDArray[np.int64]) -> LaneAnswers:

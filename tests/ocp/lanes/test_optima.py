@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from swarmstart.ocp.lanes.augmented import LaneAnswers
+from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import (
     distinct_optima,
     optimum_of,

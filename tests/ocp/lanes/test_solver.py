@@ -21,8 +21,9 @@ from swarmstart.ocp.compiled import scan
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Fitness
+from swarmstart.ocp.lanes import ddp
 from swarmstart.ocp.lanes import solver as module
-from swarmstart.ocp.lanes.augmented import LaneAnswers
+from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import FEASIBLE, distinct_optima
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.search_space import Start
@@ -47,6 +48,11 @@ def solved(
     controls, starts = random_starts(solver.problem, n, rng)
     state = planner.lowered.start(x0)
     return planner, solver(state, controls, starts, rng=rng)
+
+
+def too_long(*_: object, **__: object) -> None:
+    """Stand in for a compiler that refuses a kernel."""
+    raise NoCompilerError("too long")
 
 
 @pytest.mark.parametrize(
@@ -173,10 +179,41 @@ def test_lane_does_not_depend_on_its_neighbours() -> None:
     np.testing.assert_array_equal(costs([5, 1, 3]), together[[5, 1, 3]])
 
 
-def test_threads_give_the_same_bits() -> None:
-    one, two = (solved(pendulum(), [0.0, 0.0], n=520, threads=t)[1] for t in (1, 2))
-    for name in ("controls", "cost", "violation", "iterations"):
+def test_answers_have_the_same_bits_on_two_threads(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """And with other lanes side by side; a free end time makes long and short lanes."""
+    shooting = Fitness(four_discs()).shooting
+    controls, starts = random_starts(shooting.problem, 41, np.random.default_rng(0))
+    x0 = [0.0, 0.0, 0.0, 10.0]
+
+    def answers(threads: int, side_by_side: int) -> LaneAnswers:
+        monkeypatch.setattr(ddp, "SIDE_BY_SIDE", side_by_side)
+        solver = LaneSolver(shooting, threads=threads)
+        return solver(x0, controls, starts, rng=np.random.default_rng(1))
+
+    one = answers(1, 32)
+    for threads, side_by_side in ((2, 32), (1, 64), (1, 5), (3, 8), (64, 32)):
+        other = answers(threads, side_by_side)
+        for name in one.__slots__:
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_slopes_give_the_same_bits_on_two_threads(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "compile_sweeps", too_long)
+    one, two = (
+        solved(bryson_denham(), [0.0, 1.0], n=520, threads=t)[1] for t in (1, 2)
+    )
+    for name in one.__slots__:
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_no_starts_have_no_answers() -> None:
+    _, answers = solved(cart(), [0.0, 1.0], n=0)
+    assert answers.controls.shape == (1, 50, 0)
+    assert not distinct_optima(answers)
 
 
 def test_lane_that_leaves_the_numbers_ends_infinite() -> None:
@@ -192,6 +229,42 @@ def test_lane_that_leaves_the_numbers_ends_infinite() -> None:
     assert not distinct_optima(answers)
 
 
+def test_lane_comes_back_where_light_weights_have_no_least() -> None:
+    """With r below 2, -x^2 + r/2 (x - 2)^2 falls without end; x may be exp(50)."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u * x), horizon=1.0, intervals=20,
+        stage_cost=1e-3 * u**2, terminal_cost=-(x**2), terminal=[x - 2],
+        bounds=Bounds(controls=(-50, 50)),
+    )  # fmt: skip
+    solver = LaneSolver(problem)
+    controls, starts = random_starts(solver.problem, 32, np.random.default_rng(0))
+    weights = np.ones(32), np.full(32, 0.1)
+    found = solver.solved(solver.posed([1.0]), controls / 20, starts, weights)
+    assert (found.violation <= FEASIBLE).mean() >= 0.95
+    least = 1e-3 * np.log(2) ** 2 - 4  # A constant control is the cheapest.
+    assert np.median(found.cost) == pytest.approx(least, rel=1e-4)
+
+
+def test_lane_that_is_given_up_begins_once_more() -> None:
+    """Bring an unstable system to rest in a time of one's own choice.
+
+    Where a lane makes the time short before it is near the end, the nearest way there
+    is farther from it; a third of the lanes ended well as long as they began but once.
+    """
+    rng = np.random.default_rng(3)
+    rng.integers(2, 5), rng.integers(1, 3)
+    A, B = ca.SX(0.7 * rng.normal(size=(4, 4))), ca.SX(rng.normal(size=(4, 1)))
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=A @ x + B * u), horizon=Free(0.2, 8),
+        intervals=30, stage_cost=1 + 0.1 * u**2, substeps=2, terminal=[x],
+        bounds=Bounds(controls=(-3, 3)),
+    )  # fmt: skip
+    _, answers = solved(problem, rng.normal(size=4).tolist())
+    assert (answers.violation <= FEASIBLE).mean() >= 0.65
+
+
 def test_reason_is_given_where_lanes_do_not_serve() -> None:
     with pytest.raises(NoLanesError, match="blocks of intervals"):
         LaneSolver(cart(blocks=[25, 25]))
@@ -202,7 +275,7 @@ def test_reason_is_given_where_lanes_do_not_serve() -> None:
 def test_long_stages_are_solved_by_slopes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Luus' reactor: both of its optima on this grid, and no other."""
     instance = reactor()
-    monkeypatch.setattr(scan, "MOST_INSTRUCTIONS", 20_000)
+    monkeypatch.setattr(scan, "MOST_INSTRUCTIONS", 10_000)
     assert LaneSolver(instance.problem).method == "slopes"
     planner, answers = solved(instance.problem, instance.x0.tolist(), n=64)
     found = distinct_optima(answers)
@@ -218,9 +291,6 @@ def test_slopes_find_what_sweeps_find(monkeypatch: pytest.MonkeyPatch) -> None:
     """End conditions, path constraints and a free end time by gradients alone."""
     x0 = [0.0, 0.0, 0.0]
     _, sweeps = solved(four_discs(), x0, n=32)
-
-    def too_long(*_: object, **__: object) -> None:
-        raise NoCompilerError("too long")
 
     monkeypatch.setattr(module, "compile_sweeps", too_long)
     _, slopes = solved(four_discs(), x0, n=32)

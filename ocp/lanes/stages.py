@@ -1,0 +1,275 @@
+"""An interval, the end and the start of a problem with an augmented Lagrangian.
+
+The problem is the NLP of transcription.py, in its numbers near one, by single shooting:
+interval k leads from x to F(x, u), costs l(x, u), and its rows c(x, u), those of the
+states' bounds among them, have limits. Every individual has its own multipliers m and
+weight r (Powell, Hestenes, Rockafellar):
+
+    v = c + m / r        what is beyond the limits: d = v - (v within its limits)
+    L = l + r/2 |d|^2 - |m|^2 / (2 r),    new multipliers: r d
+
+A lane is one individual.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import casadi as ca
+
+from swarmstart.ocp.compiled.scan import Role, compile_scan
+from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat
+from swarmstart.ocp.nlp_assembly import Part, inputs_of
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.transcription import NonlinearProgram
+
+_MOST_MULTIPLIER = 1e7
+KNOWN = ("shared", "signals", "lower", "upper")
+
+
+class Stage(NamedTuple):
+    """An interval, the end or the start as expressions.
+
+    Attributes:
+        x: State.
+        u: Controls and excesses of soft constraints; empty at the ends.
+        known: Shared numbers with weights, signals, lower and upper limits of rows, in
+            the order of KNOWN.
+        after: State after it; the same state at the ends.
+        cost: Its cost.
+        rows: Values of its rows.
+    """
+
+    x: ca.SX
+    u: ca.SX
+    known: tuple[ca.SX, ca.SX, ca.SX, ca.SX]
+    after: ca.SX
+    cost: ca.SX
+    rows: ca.SX
+
+    def at(self, x: ca.SX) -> "Stage":
+        """Return the same with another expression as its state."""
+        parts = [self.after, self.cost, self.rows]
+        after, cost, rows = ca.substitute(parts, [self.x], [x])
+        return self._replace(x=x, after=after, cost=cost, rows=rows)
+
+
+def stages(program: NonlinearProgram) -> tuple[Stage, Stage, Stage | None]:
+    """Return an interval, the end and the start of a problem."""
+    problem, parts = program.problem, program.parts
+    begin = None if parts.begin is None else _stage(problem, parts.begin)
+    return _interval(problem, parts.interval), _stage(problem, parts.end), begin
+
+
+def _interval(problem: OptimalControlProblem, part: Part) -> Stage:
+    nx = problem.model.nx
+    x, u = ca.SX.sym("x", nx), ca.SX.sym("u", inputs_of(problem))
+    shared = ca.SX.sym("shared", part.value.numel_in(1))
+    s = ca.SX.sym("s", *part.value.size_in(2))
+    g = part.value(ca.vertcat(x, u), shared, s)
+    after, rows = ca.vertsplit(g, [0, nx, g.numel()])
+    rows = ca.vertcat(rows, after[[int(i) for i in problem.bounded_states], 0])
+    cost = part.cost(ca.vertcat(x, u), shared, s)
+    return Stage(x, u, _known(shared, s, rows), after, cost, rows)
+
+
+def _stage(problem: OptimalControlProblem, part: Part) -> Stage:
+    """Return the end or the start."""
+    x = ca.SX.sym("x", problem.model.nx)
+    shared = ca.SX.sym("shared", part.value.numel_in(1))
+    s = ca.SX.sym("s", *part.value.size_in(2))
+    rows, cost = part.value(x, shared, s), part.cost(x, shared, s)
+    return Stage(x, ca.SX(0, 1), _known(shared, s, rows), x, cost, rows)
+
+
+def _known(shared: ca.SX, s: ca.SX, rows: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    lower, upper = (ca.SX.sym(side, rows.numel()) for side in ("lower", "upper"))
+    return shared, ca.vec(s), lower, upper
+
+
+class Augmented(NamedTuple):
+    """The augmented Lagrangian of a stage.
+
+    Attributes:
+        value: L.
+        force: r d, the multipliers in its gradient.
+        multipliers: The new multipliers, r d within what numbers bear.
+        worst: The worst excess.
+        broken: The worst of |c - (v within limits)|, 0 where c keeps its limits and
+            those that press.
+        pressed: 1 for rows that count in the Gauss-Newton Hessian, else 0.
+    """
+
+    value: ca.SX
+    force: ca.SX
+    multipliers: ca.SX
+    worst: ca.SX
+    broken: ca.SX
+    pressed: ca.SX
+
+
+def augmented(stage: Stage, m: ca.SX, r: ca.SX) -> Augmented:
+    """Return the augmented Lagrangian of a stage for multipliers and a weight."""
+    *_, lower, upper = stage.known
+    c, inverse = stage.rows, 1 / r
+    v = c + m * inverse
+    within = ca.fmin(ca.fmax(v, lower), upper)
+    d = v - within
+    kept = ca.fmin(ca.fmax(c, lower), upper)
+    worst, broken = ca.SX(0), ca.SX(0)
+    for i in range(c.numel()):
+        worst = ca.fmax(worst, ca.fabs(c[i] - kept[i]))
+        broken = ca.fmax(broken, ca.fabs(c[i] - within[i]))
+    # An equality always counts; a row within its limits does not.
+    pressed = ca.logic_or(d != 0, lower == upper)
+    value = stage.cost + r / 2 * ca.sumsqr(d) - ca.sumsqr(m) * inverse / 2
+    force = r * d
+    multipliers = ca.fmin(ca.fmax(force, -_MOST_MULTIPLIER), _MOST_MULTIPLIER)
+    return Augmented(value, force, multipliers, worst, broken, pressed)
+
+
+def slope_of(stage: Stage, al: Augmented) -> ca.SX:
+    """Return the gradient of L at an end, by its state."""
+    rows = ca.jacobian(stage.rows, stage.x)
+    return ca.gradient(stage.cost, stage.x) + rows.T @ al.force
+
+
+def bend_of(stage: Stage, al: Augmented, r: ca.SX) -> ca.SX:
+    """Return the Gauss-Newton Hessian of L at an end, by its state."""
+    rows = ca.jacobian(stage.rows, stage.x)
+    bend = ca.hessian(stage.cost, stage.x)[0]
+    bend += r * (rows.T @ (rows * ca.repmat(al.pressed, 1, stage.x.numel())))
+    return bend
+
+
+def triangle(n: int) -> list[tuple[int, int]]:
+    """Return the places of the lower triangle of a matrix, row by row."""
+    return [(i, j) for i in range(n) for j in range(i + 1)]
+
+
+def symmetric(entries: ca.SX, n: int) -> ca.SX:
+    """Return the symmetric matrix of the entries of its lower triangle."""
+    matrix = ca.SX(n, n)
+    for number, (i, j) in enumerate(triangle(n)):
+        matrix[i, j] = matrix[j, i] = entries[number]
+    return matrix
+
+
+def lower(matrix: ca.SX) -> ca.SX:
+    """Return the entries of the lower triangle of a matrix that is symmetric."""
+    entries = [(matrix[i, j] + matrix[j, i]) / 2 for i, j in triangle(matrix.shape[0])]
+    return ca.vertcat(ca.SX(0, 1), *entries)
+
+
+def solved(A: ca.SX, B: ca.SX) -> ca.SX:
+    """Return A^-1 B by Cholesky's method, written out.
+
+    A pivot that is not positive counts as its size: a direction of descent all the
+    same.
+    """
+    n, L, inverse = A.shape[0], ca.SX(*A.shape), []
+    for j in range(n):
+        pivot = A[j, j] - ca.sumsqr(L[j, :j])
+        inverse.append(1 / ca.sqrt(ca.fmax(ca.fabs(pivot), _SMALLEST_PIVOT)))
+        for i in range(j + 1, n):
+            L[i, j] = (A[i, j] - ca.dot(L[i, :j], L[j, :j])) * inverse[j]
+    Y = ca.SX(*B.shape)
+    for i in range(n):
+        Y[i, :] = (B[i, :] - L[i, :i] @ Y[:i, :] if i else B[i, :]) * inverse[i]
+    for i in reversed(range(n)):
+        rest = L[i + 1 :, i].T @ Y[i + 1 :, :] if i + 1 < n else 0
+        Y[i, :] = (Y[i, :] - rest) * inverse[i]
+    return Y
+
+
+_SMALLEST_PIVOT = 1e-10
+
+
+def symbols(**sizes: int) -> dict[str, ca.SX]:
+    """Return symbols of given names and sizes."""
+    return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+
+
+Named = Mapping[str, ca.SX]
+"""Arguments or outputs of a kernel by their names."""
+
+
+class Kernel(NamedTuple):
+    """Machine code whose arguments and outputs have names.
+
+    Attributes:
+        code: The machine code.
+        reads: Names of its arguments.
+        writes: Names of its outputs.
+    """
+
+    code: SimdBatch
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
+
+
+class Reads(NamedTuple):
+    """The arguments of a kernel.
+
+    Attributes:
+        carried: From interval to interval.
+        each: Of each interval and individual.
+        lane: Of each individual.
+        shared: By all individuals.
+    """
+
+    carried: Named
+    each: Named
+    lane: Named
+    shared: Named
+
+
+def known_of(stage: Stage, place: str) -> dict[str, ca.SX]:
+    """Return what a stage knows; names begin with its place."""
+    names = (f"{place}.{name}" for name in KNOWN)
+    return dict(zip(names, stage.known, strict=True))
+
+
+def scan_kernel(
+    stage: Stage,
+    reads: Reads,
+    writes: Named,
+    N: int,
+    *,
+    backward: bool = False,
+    threads: int = 1,
+) -> Kernel:
+    """Return the kernel of all intervals.
+
+    Args:
+        stage: An interval.
+        reads: Its arguments; those that the stage knows come besides.
+        writes: What is carried on, in order, then what is kept of each interval.
+        N: Number of intervals.
+        backward: Whether the last interval comes first.
+        threads: Over how many threads individuals may be spread.
+    """
+    known = known_of(stage, "interval")
+    roles: list[Role] = ["carried"] * len(reads.carried)
+    roles += ["both"] * len(reads.each)
+    roles += ["individual"] * len(reads.lane)
+    roles += ["shared"] * len(reads.shared)
+    roles += ["shared", "interval", "shared", "shared"]  # KNOWN
+    named = {**reads.carried, **reads.each, **reads.lane, **reads.shared, **known}
+    function = _function(named, writes)
+    code = compile_scan(function, roles, turns=N, backward=backward, threads=threads)
+    return Kernel(code, tuple(named), tuple(writes))
+
+
+def flat_kernel(
+    lane: Named, shared: Named, writes: Named, *, threads: int = 1
+) -> Kernel:
+    """Return a kernel without intervals, of numbers of individuals and shared ones."""
+    own = (True,) * len(lane) + (False,) * len(shared)
+    named = {**lane, **shared}
+    code = compile_flat(_function(named, writes), own, threads=threads)
+    return Kernel(code, tuple(named), tuple(writes))
+
+
+def _function(reads: Named, writes: Named) -> ca.Function:
+    outputs = ca.cse([ca.densify(one) for one in writes.values()])
+    return ca.Function("step", list(reads.values()), outputs)
