@@ -4,6 +4,7 @@ A planner is built once for a problem; planning rebuilds nothing.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import Unpack
@@ -59,6 +60,7 @@ from swarmstart.ocp.search_space import (
     space_of,
 )
 from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.warm_steps import begins_warm, better_plan, is_enough
 
 Array = NDArray[np.float64]
 
@@ -175,6 +177,8 @@ class Planner:
         if is_core and not self.problem.free_starts:
             return x0, known, guess
         start, core = lowered.start(x0, known.previous), core_known(lowered, known)
+        if isinstance(guess, Start):
+            start = lowered.with_decided(start, guess.decided)
         if self.stated.has_knots and guess is not None:
             start, guess = self._from_knots(start, guess)
         if isinstance(guess, Start) and guess.states is not None:
@@ -218,6 +222,8 @@ class Planner:
         guess: Array | Start | None = None,
         candidates: Array | None = None,
         near: bool = False,
+        last_cost: float | None = None,
+        in_loop: bool = False,
         rng: np.random.Generator,
         progress: ProgressCallback = tell_nothing,
     ) -> Plan:
@@ -232,7 +238,11 @@ class Planner:
             candidates: Controls that the search looks at besides, shape (nu, N, k),
                 clipped to the bounds; None means none. First in its first population.
             near: Whether the guess is an earlier answer, which a polish without a
-                search stays near to.
+                search stays near to. It is then made without search and lanes, unless
+                that fails or the search is one for "always"; see warm_steps.py.
+            last_cost: What the earlier answer cost; None: not known.
+            in_loop: Whether plans will follow that begin at this one: then it is made
+                without search and lanes, too, and the better one taken.
             rng: Source of all randomness.
             progress: Told (evaluations, all, "searching") now and then, and
                 "polishing" when that begins.
@@ -241,6 +251,42 @@ class Planner:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
             PlanningInterrupted: On Ctrl-C, with the best plan so far, if there is one.
         """
+        warm, follows = None, near
+        if (near or in_loop) and self._begins_warm:
+            warm = self._alone.plan(x0, known=known, guess=guess, near=near, rng=rng)
+            if near and is_enough(self.fitness, warm, x0, known, last_cost):
+                return warm
+            follows = False
+        plan = self._made(x0, known, guess, candidates, follows, rng, progress)
+        return (
+            plan if warm is None else better_plan(self.fitness, plan, warm, x0, known)
+        )
+
+    @property
+    def _begins_warm(self) -> bool:
+        if self.polisher is None or (self.search is None and not self._lanes):
+            return False
+        return begins_warm(self.search, lanes=bool(self._lanes))
+
+    @cached_property
+    def _alone(self) -> "Planner":
+        """The same planner without search and lanes."""
+        alone = copy(self)
+        alone.search, alone._space, alone._lanes = None, None, 0
+        alone.__dict__.pop("many_starts", None)
+        return alone
+
+    def _made(  # noqa: PLR0913, PLR0917 - what plan was given
+        self,
+        x0: ArrayLike,
+        known: Known,
+        guess: Array | Start | None,
+        candidates: Array | None,
+        near: bool,
+        rng: np.random.Generator,
+        progress: ProgressCallback,
+    ) -> Plan:
+        """Return the best plan, searched, polished or both; see `plan`."""
         given = guess if isinstance(guess, Start) or guess is None else Start(guess)
         controls, states, start = given[:3] if given else (None, None, None)
         x0 = x0 if start is None else start
@@ -253,9 +299,8 @@ class Planner:
         plan, starts = self._searched(x0, controls, first, known, rng, progress)
         if self.polisher is None:
             return plan
-        if controls is not None and states is not None:
-            found = starts if self.search is not None else []
-            starts = [*found, Start(controls, states, is_guess=True)]
+        if given is not None and controls is not None:
+            starts = self._with_guess(starts, given._replace(controls=controls))
         progress(0, 0, "polishing")
         relaxed_cost, account = np.nan, None
         try:
@@ -289,6 +334,14 @@ class Planner:
             relaxed_cost=relaxed_cost,
             starts=account,
         )
+
+    def _with_guess(self, starts: list[Start], given: Start) -> list[Start]:
+        """Return where to polish from, with a guess that has more than controls."""
+        found = starts if self.search is not None else []
+        if given.states is not None:
+            return [*found, given._replace(is_guess=True, x0=None)]
+        alone = given.carried is not None and self.search is None
+        return [given._replace(x0=None)] if alone else starts
 
     def _given(
         self, starts: Sequence[Start], controls: Array | None, states: Array | None
