@@ -42,7 +42,7 @@ from swarmstart.ocp.polish import Polished, Polisher
 from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.radau import Radau
-from swarmstart.ocp.search_settings import SearchSettings, WarmStart
+from swarmstart.ocp.search_settings import SearchSettings, WarmStart, When
 from swarmstart.ocp.search_space import Start, TrajectoryFamily
 from swarmstart.ocp.separation import Connection, Separation, disc
 from swarmstart.ocp.solution import Solution, verified
@@ -122,6 +122,7 @@ __all__ = [
     "WarmStart",
     "WarmStartReport",
     "WarmStartedSolver",
+    "When",
     "chosen_backend",
     "collected",
     "compile_batch",

@@ -20,7 +20,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.carried import Carried
 from swarmstart.ocp.core_problem import END_TIME
+from swarmstart.ocp.duals import duals_of
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.free import Free
@@ -154,6 +156,8 @@ class RecedingHorizon:
             than it may be. None: one control interval.
         previous: Control of the interval before the flight, shape (nu,); None: the
             nearest to zero that is allowed.
+        carries: Whether a polish begins with the multipliers of the last plan, too; not
+            where what the signals are changes from plan to plan.
 
     Raises:
         InvalidProblemError: If the end time is free and there is no period, or it may
@@ -170,6 +174,7 @@ class RecedingHorizon:
     first: Array | Start | None = None
     period: float | None = None
     previous: Array | None = None
+    carries: bool = True
 
     def __post_init__(self) -> None:
         """Check that a free end time can be followed to its end."""
@@ -307,6 +312,7 @@ class RecedingHorizon:
         last: Plan | None,
         *,
         seen: tuple[Array, ...] = (),
+        is_only: bool = False,
         rng: np.random.Generator,
     ) -> Plan:
         """Return the plan to fly from a state.
@@ -316,6 +322,7 @@ class RecedingHorizon:
             state: Shape (nx,).
             last: The plan one interval ago; None at the start.
             seen: As in `known`.
+            is_only: Whether no other plan follows it.
             rng: Source of all randomness.
         """
         problem, left = self.planner.problem, self._left(last)
@@ -331,17 +338,42 @@ class RecedingHorizon:
             state, shifted = self._shrunk(state, last, self.period, left)
         elif last is not None:
             shifted = shifted_controls(problem, last.controls, self.append)
+        begun = shifted if self.shift and shifted is not None else guess
+        if last is not None and begun is not None and not isinstance(begun, Start):
+            begun = Start(begun, carried=self._carried(last, left))
         plan = self.planner.plan(
             state,
             known=known,
-            guess=shifted if self.shift and shifted is not None else guess,
+            guess=begun,
             candidates=None if self.candidates is None else self.candidates(time),
             near=last is not None,
+            last_cost=None if last is None else last.cost,
+            in_loop=not is_only,
             rng=rng,
         )
         if plan.feasible or shifted is None:
             return plan
         return fallback_of(self.planner, plan, shifted, state, known)
+
+    def _carried(self, last: Plan, left: float | None) -> Carried | None:
+        """Return the multipliers of the last plan over the time of the next one.
+
+        Args:
+            last: The last plan.
+            left: As from `_left`.
+        """
+        duals = last.duals if last.point is None else duals_of(last.point)
+        if duals is None or not self.carries:
+            return None
+        if not self.shift:
+            return Carried(duals=duals)
+        begin, length = 1.0 / self.planner.problem.intervals, 1.0
+        if self.period is not None and left is not None:
+            whole = self._length(last)
+            begin, length = self.period / whole, left / whole
+        if not begin < 1.0:  # Nothing of the plan is left.
+            return None
+        return Carried(duals=duals, begin=begin, end=begin + length)
 
     def _left(self, last: Plan | None) -> float | None:
         """Return what is left of the last plan's time [s]; None: nothing shrinks."""
@@ -489,6 +521,6 @@ class OpenLoop:
         """Return the plan from the first state."""
         planner = self.loop.planner
         x0, known, _ = planner.posed(state, self.loop.known(0.0))
-        plan = self.loop.plan(0.0, state, None, rng=rng)
+        plan = self.loop.plan(0.0, state, None, is_only=True, rng=rng)
         *_, best = improved(planner, plan, x0, known, repair=self.repair, rng=rng)
         return best.plan

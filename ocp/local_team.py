@@ -299,4 +299,5 @@ def _controller(agent: LocalAgent, planner: Planner) -> RecedingHorizon:
         parameters=lambda time: np.asarray(agent.parameters),
         candidates=None if candidates is None else lambda time: candidates,
         append="last",
+        carries=False,  # Those within range are others, or stand in other rows.
     )

@@ -11,6 +11,7 @@ names, bounds and units.
                                     (known p, t0), (the model's s, tau, other s)
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -123,6 +124,21 @@ class Lowered:
             guess = state[one.states[0]]
             value = one.value.first if np.isnan(guess) else guess
             state[list(one.states)] = np.clip(value, one.value.lower, one.value.upper)
+        return state
+
+    def with_decided(self, x0: Array, guesses: Mapping[str, float]) -> Array:
+        """Return the core's initial state with guesses of what is decided, in bounds.
+
+        Args:
+            x0: Initial state of the core; copied.
+            guesses: By the name of the core's state; others are ignored.
+        """
+        state, names = x0.copy(), self.core.model.state_names
+        for one in self.core.free_starts:
+            guess = guesses.get(names[one.states[0]])
+            if guess is not None:
+                value = np.clip(guess, one.value.lower, one.value.upper)
+                state[list(one.states)] = value
         return state
 
     def _before(self, previous: ArrayLike | None) -> Array:

@@ -240,6 +240,7 @@ class _Tries:
                 states=start.states,
                 is_guess=start.is_guess,
                 near=near,
+                carried=start.carried,
             )
             self.answers.append(answer)
             self.tried.append(

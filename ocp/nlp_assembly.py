@@ -31,12 +31,15 @@ class LimitedRows(NamedTuple):
         upper: Shape (m,).
         places: Of each row: number of its constraint among path and terminal
             constraints, and its row there.
+        at: Of each row: the number of the check at whose end it holds, from 1 on; 0: as
+            the interval begins; one more than the checks: as its end has left them.
     """
 
     values: ca.SX
     lower: Array
     upper: Array
     places: list[tuple[int, int]]
+    at: list[int]
 
 
 class Part(NamedTuple):

@@ -1,6 +1,7 @@
 """The NLP of a problem and its solvers, one for each number of fixed steps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache, partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -18,11 +19,19 @@ _NONE: Mapping[str, ca.Function] = MappingProxyType({})
 
 
 class Solvers(NamedTuple):
-    """An NLP, and its solver far from an answer and near one."""
+    """An NLP, and its solver far from an answer and near one.
+
+    Attributes:
+        program: The NLP.
+        far: Its solver.
+        near: Returns the same near an answer; built when first asked for.
+        warm: Returns that which begins with multipliers; so is this.
+    """
 
     program: NonlinearProgram
     far: ca.Function
-    near: ca.Function
+    near: Callable[[], ca.Function]
+    warm: Callable[[], ca.Function]
 
 
 class NlpSolvers:
@@ -69,8 +78,17 @@ class NlpSolvers:
         ipopt = self._options.plugin == "ipopt"
         given = program.derivatives if ipopt else _NONE
         far = self._solver(program.nlp, given, near=False)
-        near = self._solver(program.nlp, given, near=True) if ipopt else far
-        return Solvers(program, far, near)
+
+        @cache
+        def near(*, warm: bool) -> ca.Function:
+            if not ipopt:
+                return far
+            with compiling():  # While a plan is made.
+                return self._solver(program.nlp, given, near=True, warm=warm)
+
+        return Solvers(
+            program, far, partial(near, warm=False), partial(near, warm=True)
+        )
 
     def _solver(
         self,
@@ -78,6 +96,7 @@ class NlpSolvers:
         derivatives: Mapping[str, ca.Function],
         *,
         near: bool,
+        warm: bool = False,
     ) -> ca.Function:
         options = self._options
         settings = {
@@ -86,7 +105,7 @@ class NlpSolvers:
             "error_on_fail": False,
             "calc_lam_p": False,
             **derivatives,
-            **options.settings(near=near),
+            **options.settings(near=near, warm=warm),
         }
         try:
             return ca.nlpsol("polish", options.plugin, nlp, settings)

@@ -178,7 +178,13 @@ class PhasedHorizon:
                 limits = decided[name]
                 state[place] = np.clip(guess, limits.lower, limits.upper)
         plan = planner.plan(
-            state, known=core, guess=shifted, near=previous is not None, rng=rng
+            state,
+            known=core,
+            guess=shifted,
+            near=previous is not None,
+            last_cost=None if previous is None else previous.plans[0].cost,
+            in_loop=True,
+            rng=rng,
         )
         if plan.feasible or shifted is None:
             return plan

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.account import StartsAccount
+from swarmstart.ocp.duals import Duals
 from swarmstart.ocp.optimality import NlpPoint
 from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -68,6 +69,8 @@ class Plan:
         start: Initial state of a plan whose states are not kept; None: they are.
         starts: Where it comes from and what other starts led to; None: there were not
             many.
+        duals: Multipliers of a plan whose point is not kept; None: it is, or there are
+            none.
     """
 
     controls: Array
@@ -84,6 +87,12 @@ class Plan:
     relaxed_cost: float = np.nan
     start: Array | None = None
     starts: StartsAccount | None = None
+    duals: Duals | None = None
+
+    @property
+    def is_searched(self) -> bool:
+        """Whether a population search took part in it, or a warm start was enough."""
+        return self.search.evaluations.size > 0
 
     @property
     def x0(self) -> Array:

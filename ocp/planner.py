@@ -4,6 +4,7 @@ A planner is built once for a problem; planning rebuilds nothing.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple, Unpack
@@ -66,6 +67,7 @@ from swarmstart.ocp.search_space import (
 )
 from swarmstart.ocp.shooting import Shooting
 from swarmstart.ocp.state_guesses import straight_states
+from swarmstart.ocp.warm_steps import begins_warm, better_plan, is_enough
 
 Array = NDArray[np.float64]
 
@@ -204,6 +206,8 @@ class Planner:
         if is_core and not self.problem.free_starts:
             return x0, known, guess
         start, core = lowered.start(x0, known.previous), core_known(lowered, known)
+        if isinstance(guess, Start):
+            start = lowered.with_decided(start, guess.decided)
         if self.stated.has_knots and guess is not None:
             start, guess = self._from_knots(start, guess)
         if isinstance(guess, Start) and guess.states is not None:
@@ -247,6 +251,8 @@ class Planner:
         guess: Array | Start | None = None,
         candidates: Array | None = None,
         near: bool = False,
+        last_cost: float | None = None,
+        in_loop: bool = False,
         rng: np.random.Generator,
         progress: ProgressCallback = tell_nothing,
     ) -> Plan:
@@ -261,7 +267,11 @@ class Planner:
             candidates: Controls that the search looks at besides, shape (nu, N, k),
                 clipped to the bounds; None means none. First in its first population.
             near: Whether the guess is an earlier answer, which a polish without a
-                search stays near to.
+                search stays near to. It is then made without search and lanes, unless
+                that fails or the search is one for "always"; see warm_steps.py.
+            last_cost: What the earlier answer cost; None: not known.
+            in_loop: Whether plans will follow that begin at this one: then it is made
+                without search and lanes, too, and the better one taken.
             rng: Source of all randomness.
             progress: Told (evaluations, all, "searching") now and then, and
                 "polishing" when that begins.
@@ -270,12 +280,50 @@ class Planner:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
             PlanningInterrupted: On Ctrl-C, with the best plan so far, if there is one.
         """
+        warm, follows = None, near
+        # Many starts begin with a polish alone themselves.
+        if (near or (in_loop and not self._lanes)) and self._begins_warm:
+            warm = self._alone.plan(x0, known=known, guess=guess, near=near, rng=rng)
+            if near and is_enough(self.fitness, warm, x0, known, last_cost):
+                return warm
+            follows = False
+        plan = self._made(x0, known, guess, candidates, follows, rng, progress)
+        return (
+            plan if warm is None else better_plan(self.fitness, plan, warm, x0, known)
+        )
+
+    @property
+    def _begins_warm(self) -> bool:
+        if self.polisher is None or (self.search is None and not self._lanes):
+            return False
+        return begins_warm(self.search, lanes=bool(self._lanes))
+
+    @cached_property
+    def _alone(self) -> "Planner":
+        """The same planner without search and lanes."""
+        alone = copy(self)
+        alone.search, alone._space, alone._lanes = None, None, 0
+        alone.__dict__.pop("many_starts", None)
+        return alone
+
+    def _made(  # noqa: PLR0913, PLR0917 - what plan was given
+        self,
+        x0: ArrayLike,
+        known: Known,
+        guess: Array | Start | None,
+        candidates: Array | None,
+        near: bool,
+        rng: np.random.Generator,
+        progress: ProgressCallback,
+    ) -> Plan:
+        """Return the best plan, searched, polished or both; see `plan`."""
         given = guess if isinstance(guess, Start) or guess is None else Start(guess)
         if given is not None:
             x0 = x0 if given.x0 is None else given.x0
             controls = bounded_controls(self.problem, given.controls)
-            has_states = given.states is not None
-            given = given._replace(controls=controls, is_guess=has_states)
+            given = given._replace(
+                controls=controls, is_guess=given.states is not None, x0=None
+            )
         first = []
         if candidates is not None:
             columns = np.moveaxis(candidates, -1, 0)
@@ -291,8 +339,8 @@ class Planner:
         plan, starts = self._searched(task)
         if self.polisher is None:
             return plan
-        if guess is not None and guess.states is not None:
-            starts = [*(starts if self.search is not None else ()), guess]
+        if guess is not None:
+            starts = self._with_guess(starts, guess)
         task.progress(0, 0, "polishing")
         relaxed_cost, account = np.nan, None
         try:
@@ -384,6 +432,13 @@ class Planner:
             point=polished.point,
             starts=account,
         )
+
+    def _with_guess(self, starts: list[Start], guess: Start) -> list[Start]:
+        """Return where to polish from, with a guess that has more than controls."""
+        if guess.states is not None:
+            return [*(starts if self.search is not None else ()), guess]
+        alone = guess.carried is not None and self.search is None
+        return [guess] if alone else starts
 
     def _polished(
         self,

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics.interrupts import heeded
+from swarmstart.ocp.carried import Carried
 from swarmstart.ocp.correction import MOST_CORRECTIONS, corrected
 from swarmstart.ocp.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.fitness import NOTHING, Fitness, Known, at_nodes, shared_arguments
@@ -66,17 +67,22 @@ class _How(NamedTuple):
         near: Whether the solver stays near the guess.
         held: Numbers of the controls that it leaves.
         is_guess: Whether states are a guess that says how large they get.
+        carried: Multipliers that it begins with; None: none.
     """
 
     solvers: Solvers
     near: bool
     held: Sequence[int]
     is_guess: bool
+    carried: Carried | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
-    """What a solver is given: where it begins, arguments and limits, and of what."""
+    """What a solver is given: where it begins, arguments and limits, and of what.
+
+    The multipliers, of rows and of bounds, are in the NLP's numbers; None: none.
+    """
 
     first: Array
     q: Array
@@ -84,6 +90,7 @@ class _Asked:
     sizes: Sizes
     parameters: Array
     signals: Array
+    multipliers: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,6 +187,7 @@ class Polisher:
         is_guess: bool = False,
         near: bool = False,
         held: Sequence[int] = (),
+        carried: Carried | None = None,
     ) -> Polished:
         """Return the better of a guess and the local optimum found from it.
 
@@ -193,6 +201,8 @@ class Polisher:
             near: Whether the guess is an answer of a search or a solver, worth staying
                 near if it is feasible to 1e-3.
             held: Numbers of the controls that stay as they are.
+            carried: Multipliers of an earlier answer: the solver begins with them, and
+                without them only if that does not converge. None: there are none.
 
         Raises:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
@@ -212,7 +222,17 @@ class Polisher:
         near = near and before[1] <= GOOD_START
         steps = self._steps(controls, states, x0, known)
         how = _How(self._solvers(steps), near, held, is_guess)
-        found = self._tried(controls, states, x0, known, before, how)
+        found = None
+        if carried is not None and self._options.plugin == "ipopt":
+            warm = how._replace(near=True, carried=carried)
+            found = self._tried(controls, states, x0, known, before, warm)
+        if found is None or found.status is not PolishStatus.CONVERGED:
+            begun = self._tried(controls, states, x0, known, before, how)
+            found = (
+                begun
+                if found is None
+                else better_of(found, begun, tolerance=problem.tolerance)
+            )
         if near and found.status is not PolishStatus.CONVERGED:
             how = how._replace(near=False)
             again = self._tried(controls, states, x0, known, before, how)
@@ -280,7 +300,9 @@ class Polisher:
             shifted = corrected(answer.point, *known_here)
             if shifted is None:
                 break
-            again = replace(asked, first=shifted[0], limits=shifted[1])
+            again = replace(
+                asked, first=shifted[0], limits=shifted[1], multipliers=None
+            )
             answer = self._solve(again, how.solvers, near=True)
             better, start, after = self._evaluated(answer, controls, given, known, how)
             status = self._judged(answer)
@@ -358,7 +380,10 @@ class Polisher:
             first = program.with_points(first, given, sizes)
         first = program.with_slacks(first, q, limits)
         program.hold(limits, first, how.held)
-        return _Asked(first, q, limits, sizes, parameters, signals)
+        multipliers = None
+        if how.carried is not None:
+            multipliers = how.carried.placed(program, first, q, sizes.cost)
+        return _Asked(first, q, limits, sizes, parameters, signals, multipliers)
 
     def _solve(self, asked: "_Asked", solvers: Solvers, *, near: bool) -> "_Answer":
         """Return the solver's answer.
@@ -368,10 +393,16 @@ class Polisher:
             solvers: The NLP with its solvers.
             near: Whether it stays near where it begins.
         """
-        solver = solvers.near if near else solvers.far
+        begun = {}
+        if asked.multipliers is None:
+            solver = solvers.near() if near else solvers.far
+        else:
+            solver = solvers.warm()
+            begun = dict(zip(("lam_g0", "lam_x0"), asked.multipliers, strict=True))
+        given = {"x0": asked.first, "p": asked.q, **begun, **asked.limits._asdict()}
         try:
             with heeded():
-                answer = solver(x0=asked.first, p=asked.q, **asked.limits._asdict())
+                answer = solver(**given)
         except RuntimeError as error:
             raise SolveError(
                 f"{self._options.plugin} could not be run: {last_line(error)}"
@@ -436,6 +467,7 @@ def polish_basins(
             states=start.states,
             is_guess=start.is_guess,
             near=near and start.states is None,
+            carried=start.carried,
         )
         for start in starts
     )

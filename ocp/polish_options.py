@@ -20,6 +20,14 @@ _NEAR: Mapping[str, Any] = MappingProxyType(
      "slack_bound_frac": 1e-6}
 )  # fmt: skip
 
+_WARM: Mapping[str, Any] = MappingProxyType(
+    {"warm_start_init_point": "yes", "mu_strategy": "adaptive",
+     **{f"warm_start_{pushed}": 1e-9
+        for pushed in ("bound_push", "bound_frac", "slack_bound_push",
+                       "slack_bound_frac", "mult_bound_push")}}
+)  # fmt: skip
+"""From a point with multipliers: the barrier follows from how well they fit it."""
+
 
 _QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
@@ -69,11 +77,12 @@ class IpoptOptions:
         """The name of the solver in CasADi."""
         return "ipopt"
 
-    def settings(self, *, near: bool) -> dict[str, Any]:
+    def settings(self, *, near: bool, warm: bool = False) -> dict[str, Any]:
         """Return the options as CasADi takes them.
 
         Args:
             near: Whether the start is good and to be kept near.
+            warm: Whether it has multipliers, too.
         """
         told: dict[str, Any] = {
             "print_level": 0,
@@ -83,7 +92,7 @@ class IpoptOptions:
             # By default IPOPT leaves bounds by 1e-8; brought back into them, its
             # controls would break path constraints that are active.
             "bound_relax_factor": 0.0,
-            **(_NEAR if near else {}),
+            **(_WARM if warm else _NEAR if near else {}),
         }
         if self.max_seconds is not None:
             told["max_wall_time"] = self.max_seconds
@@ -111,9 +120,9 @@ class NlpOptions:
                 f"ipopt or sqpmethod, got {self.plugin!r}"
             )
 
-    def settings(self, *, near: bool) -> dict[str, Any]:
+    def settings(self, *, near: bool, warm: bool = False) -> dict[str, Any]:
         """Return the options as CasADi takes them."""
-        del near
+        del near, warm
         return {**_QUIET.get(self.plugin, {}), **self.options}
 
 

@@ -18,9 +18,11 @@ from swarmstart.heuristics import (
 )
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
+from swarmstart.ocp.limits import require_choice
 
 Array = NDArray[np.float64]
 WarmStart = Literal["all", "half", "one", "none"]
+When = Literal["needed", "always"]
 EVALUATIONS = 20_000
 """Budget of a search that is given none."""
 
@@ -42,6 +44,10 @@ class SearchSettings:
             starts from each of them besides the best point; 0: from that alone, or
             from three where more than the controls is decided.
         radius: Least distance of two basins, a fraction of the bounds' widths.
+        when: Whether a plan that follows an earlier one is searched "always", or, where
+            there is a polish, only if "needed": if the polish from the earlier plan
+            fails, or the problem has jumped; see warm_steps.py. Without a polish every
+            plan is searched.
     """
 
     algorithm: Algorithm
@@ -51,9 +57,11 @@ class SearchSettings:
     sampling: Sampling | None = None
     basins: int = 0
     radius: float = 0.1
+    when: When = "needed"
 
     def __post_init__(self) -> None:
         """Refuse an unknown kind of warm start."""
+        require_choice("when", self.when, get_args(When))
         if self.warm_start not in get_args(WarmStart):
             raise InvalidProblemError(
                 f"warm_start must be one of {', '.join(get_args(WarmStart))}, "

@@ -24,8 +24,9 @@ Source: Fliess, Levine, Martin and Rouchon (1995), Flatness and defect of non-li
 systems, International Journal of Control 61.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
 import casadi as ca
@@ -39,6 +40,7 @@ from swarmstart.heuristics import (
 )
 from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.ocp.blocks import first_of, variables_of
+from swarmstart.ocp.carried import Carried
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.control_shape import control_of
 from swarmstart.ocp.errors import InvalidProblemError
@@ -75,12 +77,18 @@ class Start(NamedTuple):
         states: At the nodes, shape (nx, nodes); None: where the controls lead.
         x0: Initial state, shape (nx,), with what is decided about it; None: as given.
         is_guess: Whether the states are a guess of how large they get; see scaling.py.
+        carried: Multipliers of an earlier answer, which a polish begins with; None:
+            there are none.
+        decided: What an earlier answer decides about the start of the core's states,
+            by their names: a free end time, parameters.
     """
 
     controls: Array
     states: Array | None = None
     x0: Array | None = None
     is_guess: bool = False
+    carried: Carried | None = None
+    decided: Mapping[str, float] = MappingProxyType({})
 
 
 class SearchSpace(Protocol):

@@ -33,9 +33,11 @@ from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.presentation import Presented
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
+from swarmstart.ocp.search_space import Start
 from swarmstart.ocp.shooting import Shooting
 from swarmstart.ocp.status import Found, SolutionStatus, advice_for
 from swarmstart.ocp.stiffness import fastest_mode
+from swarmstart.ocp.travelling import guess_of
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-3
@@ -102,6 +104,39 @@ class Solution(Presented):
         """
         point = self.plan.point
         return None if point is None else multipliers_of(point, self.problem)
+
+    def as_guess(self, problem: OptimalControlProblem | None = None) -> Start:
+        """Return the answer as a start: of another grid, horizon or initial state.
+
+        States, controls, what is decided and, of a polished answer, its multipliers go
+        to the grid of the problem; a polish begins with all of them.
+
+        Args:
+            problem: The problem to be solved, with the same names of states, controls
+                and constraints; None: the same problem.
+
+        Raises:
+            InvalidProblemError: If it is another problem.
+
+        Example:
+            >>> import casadi as ca, swarmstart as ss
+            >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+            >>> model = ss.Model(states=x, controls=u, ode=u - x**3)
+            >>> coarse, fine = (
+            ...     ss.OptimalControlProblem(
+            ...         model, horizon=2.0, intervals=N, stage_cost=x**2 + u**2,
+            ...         bounds=ss.Bounds(controls=(-1, 1)),
+            ...     )
+            ...     for N in (10, 20)
+            ... )
+            >>> found = ss.solve(coarse, [2.0], search=None, seed=0)
+            >>> start = found.as_guess(fine)
+            >>> start.controls.shape, start.states.shape
+            ((1, 20), (1, 21))
+            >>> ss.solve(fine, [2.1], guess=start, search=None, seed=0).status.name
+            'CONVERGED'
+        """
+        return guess_of(self.plan, self.problem, problem or self.problem)
 
     @property
     def state_names(self) -> tuple[str, ...]:

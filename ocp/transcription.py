@@ -370,7 +370,7 @@ def _interval_part(shooting: Shooting) -> Part:
     inner = Inner(shooting, (state, u, p, s[:, 0]), c)
     points = [(state, s[:, 0], False)]
     cost = shooting.cost_at_begin(state, u, p, s[:, 0])
-    parts = _rows_at(shooting, (state, u, p, s[:, 0]), shooting.rows_with_controls)
+    parts = _rows_at(shooting, (state, u, p, s[:, 0]), shooting.rows_with_controls, 0)
     for k in range(problem.checks):
         ends = s[:, k], s[:, k + 1]
         state, spent = inner.check(state, ends, k)
@@ -379,11 +379,12 @@ def _interval_part(shooting: Shooting) -> Part:
         if not model.is_discrete:
             at = (state, u, p, s[:, k + 1])
             chosen = _rows_of_check(shooting, last=k == problem.checks - 1)
-            parts += _rows_at(shooting, at, chosen)
+            parts += _rows_at(shooting, at, chosen, k + 1)
     if model.jumps:
         state = shooting.jump(state, u, p, s[: model.ns, -1])
-        at = (state, u, p, s[:, -1])
-        parts += _rows_at(shooting, at, shooting.rows_that_jump, without_bounds=True)
+        at, number = (state, u, p, s[:, -1]), problem.checks + 1
+        rows = shooting.rows_that_jump
+        parts += _rows_at(shooting, at, rows, number, without_bounds=True)
         points.append((state, s[:, -1], True))
     if problem.quadrature == "right":
         cost += problem.dt * shooting.stage_cost(state, u, p, s[:, -1])
@@ -415,7 +416,7 @@ def _soft_rows(
     """
     u, e, p = held
     found = []
-    for x, s, jumped in points:
+    for number, (x, s, jumped) in enumerate(points):
         values = soft.values(x, u, p, s)
         chosen = soft.that_jump if jumped else range(soft.size)
         for limits, sign in ((soft.lower, 1.0), (soft.upper, -1.0)):
@@ -424,7 +425,8 @@ def _soft_rows(
             lower, upper = (limits[rows], none) if sign > 0 else (none, limits[rows])
             places = [soft.places[i] for i in rows]
             value = (values + sign * e)[rows] if rows else ca.SX(0, 1)
-            found.append(LimitedRows(value, lower, upper, places))
+            at = [number] * len(rows)
+            found.append(LimitedRows(value, lower, upper, places, at))
     return found
 
 
@@ -450,6 +452,7 @@ def _rows_at(
     shooting: Shooting,
     at: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
     chosen: Sequence[list[int]],
+    check: int,
     *,
     without_bounds: bool = False,
 ) -> list[LimitedRows]:
@@ -459,6 +462,7 @@ def _rows_at(
         shooting: The problem's functions.
         at: State, controls, parameters and signals.
         chosen: The rows of each constraint.
+        check: Where that is, as in LimitedRows.
         without_bounds: Whether the bounds of the states are left out.
     """
     problem, found = shooting.problem, []
@@ -468,7 +472,7 @@ def _rows_at(
         if lifts(problem) and constraint.name == UNSOLVED:
             continue  # The equations are rows of their own.
         rows = constraint.smooth(shooting.path_values[number](*at))
-        found.append(_limited(rows, number, chosen[number]))
+        found.append(_limited(rows, number, chosen[number], check))
     return found
 
 
@@ -564,7 +568,9 @@ def _part(
     )
 
 
-def _limited(rows: Rows, number: int, chosen: list[int] | None) -> LimitedRows:
+def _limited(
+    rows: Rows, number: int, chosen: list[int] | None, check: int = 0
+) -> LimitedRows:
     """Return the chosen rows that have a limit."""
     limited = np.isfinite(rows.lower) | np.isfinite(rows.upper)
     kept = [
@@ -575,6 +581,7 @@ def _limited(rows: Rows, number: int, chosen: list[int] | None) -> LimitedRows:
         rows.lower[kept],
         rows.upper[kept],
         [(number, row) for row in kept],
+        [check] * len(kept),
     )
 
 
@@ -585,4 +592,5 @@ def _joined(parts: list[LimitedRows]) -> LimitedRows:
         np.concatenate([empty, *[part.lower for part in parts]]),
         np.concatenate([empty, *[part.upper for part in parts]]),
         [place for part in parts for place in part.places],
+        [check for part in parts for check in part.at],
     )

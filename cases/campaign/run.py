@@ -431,14 +431,29 @@ def _status_of_plans(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str
     if not infeasible:
         law = f", {linear} steps under the linear law" if linear else ""
         said = "simulated to the end; every planned step found a feasible plan"
-        return said + law, True
+        return said + law + _searched(trajectory), True
     if infeasible == len(found):
         return "simulated to the end; no step found a feasible plan", False
     return (
         f"simulated to the end; {infeasible} of {len(found)} planned steps found no "
-        "feasible plan",
+        f"feasible plan{_searched(trajectory)}",
         True,
     )
+
+
+def _searched(trajectory: Trajectory) -> str:
+    """Return how many plans were searched, where a warm polish was enough for some."""
+    plans = [
+        plan
+        for decision in trajectory.decisions
+        if planned(decision)
+        for plan in decision.plans
+        if plan.polish_status is not None
+    ]
+    searched = sum(plan.is_searched for plan in plans)
+    if searched in {0, len(plans)}:
+        return ""
+    return f", {searched} of {len(plans)} plans were searched"
 
 
 def _recorded(

@@ -39,7 +39,7 @@ def run_command(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as ahead:
 
         def begin(scenario: Scenario) -> None:
-            algorithm = scenario.search.algorithm()
+            algorithm = scenario.search.algorithm(scenario.budget.evaluations)
             if algorithm is not None and not options.print_config:
                 ahead.enter_context(kernels_ahead(algorithm))
 

@@ -23,6 +23,7 @@ class SearchEntry(NamedTuple):
 
 
 SEARCHES = {
+    "default": SearchEntry("the default of the library for the budget", "", "one"),
     "cpso": SearchEntry(
         "chaotic particle swarm (5.17)-(5.19)",
         "swarmstart.heuristics:ChaoticPSO",

@@ -44,11 +44,12 @@ from swarmstart.heuristics import (
     Budget,
     Order,
     Sampling,
+    default_algorithm,
     epsilon_level,
     feasibility_first,
     static_penalty,
 )
-from swarmstart.ocp import Backend, IpoptOptions, SearchSettings, WarmStart
+from swarmstart.ocp import Backend, IpoptOptions, SearchSettings, WarmStart, When
 
 Array = NDArray[np.float64]
 LocatedFlaw = tuple[tuple[str | int, ...], str | SwarmstartError]
@@ -218,6 +219,7 @@ class SearchPart(Part):
     name: str
     warm_start: WarmStart
     sampling: Sampling | None
+    when: When
 
     @model_validator(mode="after")
     def _makes_settings(self) -> "SearchPart":
@@ -227,12 +229,18 @@ class SearchPart(Part):
             raise ValueError(str(error)) from error
         return self
 
-    def algorithm(self) -> Algorithm | None:
-        """Return the algorithm's settings; None where the search is `none`."""
+    def algorithm(self, evaluations: int | None = None) -> Algorithm | None:
+        """Return the algorithm's settings; None where the search is `none`.
+
+        Args:
+            evaluations: The budget, which decides what `default` is; None: none.
+        """
         if self.name == "none":
             return None
+        if self.name == "default":
+            return default_algorithm(evaluations)
         settings: Algorithm = resolve_name(SEARCHES[self.name].settings)(
-            **self.model_dump(exclude={"name", "warm_start", "sampling"})
+            **self.model_dump(exclude={"name", "warm_start", "sampling", "when"})
         )
         return settings
 
@@ -256,6 +264,7 @@ def search_part(name: str) -> type[SearchPart]:
         "name": (Literal[name], ...),
         "warm_start": (WarmStart, entry.warm_start),
         "sampling": (Sampling | None, entry.sampling),
+        "when": (When, "needed"),
     }
     if entry.settings:
         settings = resolve_name(entry.settings)
@@ -364,7 +373,7 @@ class Scenario(Part):
     def _smallest_generation(self) -> int:
         """Return the size of the search's first generation, in one dimension."""
         part: SearchPart = self.search
-        algorithm = part.algorithm()
+        algorithm = part.algorithm(self.budget.evaluations)
         if algorithm is None:
             return 1
         line = Box(lower=np.zeros(1), upper=np.ones(1))
@@ -381,7 +390,7 @@ class Scenario(Part):
     def search_settings(self) -> SearchSettings | None:
         """Return the search as a planner takes it; None where it is `none`."""
         part: SearchPart = self.search
-        algorithm = part.algorithm()
+        algorithm = part.algorithm(self.budget.evaluations)
         if algorithm is None:
             return None
         return SearchSettings(
@@ -391,4 +400,5 @@ class Scenario(Part):
             warm_start=part.warm_start,
             sampling=part.sampling,
             basins=self.basins,
+            when=part.when,
         )

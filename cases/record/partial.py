@@ -7,6 +7,7 @@ Each file carries a checksum of its content: what a disk or an editor has change
 refused, and not flown on from.
 """
 
+import contextlib
 import hashlib
 import json
 import struct
@@ -20,6 +21,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.record.dual_arrays import dual_arrays, with_duals
 from swarmstart.cases.record.files import (
     RecordError,
     read_arrays,
@@ -64,6 +66,7 @@ def save_partial(
     """
     arrays: dict[str, NDArray[Any]] = trajectory_arrays(trajectory)
     arrays |= multipliers
+    arrays |= dual_arrays(trajectory, _finished(folder, key))
     arrays["key"] = np.array(key)
     checksum = np.array(_checksum_of_arrays(arrays))
     write_arrays(folder / ARRAYS, {**arrays, "checksum": checksum})
@@ -74,6 +77,14 @@ def save_partial(
         "rng": rng_state,
     }
     write_text(folder / MARK, _with_checksum(mark))
+
+
+def _finished(folder: Path, key: str) -> int:
+    """Return the number of steps that the mark names, from which a run may go on."""
+    with contextlib.suppress(*UNREADABLE):
+        mark = _mark(folder)
+        return int(mark["steps"]) if mark["key"] == key else 0
+    return 0
 
 
 def remove_partial(folder: Path) -> None:
@@ -125,7 +136,7 @@ def load_partial(
         if str(arrays["key"]) != key:
             return None
         # The arrays may be ahead of the mark, which is written after them.
-        steps = steps_of(arrays, substeps)[: mark["steps"]]
+        steps = with_duals(steps_of(arrays, substeps)[: mark["steps"]], arrays)
         if len(steps) != mark["steps"]:
             raise ValueError(f"{len(steps)} of {mark['steps']} steps")
     except UNREADABLE as error:

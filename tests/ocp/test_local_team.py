@@ -71,15 +71,18 @@ class Recorded(Planner):
         guess: Array | Start | None = None,
         candidates: Array | None = None,
         near: bool = False,
+        last_cost: float | None = None,
+        in_loop: bool = False,
         rng: np.random.Generator,
         progress: ProgressCallback = tell_nothing,
     ) -> Plan:
-        del near, progress
+        del near, last_cost, in_loop, progress
         start, parameters, rows = (
             np.asarray(part).tolist() for part in (x0, *known[:2])
         )
         self.told.append(Told(start, parameters, rows, candidates))
-        controls = guess if isinstance(guess, np.ndarray) else np.zeros((1, 2))
+        given = guess.controls if isinstance(guess, Start) else guess
+        controls = np.zeros((1, 2)) if given is None else given
         return self.evaluated(
             controls + self.push, x0, known=known, source=Source.GUESS
         )

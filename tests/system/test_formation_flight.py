@@ -184,3 +184,19 @@ def test_a_flight_stays_within_its_bounds_exactly() -> None:
     controls = flown("formation_obstacle", "corrected").trajectory.controls
     assert np.abs(controls[0::2]).max() <= 5
     assert np.abs(controls[1::2]).max() <= np.pi / 18
+
+
+@pytest.mark.parametrize(
+    ("scenario", "plans"), [("formation_v", 35), ("formation_obstacle", 70)]
+)
+def test_a_search_where_needed_costs_no_more_than_the_polish_alone(
+    scenario: str, plans: int
+) -> None:
+    """Searched at the first step only, which each of the five plans for itself."""
+    found, alone = (
+        flown(scenario, "corrected", search=search, polish="ipopt")
+        for search in ("default", "none")
+    )
+    assert found.status.endswith(f", 5 of {plans} plans were searched")
+    costs = [number(f.measures, "closed_loop_cost") for f in (found, alone)]
+    assert costs[0] <= costs[1] * 1.001

@@ -349,3 +349,17 @@ def test_ctrl_c_inside_ipopt_is_not_swallowed(command: Command, tmp_path: Path) 
     assert command(*SOLVER, "--out", folder).code == 0
     assert command(*SOLVER, "--out", whole).code == 0
     assert_same_flight(folder, whole)
+
+
+def test_a_polished_run_goes_on_with_the_multipliers_of_its_last_plans(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = ("run", "formation_obstacle", "--search", "none", "--polish", "ipopt",
+           "--set", "steps=5", "--quiet", "--no-figures", "--out")  # fmt: skip
+    assert command(*run, tmp_path / "whole").code == 0
+    with monkeypatch.context() as patched:
+        patched.setattr(run_module, "fly", interrupted_after(2))
+        for _ in range(2):
+            assert command(*run, tmp_path / "again").code == 130
+    assert command(*run, tmp_path / "again").code == 0
+    assert_same_flight(tmp_path / "again", tmp_path / "whole")

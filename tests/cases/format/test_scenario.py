@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import copy
 import math
 import re
 from pathlib import Path
@@ -15,6 +16,7 @@ from swarmstart.cases.format.scenario import (
     UnknownScenarioError,
     read_document,
     resolve,
+    resolved_again,
     shipped,
 )
 from swarmstart.cases.format.settings import GridPart
@@ -99,6 +101,7 @@ def test_another_search_comes_with_its_defaults_and_the_same_keeps_its_settings(
     search = resolved(search="ga", assignments=["search.size=30"]).settings["search"]
     assert search == {
         **{"name": "ga", "warm_start": "none", "sampling": "uniform", "size": 30},
+        "when": "needed",
         **{"crossover": 0.8, "mutation": None, "elitism": True},
     }
 
@@ -245,3 +248,32 @@ def test_every_kind_has_the_keys_of_the_grid(name: str) -> None:
         return
     assert prediction.grid()["horizon"] == prediction.horizon_s
     assert prediction.dt == prediction.horizon_s / prediction.intervals
+
+
+CHAPTER = (
+    "formation_v",
+    "formation_obstacle",
+    "reconfiguration",
+    "reconfiguration_reverse",
+    "close_formation",
+    "close_formation_fast",
+    "close_formation_vortex",
+)
+
+
+@pytest.mark.parametrize("name", CHAPTER)
+def test_the_chapters_searches_search_at_every_step_whatever_the_polish(
+    name: str,
+) -> None:
+    """Another search comes with the library's default."""
+    for search, when in ((None, "always"), ("default", "needed")):
+        scenario = resolve(read_document(name), search=search, polish="ipopt").scenario
+        settings = scenario.search_settings()
+        assert settings is not None and settings.when == when
+
+
+def test_settings_of_an_older_record_that_do_not_say_when_are_read() -> None:
+    settings = copy.deepcopy(dict(resolved().settings))
+    del settings["search"]["when"]
+    again = resolved_again(settings, "corrected").scenario
+    assert again.search.when == "needed"

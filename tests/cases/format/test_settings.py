@@ -18,6 +18,7 @@ from swarmstart.cases.format.settings import (
     Range,
     search_part,
 )
+from swarmstart.heuristics import default_algorithm
 
 WITH_SETTINGS = [name for name, entry in SEARCHES.items() if entry.settings]
 
@@ -27,7 +28,13 @@ def test_the_keys_of_a_search_are_its_settings_with_their_defaults(name: str) ->
     settings = resolve_name(SEARCHES[name].settings)
     part = search_part(name).model_validate({"name": name})
     fields = {field.name for field in dataclasses.fields(settings)}
-    assert set(type(part).model_fields) == {"name", "warm_start", "sampling", *fields}
+    assert set(type(part).model_fields) == {
+        "name",
+        "warm_start",
+        "sampling",
+        "when",
+        *fields,
+    }
     assert part.algorithm() == settings()
     assert part.warm_start == SEARCHES[name].warm_start
     assert part.sampling == SEARCHES[name].sampling
@@ -43,7 +50,7 @@ def test_every_setting_of_a_search_reaches_its_algorithm(name: str) -> None:
 def test_no_search_is_no_algorithm_and_has_no_settings() -> None:
     part = search_part("none").model_validate({"name": "none"})
     assert part.algorithm() is None
-    assert set(type(part).model_fields) == {"name", "warm_start", "sampling"}
+    assert set(type(part).model_fields) == {"name", "warm_start", "sampling", "when"}
 
 
 def test_a_setting_may_be_an_expression_or_a_list() -> None:
@@ -102,3 +109,17 @@ def test_a_budget_needs_evaluations_or_seconds() -> None:
 def test_both_orders_can_be_named() -> None:
     for name in ("static_penalty", "feasibility_first"):
         OrderPart.model_validate({"name": name}).order()
+
+
+def test_the_default_search_is_that_of_the_library_for_the_budget() -> None:
+    part = search_part("default").model_validate({"name": "default"})
+    for evaluations in (100, 20_000, None):
+        assert part.algorithm(evaluations) == default_algorithm(evaluations)
+    assert part.when == "needed"
+
+
+def test_a_search_is_made_when_needed_or_always() -> None:
+    part = search_part("de").model_validate({"name": "de", "when": "always"})
+    assert part.when == "always" and part.algorithm() is not None
+    with pytest.raises(ValidationError, match="needed"):
+        search_part("de").model_validate({"name": "de", "when": "never"})

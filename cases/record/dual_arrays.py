@@ -1,0 +1,79 @@
+"""Multipliers of the last plans of an interrupted run, which its next plans begin with.
+
+They are kept of two steps: the last one, and the one that the mark names until a new
+mark is written.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp import Plan, Step, Trajectory
+from swarmstart.ocp.duals import Duals, duals_of
+
+Array = NDArray[np.float64]
+
+
+def dual_arrays(trajectory: Trajectory, finished: int) -> dict[str, NDArray[Any]]:
+    """Return the multipliers of the plans of two steps as arrays, NaN at the end.
+
+    Args:
+        trajectory: The steps so far.
+        finished: Number of the steps that the mark names; 0: there is none.
+    """
+    count = len(trajectory.decisions)
+    numbers = sorted({n - 1 for n in (finished, count) if 0 < n <= count})
+    kept = [
+        [_duals(plan) for plan in trajectory.decisions[number].plans]
+        for number in numbers
+    ]
+    if not any(one is not None for row in kept for one in row):
+        return {}
+    return {
+        "dual_steps": np.array(numbers),
+        "dual_rows": _padded(kept, "rows"),
+        "dual_bounds": _padded(kept, "bounds"),
+    }
+
+
+def with_duals(steps: list[Step], arrays: Mapping[str, NDArray[Any]]) -> list[Step]:
+    """Return steps, the plans of the last one with the multipliers that were kept."""
+    if not steps or "dual_steps" not in arrays:
+        return steps
+    found = np.flatnonzero(arrays["dual_steps"] == len(steps) - 1)
+    if not found.size:
+        return steps
+    rows, bounds = (arrays[name][found[0]] for name in ("dual_rows", "dual_bounds"))
+    decision = steps[-1].decision
+    is_new = arrays["plan_is_new"][len(steps) - 1]  # Others go on as they are.
+    plans = tuple(
+        replace(plan, duals=_unpadded(*both)) if new else plan
+        for plan, new, *both in zip(decision.plans, is_new, rows, bounds, strict=True)
+    )
+    last = replace(steps[-1], decision=replace(decision, plans=plans))
+    return [*steps[:-1], last]
+
+
+def _duals(plan: Plan) -> Duals | None:
+    return plan.duals if plan.point is None else duals_of(plan.point)
+
+
+def _padded(kept: Sequence[Sequence[Duals | None]], name: str) -> Array:
+    """Return multipliers of plans, shape (steps, agents, most)."""
+    none = np.empty(0)
+    every = [[none if d is None else getattr(d, name) for d in row] for row in kept]
+    most = max(values.size for row in every for values in row)
+    found = np.full((len(every), len(every[0]), most), np.nan)
+    for k, row in enumerate(every):
+        for agent, values in enumerate(row):
+            found[k, agent, : values.size] = values
+    return found
+
+
+def _unpadded(rows: Array, bounds: Array) -> Duals | None:
+    """Return multipliers without the NaN at their ends; None: none were kept."""
+    values = [one[~np.isnan(one)] for one in (rows, bounds)]
+    return Duals(*values) if values[1].size else None
