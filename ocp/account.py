@@ -40,13 +40,39 @@ class Lanes:
         method: "sweeps" or "slopes".
         optima: Distinct local optima, the cheapest first, with their counts.
         unseen: Share of such starts that would end in an optimum not seen yet; of these
-            starts and this way of solving only, never of all optima.
+            starts and this way of solving only, never of all optima. None: the starts
+            were chosen one after the other, and say nothing of others.
     """
 
     starts: int
     method: str
     optima: tuple[Optimum, ...]
-    unseen: Unseen
+    unseen: Unseen | None
+
+    def told(self, sense: float = 1.0) -> dict[str, Any]:
+        """Return all of it as JSON has it.
+
+        Args:
+            sense: -1 where costs are gains.
+        """
+        optima = [{"cost": sense * one.cost, "count": one.count} for one in self.optima]
+        return {"starts": self.starts, "method": self.method, "optima": optima,
+                "unseen": asdict(self.unseen) if self.unseen else None}  # fmt: skip
+
+    def line(self, sense: float = 1.0) -> str:
+        """Return it in a line.
+
+        Args:
+            sense: -1 where costs are gains.
+        """
+        shown = [f"{sense * one.cost:.7g} ({one.count})" for one in self.optima[:SHOWN]]
+        more = len(self.optima) - SHOWN
+        listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
+        said = f"{self.starts} starts: {listed or 'no optimum'}"
+        if self.unseen is None:
+            return said
+        most = f"{self.unseen.most:.0%}"
+        return f"{said}; at most {most} of such starts would end elsewhere"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -81,12 +107,8 @@ class StartsAccount:
         if self.lanes is None:
             return {"won": self.won, "tried": tried, "lanes": None,
                     "without_lanes": self.without_lanes}  # fmt: skip
-        optima = [
-            {"cost": sense * one.cost, "count": one.count} for one in self.lanes.optima
-        ]
-        lanes = {"starts": self.lanes.starts, "method": self.lanes.method,
-                 "optima": optima, "unseen": asdict(self.lanes.unseen)}  # fmt: skip
-        return {"won": self.won, "tried": tried, "lanes": lanes, "without_lanes": ""}
+        return {"won": self.won, "tried": tried, "lanes": self.lanes.told(sense),
+                "without_lanes": ""}  # fmt: skip
 
     def lines(self, sense: float = 1.0) -> list[str]:
         """Return the account in three lines.
@@ -103,13 +125,4 @@ class StartsAccount:
         lines = [f"  won         {self.won}", f"  polished    {'; '.join(gave)}"]
         if self.lanes is None:
             return [*lines, f"  lanes       none: {self.without_lanes}"]
-        shown = [
-            f"{sense * one.cost:.7g} ({one.count})" for one in self.lanes.optima[:SHOWN]
-        ]
-        more = len(self.lanes.optima) - SHOWN
-        listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
-        return [
-            *lines,
-            f"  lanes       {self.lanes.starts} starts: {listed or 'no optimum'}; "
-            f"at most {self.lanes.unseen.most:.0%} of such starts would end elsewhere",
-        ]
+        return [*lines, f"  lanes       {self.lanes.line(sense)}"]

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.heuristics import (
     SearchInterrupted,
     default_order,
-    minimize,
 )
 from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.heuristics.interrupts import heeded
@@ -31,6 +30,8 @@ from swarmstart.ocp.fitness import (
 )
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.integer_polish import IntegerPolisher
+from swarmstart.ocp.lane_search import LaneSearch, Task, searched
+from swarmstart.ocp.lane_settings import Memetic, Multistart, population_of
 from swarmstart.ocp.many_starts import ManyStarts, Origined
 from swarmstart.ocp.path import Tracer
 from swarmstart.ocp.plan import (
@@ -54,7 +55,6 @@ from swarmstart.ocp.search_space import (
     SearchSpace,
     Start,
     TrajectoryFamily,
-    first_population,
     points,
     space_of,
 )
@@ -133,7 +133,10 @@ class Planner:
         if search is not None:
             self._space = space_of(self.fitness, family)
             # Refused here, not at the first plan.
-            first_size_of(search.algorithm, self._space.box, search.budget.evaluations)
+            evaluations = search.budget.evaluations
+            population = population_of(search.algorithm, evaluations)
+            if population is not None:
+                first_size_of(population, self._space.box, evaluations)
         self._rounding: IntegerPolisher | None = None
         self.polisher: Polisher | None = None
         if polish and self.problem.integer:
@@ -144,6 +147,12 @@ class Planner:
         if lanes and self.polisher is None:
             raise InvalidProblemError("lanes need a polish, which ends what they begin")
         self._lanes = 0 if self._rounding else lanes
+        self._lane_search: LaneSearch | None = None
+        uses_lanes = search and isinstance(search.algorithm, Multistart | Memetic)
+        if search and self._space and uses_lanes:
+            self._lane_search = LaneSearch(
+                self.fitness, self._space, search, self.polisher
+            )
 
     @cached_property
     def tracer(self) -> Tracer:
@@ -416,19 +425,21 @@ class Planner:
         if self.polisher and self.problem.free_starts:
             basins = basins or _BASINS
             order = search.order or traded_order(objective, space.box, rng)
+        if self._lane_search is not None and self.polisher:
+            basins = basins or _BASINS
+        task = Task(
+            x0=x0,
+            known=known,
+            objective=objective,
+            order=order,
+            guess=guess,
+            first=first,
+            basins=basins,
+            rng=rng,
+            tell=of_budget(progress, search.budget, "searching"),
+        )
         try:
-            result = minimize(
-                objective,
-                space.box,
-                algorithm=search.algorithm,
-                budget=search.budget,
-                order=order,
-                initial=first_population(search, space, guess, first, x0),
-                basins=basins,
-                radius=search.radius,
-                rng=rng,
-                on_advance=of_budget(progress, search.budget, "searching"),
-            )
+            found = searched(search, space, task, self._lane_search)
         except SearchInterrupted as stopped:
             start = space.decoded(stopped.partial.x, x0, known)
             plan = self.evaluated(
@@ -439,6 +450,7 @@ class Planner:
                 evaluations=stopped.partial.evaluations,
             )
             raise PlanningInterrupted(plan) from None
+        result = found.result
         starts = [space.decoded(x, x0, known) for x in points(result)]
         plan = self.evaluated(
             starts[0].controls,
@@ -450,6 +462,8 @@ class Planner:
                 result.violation,
                 result.history_cost,
                 result.history_evaluations,
+                found.lanes,
+                found.without,
             ),
             evaluations=result.evaluations,
         )

@@ -145,6 +145,7 @@ class Run:
             "measures": dict(self.measures),
             "multipliers": told(self.multipliers),
             "starts": self._starts(),
+            "search_lanes": self._search_lanes(),
             "claims": self.claims,
             "evaluations": self.measures.get("evaluations"),
             "wall_s": self.wall_s,
@@ -166,6 +167,12 @@ class Run:
     def _starts(self) -> dict[str, Any] | None:
         agent = self.flight.posed.agents[0]
         return None if self.starts is None else self.starts.told(agent.problem.sense)
+
+    def _search_lanes(self) -> dict[str, Any] | None:
+        decisions, agent = self.trajectory.decisions, self.flight.posed.agents[0]
+        if not decisions:
+            return None
+        return decisions[0].plans[0].search.told(agent.problem.sense)
 
 
 def default_folder(resolved: Resolved, seed: int, root: Path) -> Path:

@@ -23,7 +23,7 @@ from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.first_use import kernels_ahead
-from swarmstart.ocp import DivergedError
+from swarmstart.ocp import DivergedError, population_of
 
 RESULTS = Path("results")
 Condition = tuple[str, str, float | None]
@@ -40,8 +40,9 @@ def run_command(options: argparse.Namespace) -> int:
 
         def begin(scenario: Scenario) -> None:
             algorithm = scenario.search.algorithm()
-            if algorithm is not None and not options.print_config:
-                ahead.enter_context(kernels_ahead(algorithm))
+            population = None if algorithm is None else population_of(algorithm)
+            if population is not None and not options.print_config:
+                ahead.enter_context(kernels_ahead(population))
 
         return _command(options, begin)
 

@@ -39,7 +39,6 @@ from swarmstart.cases.format.expressions import evaluate
 from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import (
-    Algorithm,
     Box,
     Budget,
     Order,
@@ -48,7 +47,15 @@ from swarmstart.heuristics import (
     feasibility_first,
     static_penalty,
 )
-from swarmstart.ocp import Backend, IpoptOptions, SearchSettings, WarmStart
+from swarmstart.ocp import (
+    Backend,
+    IpoptOptions,
+    Multistart,
+    SearchAlgorithm,
+    SearchSettings,
+    WarmStart,
+    population_of,
+)
 
 Array = NDArray[np.float64]
 LocatedFlaw = tuple[tuple[str | int, ...], str | SwarmstartError]
@@ -213,7 +220,7 @@ class IpoptPart(Part):
 
 
 class SearchPart(Part):
-    """An algorithm of swarmstart.heuristics with its settings; see `search_part`."""
+    """A search with its settings; see `search_part`."""
 
     name: str
     warm_start: WarmStart
@@ -227,11 +234,11 @@ class SearchPart(Part):
             raise ValueError(str(error)) from error
         return self
 
-    def algorithm(self) -> Algorithm | None:
+    def algorithm(self) -> SearchAlgorithm | None:
         """Return the algorithm's settings; None where the search is `none`."""
         if self.name == "none":
             return None
-        settings: Algorithm = resolve_name(SEARCHES[self.name].settings)(
+        settings: SearchAlgorithm = resolve_name(SEARCHES[self.name].settings)(
             **self.model_dump(exclude={"name", "warm_start", "sampling"})
         )
         return settings
@@ -346,6 +353,9 @@ class Scenario(Part):
         """Yield what one part of the scenario makes wrong in another."""
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
+        if isinstance(self.search.algorithm(), Multistart) and self.search.sampling:
+            what = f"expected no sampling with multistart, found {self.search.sampling}"
+            yield ("search", "sampling"), what
         if self.lanes and self.polish == "none":
             yield ("lanes",), "expected lanes with polish: ipopt, found none"
         evaluations, size = self.budget.evaluations, self._smallest_generation()
@@ -364,11 +374,14 @@ class Scenario(Part):
     def _smallest_generation(self) -> int:
         """Return the size of the search's first generation, in one dimension."""
         part: SearchPart = self.search
-        algorithm = part.algorithm()
+        algorithm, evaluations = part.algorithm(), self.budget.evaluations
         if algorithm is None:
             return 1
+        population = population_of(algorithm, evaluations)
+        if population is None:
+            return 1
         line = Box(lower=np.zeros(1), upper=np.ones(1))
-        return algorithm.first_size(line, self.budget.evaluations)
+        return population.first_size(line, evaluations)
 
     def polish_options(self) -> IpoptOptions | None:
         """Return the polish as a planner takes it; None where it is `none`."""

@@ -58,13 +58,21 @@ class Unseen:
     answers: int
 
 
-def distinct_optima(answers: LaneAnswers, *, apart: float = APART) -> list[Optimum]:
+def distinct_optima(
+    answers: LaneAnswers,
+    *,
+    apart: float = APART,
+    stand_for: NDArray[np.int64] | None = None,
+) -> list[Optimum]:
     """Return the optima among answers that are feasible, the cheapest first.
 
     Args:
         answers: Of lanes.
         apart: Root mean square distance above which two are distinct.
+        stand_for: How many answers each of them stands for, shape (n,): earlier ones
+            of which only the best was kept; None means one each.
     """
+    each = np.ones(answers.cost.size, np.int64) if stand_for is None else stand_for
     feasible = np.flatnonzero(answers.violation <= FEASIBLE)
     order = feasible[np.argsort(answers.cost[feasible], kind="stable")]
     points = _points(answers, order)
@@ -73,10 +81,10 @@ def distinct_optima(answers: LaneAnswers, *, apart: float = APART) -> list[Optim
     for lane in order.tolist():
         away = np.sqrt(np.mean((points[first] - points[lane]) ** 2, axis=1))
         if first and away.min() <= apart:
-            counts[int(away.argmin())] += 1
+            counts[int(away.argmin())] += int(each[lane])
         else:
             first.append(lane)
-            counts.append(1)
+            counts.append(int(each[lane]))
     return [
         Optimum(lane=lane, cost=float(answers.cost[lane]), count=count)
         for lane, count in zip(first, counts, strict=True)

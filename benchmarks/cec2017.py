@@ -1,0 +1,170 @@
+"""Own searches beside those of the package minionpy on CEC 2017, at small budgets.
+
+    python benchmarks/cec2017.py [--write docs/search_2017.md] [--seeds 3]
+
+The 29 functions that the competition kept (without F2), in 10 and 30 variables. An
+error is the least value within the budget less the optimum's, at least 1e-8. Ranks are
+among all searches on one function with one seed, ties share theirs.
+
+Source: Awad, Ali, Liang, Qu and Suganthan (2016), Problem definitions and evaluation
+criteria for the CEC 2017 special session; minionpy is by Muzakka et al. (2025),
+arXiv:2511.18429.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+from swarmstart.benchmarks.anchors import cube, peer
+from swarmstart.benchmarks.tables import head, page_options, publish, row
+from swarmstart.heuristics import Initial, minimize
+
+Array = NDArray[np.float64]
+
+DIMENSIONS, BUDGETS = (10, 30), (2_000, 5_000, 10_000, 20_000)
+FUNCTIONS = (1, *range(3, 31))
+LEAST = 1e-8
+OWN = ("lshade", "cma", "jde", "cpso", "pso", "de")
+RIVALS = ("ARRDE", "RCMAES", "RDEX", "LSHADE")
+HALVES = "lshade, then cma"
+REFERENCE = "lshade"
+
+
+class Counted:
+    """A function of minionpy that keeps the least value within a budget."""
+
+    def __init__(self, number: int, dim: int, budget: int) -> None:
+        """Take a function of CEC 2017; F1 has number 1."""
+        self._function = peer("minionpy").CEC2017Functions(number, dim)
+        self._left, self.least = budget, np.inf
+        self._optimum = 100.0 * number
+
+    def __call__(self, population: Array) -> Array:
+        """Return the values of columns (dim, size)."""
+        return np.array(self.of_rows(population.T.tolist()))
+
+    def of_rows(self, points: Sequence[Sequence[float]]) -> list[float]:
+        """Return the values of points, as minionpy asks for them."""
+        values: list[float] = self._function(points)
+        counted = values[: max(self._left, 0)]
+        self._left -= len(counted)
+        self.least = min([self.least, *counted])
+        return values
+
+    @property
+    def error(self) -> float:
+        """How far the least value is above the optimum."""
+        return max(self.least - self._optimum, LEAST)
+
+
+class Run(NamedTuple):
+    """One search of one function."""
+
+    number: int
+    dim: int
+    budget: int
+    seed: int
+
+    def error(self, search: str) -> float:
+        """Return how near a search comes to the optimum."""
+        objective = Counted(self.number, self.dim, self.budget)
+        if search in RIVALS:
+            self._rival(search, objective)
+        elif search == HALVES:
+            self._halves(objective)
+        else:
+            minimize(
+                objective, cube(self.dim, 100.0), algorithm=search,
+                budget=self.budget, seed=self.seed,
+            )  # fmt: skip
+        return objective.error
+
+    def _rival(self, name: str, objective: Counted) -> None:
+        """Run a search of minionpy with its own settings."""
+        peer("minionpy").Minimizer(
+            objective.of_rows, [(-100.0, 100.0)] * self.dim, algo=name,
+            maxevals=self.budget, seed=self.seed,
+        ).optimize()  # fmt: skip
+
+    def _halves(self, objective: Counted) -> None:
+        """Run L-SHADE with half of the budget, and CMA-ES from its best."""
+        box, rng = cube(self.dim, 100.0), np.random.default_rng(self.seed)
+        half = self.budget // 2
+        first = minimize(objective, box, algorithm="lshade", budget=half, rng=rng)
+        begin = Initial(points=first.x[:, None])
+        minimize(
+            objective, box, algorithm="cma", budget=self.budget - half, rng=rng,
+            initial=begin,
+        )  # fmt: skip
+
+
+SEARCHES = (*OWN, HALVES, *(f"{name} (minionpy)" for name in RIVALS))
+
+
+def errors(dim: int, budget: int, seeds: int) -> Array:
+    """Return the errors of all searches, shape (searches, functions * seeds)."""
+    found = np.empty((len(SEARCHES), len(FUNCTIONS) * seeds))
+    runs = [Run(f, dim, budget, s) for f in FUNCTIONS for s in range(seeds)]
+    for column, run in enumerate(runs):
+        for line, name in enumerate(SEARCHES):
+            found[line, column] = run.error(name.removesuffix(" (minionpy)"))
+    return found
+
+
+def ratios(found: Array) -> Array:
+    """Return geometric means of errors, in parts of the reference's."""
+    logarithms = np.log(found)
+    away = logarithms - logarithms[SEARCHES.index(REFERENCE)]
+    return np.asarray(np.exp(away.mean(axis=1)))
+
+
+def ranks(found: Array) -> Array:
+    """Return mean ranks, 1 for the least error."""
+    return np.asarray(rankdata(found, axis=0).mean(axis=1))
+
+
+def tables(measured: Mapping[tuple[int, int], Array]) -> list[str]:
+    """Return a table of ranks and one of ratios for each number of variables."""
+    kinds: tuple[tuple[str, Callable[[Array], Array]], ...] = (
+        ("mean rank", ranks),
+        (f"error in parts of {REFERENCE}'s, geometric mean", ratios),
+    )
+    lines: list[str] = []
+    for dim in DIMENSIONS:
+        for title, kind in kinds:
+            columns = [kind(measured[dim, budget]) for budget in BUDGETS]
+            lines += [f"## {dim} variables: {title}", ""]
+            lines += head("search", *(f"{budget:,}" for budget in BUDGETS))
+            for line, name in enumerate(SEARCHES):
+                lines.append(row(name, *(f"{one[line]:.2f}" for one in columns)))
+            lines.append("")
+    return lines[:-1]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the tables, and write them where asked."""
+    parser = page_options(__doc__)
+    parser.add_argument("--seeds", type=int, default=3, help="3 by default")
+    options = parser.parse_args(arguments)
+    peer("minionpy")  # Refused before anything is measured.
+    measured = {}
+    for dim in DIMENSIONS:
+        for budget in BUDGETS:
+            measured[dim, budget] = errors(dim, budget, options.seeds)
+            print(dim, budget, ranks(measured[dim, budget]).round(2), flush=True)
+    publish(tables(measured), options, TEXT.format(seeds=options.seeds))
+    return 0
+
+
+TEXT = """# Searches on CEC 2017 at small budgets
+
+TO WRITE
+
+"""
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
