@@ -220,7 +220,8 @@ _NAMES = {
         Agent AlgebraicEquations BackendWarning Bounds Connection Decision DivergedError
         DualMode Fitness
         Free InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Memetic
-        Mode Model Multistart NlpOptions OpenLoop OptimalControlProblem PathConstraint PhasedHorizon Phases
+        Mode Model Multistart NlpOptions OpenLoop OptimalControlProblem PathConstraint
+        PhasedHorizon Phases
         Plan Planner PlanningInterrupted Plant PolishStatus Radau RecedingHorizon
         SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError

@@ -49,7 +49,7 @@ from swarmstart.ocp.search_space import (
 Array = NDArray[np.float64]
 Told = Callable[[int], None] | None
 
-FIRST_ITERATIONS = 100
+FIRST_ITERATIONS = 150
 """Iterations that a lane is expected to take before any has been solved: many, so that
 a small budget is not overdrawn by the first batch."""
 

@@ -187,9 +187,10 @@ def _report(finished: Run) -> str:
         f"{title} ({summary['scenario']}{variant}; {method})",
         finished.status,
     ]
+    sense = finished.flight.posed.agents[0].problem.sense
+    lines += finished.search_report.lines(sense)
     if finished.starts is not None:
-        agent = finished.flight.posed.agents[0]
-        lines += finished.starts.lines(agent.problem.sense)
+        lines += finished.starts.lines(sense)
     if finished.resumed:
         lines.append(f"went on after step {finished.resumed}, where it had stopped")
     lines.append("")
