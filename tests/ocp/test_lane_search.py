@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from swarmstart.heuristics import Budget
+from swarmstart.heuristics import Box, Budget
 from swarmstart.ocp import (
     Bounds,
     InvalidProblemError,
@@ -21,7 +21,6 @@ from swarmstart.ocp import (
     TrajectoryFamily,
     solve,
 )
-from swarmstart.ocp.fitness import Fitness
 from swarmstart.ocp.lanes.optima import unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver
 from swarmstart.ocp.search_settings import search_settings
@@ -111,7 +110,7 @@ def test_without_a_lane_method_another_way_is_taken_and_said(search: str) -> Non
 
 
 def test_multistart_that_nothing_can_solve_is_refused() -> None:
-    with pytest.raises(InvalidProblemError, match="blocks.*there is no polish"):
+    with pytest.raises(InvalidProblemError, match=r"blocks.*there is no polish"):
         searched(cart(blocks=[25, 25]), [0.0, 1.0], "multistart", polish=None)
     u, x = ca.SX.sym("u"), ca.SX.sym("x")
     whole = OptimalControlProblem(
@@ -126,10 +125,8 @@ def test_multistart_that_nothing_can_solve_is_refused() -> None:
         Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4, stage_cost=x**2,
         bounds=Bounds(controls=(-1, 1)),
     )  # fmt: skip
-    box = Fitness(one).problem.control_limits
-    from swarmstart.heuristics import Box
-
-    family = TrajectoryFamily(box=Box(lower=box[0], upper=box[1]), trajectory=held)
+    line = Box(lower=np.array([-1.0]), upper=np.array([1.0]))
+    family = TrajectoryFamily(box=line, trajectory=held)
     with pytest.raises(InvalidProblemError, match="members of a family"):
         Planner(one, search="multistart", family=family)
 

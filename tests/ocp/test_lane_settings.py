@@ -1,4 +1,4 @@
-"""Settings of searches by local solves: what is refused, and which population is had."""
+"""Settings of searches by local solves: what is refused, which population they have."""
 
 import pytest
 

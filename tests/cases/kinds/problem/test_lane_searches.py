@@ -23,6 +23,7 @@ terminal: [{expression: angle - pi}, {expression: speed}]
 prediction: {horizon_s: 3, intervals: 20}
 search: {name: multistart, size: 8, unseen: 1}
 polish: ipopt
+budget: {evaluations: 50000}
 """
 
 
@@ -47,7 +48,7 @@ def test_what_lanes_found_is_in_the_record_and_on_the_screen(
 
 def test_other_searches_tell_nothing_of_lanes() -> None:
     text = SWING.replace("{name: multistart, size: 8, unseen: 1}", "{name: lshade}")
-    done = run(stated(f"{text}budget: {{evaluations: 100}}\n"), seed=0)
+    done = run(stated(text.replace("50000", "100")), seed=0)
     assert done.summary()["search_lanes"] is None
 
 
