@@ -30,8 +30,9 @@ from swarmstart.ocp.fitness import (
 )
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.integer_polish import IntegerPolisher
-from swarmstart.ocp.lane_search import LaneSearch, Task, searched
+from swarmstart.ocp.lane_search import LaneSearch, searched
 from swarmstart.ocp.lane_settings import Memetic, Multistart, population_of
+from swarmstart.ocp.lane_starts import Task
 from swarmstart.ocp.many_starts import ManyStarts, Origined
 from swarmstart.ocp.path import Tracer
 from swarmstart.ocp.plan import (

@@ -10,6 +10,7 @@ from swarmstart.heuristics import Box, Budget
 from swarmstart.ocp import (
     Bounds,
     InvalidProblemError,
+    IpoptOptions,
     Memetic,
     Model,
     Multistart,
@@ -119,16 +120,29 @@ def test_multistart_that_nothing_can_solve_is_refused() -> None:
     )  # fmt: skip
     with pytest.raises(InvalidProblemError, match="whole numbers"):
         searched(whole, [0.5], "multistart")
+
+
+def test_members_of_a_family_are_polished_where_lanes_cannot_begin() -> None:
+    u, x = ca.SX.sym("u"), ca.SX.sym("x")
     c, x0, p = ca.SX.sym("c"), ca.SX.sym("x0", 1), ca.SX.sym("p", 0)
     held = ca.Function("held", [c, x0, p], [ca.repmat(x0, 1, 5), ca.repmat(c, 1, 5)])
     one = OptimalControlProblem(
         Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4, stage_cost=x**2,
         bounds=Bounds(controls=(-1, 1)),
     )  # fmt: skip
+    alone = solve(one, [0.5], search=None, seed=0)
     line = Box(lower=np.array([-1.0]), upper=np.array([1.0]))
     family = TrajectoryFamily(box=line, trajectory=held)
-    with pytest.raises(InvalidProblemError, match="members of a family"):
-        Planner(one, search="multistart", family=family)
+    for search in ("multistart", "memetic"):
+        planner = Planner(
+            one,
+            search=search_settings(search, 40),
+            polish=IpoptOptions(),
+            family=family,
+        )
+        plan = planner.plan([0.5], rng=np.random.default_rng(0))
+        assert plan.cost == pytest.approx(alone.cost)
+        assert plan.search.without_lanes == "its search looks at members of a family"
 
 
 @pytest.mark.parametrize("search", ["multistart", "memetic"])
