@@ -22,7 +22,7 @@ from scipy.optimize import Bounds
 from scipy.optimize import minimize as descend
 from scipy.stats import rankdata
 
-from swarmstart.benchmarks.anchors import cube, peer
+from swarmstart.benchmarks.anchors import PeerMissingError, cube, peer
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.heuristics import Initial, minimize
 
@@ -181,7 +181,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = page_options(__doc__)
     parser.add_argument("--seeds", type=int, default=2, help="2 by default")
     options = parser.parse_args(arguments)
-    peer("minionpy")  # Refused before anything is measured.
+    try:
+        peer("minionpy")
+    except PeerMissingError:
+        parser.error(
+            "the functions and the rivals are those of minionpy, which is not "
+            "installed: pip install minionpy"
+        )
     measured = {}
     for dim in DIMENSIONS:
         for budget in BUDGETS:

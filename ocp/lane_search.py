@@ -41,6 +41,8 @@ from swarmstart.ocp.search_space import ControlSpace, SearchSpace, first_populat
 
 Array = NDArray[np.float64]
 
+TOO_DEAR = "a local solve would cost more than its share of the budget"
+
 
 class Searched(NamedTuple):
     """What a search found, and how lanes served it.
@@ -181,8 +183,11 @@ class LaneSearch:
             population, task.objective, local, budget=budget, on_advance=task.tell
         )
         result = replace(found, basins=found.basins[: task.basins])
-        account = lanes.account() if lanes and lanes.solves else None
-        return Searched(result, account, self._without)
+        if lanes is None:
+            return Searched(result, None, self._without)
+        if not lanes.solves:
+            return Searched(result, None, TOO_DEAR)
+        return Searched(result, lanes.account())
 
 
 def _as_they_are(members: Array) -> Improved:

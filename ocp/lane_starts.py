@@ -26,7 +26,7 @@ from swarmstart.ocp.search_space import ControlSpace, SearchSpace
 Array = NDArray[np.float64]
 Told = Callable[[int], None] | None
 
-FIRST_ITERATIONS = 150
+FIRST_ITERATIONS = {"sweeps": 150, "slopes": 1500}
 """Iterations that a lane is expected to take before any has been solved: many, so that
 a small budget is not overdrawn by the first batch."""
 
@@ -69,9 +69,9 @@ class _Found:
     @property
     def each(self) -> float:
         """What a solve costs on average, in evaluations."""
-        iterations = FIRST_ITERATIONS
+        iterations: float = FIRST_ITERATIONS[self.solver.method]
         if self.solves:
-            iterations = max(self.iterations / self.solves, 1)  # type: ignore[assignment]
+            iterations = max(self.iterations / self.solves, 1.0)
         return iterations * self.solver.rollouts_per_iteration
 
     def add(self, answers: LaneAnswers) -> int:

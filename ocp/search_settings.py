@@ -69,6 +69,11 @@ class SearchSettings:
                 f"warm_start must be one of {', '.join(get_args(WarmStart))}, "
                 f"got {self.warm_start!r}"
             )
+        if isinstance(self.algorithm, Multistart) and self.sampling is not None:
+            raise InvalidProblemError(
+                "sampling must be None with a Multistart, which draws its own starts, "
+                f"got {self.sampling!r}"
+            )
         if self.basins < 0 or not self.radius > 0:
             raise InvalidProblemError(
                 "basins must be at least 0 and radius above 0, "

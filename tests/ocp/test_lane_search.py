@@ -110,6 +110,11 @@ def test_without_a_lane_method_another_way_is_taken_and_said(search: str) -> Non
     assert answer.plan.evaluations >= 200
 
 
+def test_budget_too_small_for_a_local_solve_is_said() -> None:
+    answer = searched(four_discs(), START, "memetic", 500)
+    assert "without lanes: a local solve would cost more" in str(answer)
+
+
 def test_multistart_that_nothing_can_solve_is_refused() -> None:
     with pytest.raises(InvalidProblemError, match=r"blocks.*there is no polish"):
         searched(cart(blocks=[25, 25]), [0.0, 1.0], "multistart", polish=None)
@@ -215,6 +220,12 @@ def test_start_that_breaks_down_leaves_the_others() -> None:
     )  # fmt: skip
     for search in ("multistart", "memetic"):
         assert searched(problem, [0.1], search, 20_000).status.is_confirmed
+
+
+def test_sampling_of_a_multistart_is_refused() -> None:
+    budget = Budget(evaluations=100)
+    with pytest.raises(InvalidProblemError, match="sampling must be None"):
+        SearchSettings(algorithm=Multistart(), budget=budget, sampling="uniform")
 
 
 def test_names_classes_and_settings_are_one() -> None:
