@@ -22,7 +22,11 @@ import numpy as np
 from swarmstart.compile_time import stopwatch
 from swarmstart.heuristics.budget import Budget, budget_of
 from swarmstart.heuristics.interrupts import heeded
-from swarmstart.heuristics.minimize import Objective, Running
+from swarmstart.heuristics.minimize import (
+    Objective,
+    Running,
+    require_one_generation,
+)
 from swarmstart.heuristics.result import SearchInterrupted, SearchResult, StopReason
 from swarmstart.heuristics.search import Search
 from swarmstart.kernel import Array
@@ -92,6 +96,7 @@ def run_memetic(
         SearchInterrupted: On Ctrl-C, once a generation is finished.
     """
     budget = budget_of(budget)
+    require_one_generation(search, budget)
     running = Running(search, objective, budget, None, chunk=GENERATIONS)
     members = _Members(search, local)
     with stopwatch() as watch:

@@ -159,7 +159,7 @@ def run(
     """
     budget = budget_of(budget)
     _require_callable(objective, on_generation)
-    _require_one_generation(search, budget)
+    require_one_generation(search, budget)
     advance = Running(search, objective, budget, on_generation)
     with stopwatch() as watch:
         stopped = None
@@ -397,7 +397,12 @@ def _used_up(search: Search, budget: Budget, seconds: float) -> StopReason | Non
     return None
 
 
-def _require_one_generation(search: Search, budget: Budget) -> None:
+def require_one_generation(search: Search, budget: Budget) -> None:
+    """Refuse a budget in which not one more generation of a search fits.
+
+    Raises:
+        InvalidBudgetError: If so.
+    """
     if _used_up(search, budget, seconds=0.0) is StopReason.EVALUATIONS:
         raise InvalidBudgetError(
             f"evaluations must be at least {search.evaluations + search.size}"

@@ -8,6 +8,7 @@ from swarmstart.heuristics import (
     LSHADE,
     Box,
     Budget,
+    InvalidBudgetError,
     InvalidPointsError,
     SearchInterrupted,
     StopReason,
@@ -114,6 +115,11 @@ def test_points_outside_of_the_box_are_refused() -> None:
 
     with pytest.raises(InvalidPointsError, match="suggested must lie in the box"):
         found(Leaving())
+
+
+def test_budget_below_one_generation_is_refused() -> None:
+    with pytest.raises(InvalidBudgetError, match="evaluations must be at least 30"):
+        found(Rounding(), budget=29)
 
 
 def test_seconds_end_it_too() -> None:
