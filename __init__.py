@@ -105,8 +105,10 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Known as Known,
         LocalAgent as LocalAgent,
         LocalTeam as LocalTeam,
+        Memetic as Memetic,
         Mode as Mode,
         Model as Model,
+        Multistart as Multistart,
         NlpOptions as NlpOptions,
         OpenLoop as OpenLoop,
         OptimalControlProblem as OptimalControlProblem,
@@ -217,8 +219,9 @@ _NAMES = {
     "swarmstart.ocp": """
         Agent AlgebraicEquations BackendWarning Bounds Connection Decision DivergedError
         DualMode Fitness
-        Free InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Mode Model
-        NlpOptions OpenLoop OptimalControlProblem PathConstraint PhasedHorizon Phases
+        Free InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Memetic
+        Mode Model Multistart NlpOptions OpenLoop OptimalControlProblem PathConstraint
+        PhasedHorizon Phases
         Plan Planner PlanningInterrupted Plant PolishStatus Radau RecedingHorizon
         SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError

@@ -27,7 +27,7 @@ from swarmstart.benchmarks.problems import (
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.cases.campaign.statistics import LEVEL, holm, signed_rank_p
 from swarmstart.cases.format.registry import SEARCHES
-from swarmstart.heuristics import Algorithm, Budget
+from swarmstart.heuristics import ALGORITHMS, Algorithm, Budget
 from swarmstart.ocp import IpoptOptions, Planner, SearchSettings
 
 BUDGETS = (100, 200, 400, 1000, 4000, 20000)
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def searches() -> list[str]:
     """Return the names of all searches, and of other settings of one."""
-    return [*(name for name, entry in SEARCHES.items() if entry.settings), *VARIANTS]
+    return [*(name for name in SEARCHES if name in ALGORITHMS), *VARIANTS]
 
 
 def algorithm(name: str) -> Algorithm:

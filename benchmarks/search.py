@@ -39,6 +39,7 @@ from swarmstart.benchmarks.tables import (
     row,
 )
 from swarmstart.benchmarks.timing import Timing
+from swarmstart.ocp.lane_settings import population_of
 from swarmstart.ocp.polish_options import PolishStatus
 
 FASTER = "How many times faster ours is; skipped: pygmo is not installed here."
@@ -49,7 +50,10 @@ def measure(effort: Effort) -> tuple[list[str], list[Bar]]:
     """Run everything; return the tables and the bars. Called in a worker process."""
     settings = scenario_search()
     swarm, evaluations = one_uav(), settings.budget.evaluations or 0
-    size = settings.algorithm.first_size(box_of(swarm), evaluations)
+    algorithm = population_of(settings.algorithm)
+    if algorithm is None:
+        raise TypeError("expected a population search")
+    size = algorithm.first_size(box_of(swarm), evaluations)
     swarm_task = task_of(swarm, size, evaluations // size)
     cases = [
         evolution_case("A1.", task_of(one_uav(), 20, 200)),
@@ -58,7 +62,7 @@ def measure(effort: Effort) -> tuple[list[str], list[Bar]]:
         evolution_case("A3.", task_of(reactor(intervals=10), 100, 100))._replace(
             bars={PYGMO: 5}
         ),
-        swarm_case("B.", swarm_task, settings.algorithm),
+        swarm_case("B.", swarm_task, algorithm),
     ]
     lines, bars, parts = list[str](), list[Bar](), dict[str, Parts]()
     for case in cases:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -158,17 +159,13 @@ def run(
     """
     budget = budget_of(budget)
     _require_callable(objective, on_generation)
-    _require_one_generation(search, budget)
-    advance = _Run(search, objective, budget, on_generation)
+    require_one_generation(search, budget)
+    advance = Running(search, objective, budget, on_generation)
     with stopwatch() as watch:
         stopped = None
         try:
             while stopped is None:
-                stopped = (
-                    advance(watch.seconds)
-                    or FINISHED[search.finished(budget.limits())]
-                    or _used_up(search, budget, watch.seconds)
-                )
+                stopped = advance(watch.seconds) or advance.ended(watch.seconds)
                 if on_advance is not None:
                     on_advance(search.evaluations)
         except KeyboardInterrupt as interrupt:
@@ -180,8 +177,12 @@ def run(
         return advance.result(stopped, watch)
 
 
-class _Run:
-    """A search under way: advances it, and keeps what it found on the way."""
+class Running:
+    """A search under way: advances it, and keeps what it found on the way.
+
+    Attributes:
+        spent: Evaluations' worth of other work so far, which the budget pays, too.
+    """
 
     def __init__(
         self,
@@ -189,33 +190,63 @@ class _Run:
         objective: Objective,
         budget: Budget,
         on_generation: Callback | None,
+        *,
+        chunk: int | None = None,
     ) -> None:
-        """Begin with a few generations to a chunk, where there are chunks."""
+        """Begin with a few generations to a chunk, where there are chunks.
+
+        Args:
+            search: The search.
+            objective: As in `minimize`.
+            budget: When to stop.
+            on_generation: As in `minimize`.
+            chunk: Generations to a chunk, whatever they take; None means as many as
+                take a moment.
+        """
         self._search = search
         self._objective = objective
-        self._budget = budget
+        self._budget, self._chunk_size = budget, chunk
+        self.spent = 0
         self._on_generation = on_generation
         self._compiled = on_generation is None and can_loop(objective)
         search.prepare(compiled=self._compiled)
-        self._generations = CHUNK
+        self._generations = chunk or CHUNK
         self._costs: list[Array] = []
         self._violations: list[Array] = []
         self._evaluations: list[Count] = []
 
-    def __call__(self, seconds: float) -> StopReason | None:
+    @property
+    def budget(self) -> Budget:
+        """The budget, less what was spent besides."""
+        given = self._budget.evaluations
+        if given is None or not self.spent:
+            return self._budget
+        return replace(self._budget, evaluations=max(given - self.spent, 1))
+
+    def __call__(
+        self, seconds: float, suggested: Array | None = None
+    ) -> StopReason | None:
         """Advance by one generation, or by a chunk in compiled code.
 
         Args:
             seconds: Wall time so far.
+            suggested: As in `Search.ask`.
 
         Returns:
             Why to stop, if on_generation said so.
         """
-        progress = _progress(self._search, self._budget, seconds)
-        left = (self._budget.seconds or np.inf) - seconds
-        if self._compiled and self._chunk(progress, left):
+        budget = self.budget
+        progress = _progress(self._search, budget, seconds)
+        left = (budget.seconds or np.inf) - seconds
+        if suggested is None and self._compiled and self._chunk(progress, left):
             return None
-        return self._generation(progress)
+        return self._generation(progress, suggested)
+
+    def ended(self, seconds: float) -> StopReason | None:
+        """Return why the search ends after so much wall time; None: it goes on."""
+        budget = self.budget
+        reached = FINISHED[self._search.finished(budget.limits())]
+        return reached or _used_up(self._search, budget, seconds)
 
     def result(self, stopped: StopReason, watch: Stopwatch) -> SearchResult:
         """Return what was found.
@@ -229,7 +260,7 @@ class _Run:
             x=locked(best.x),
             cost=best.cost,
             violation=best.violation,
-            evaluations=search.evaluations,
+            evaluations=search.evaluations + self.spent,
             generations=search.generations,
             stopped=stopped,
             history_cost=locked(np.concatenate([none, *self._costs])),
@@ -256,7 +287,7 @@ class _Run:
             work = self._search.loop(
                 cast(CompiledObjective, self._objective),
                 generations=self._generations,
-                limits=self._budget.limits(),
+                limits=self.budget.limits(),
                 progress=progress,
             )
             if work is None:
@@ -264,15 +295,18 @@ class _Run:
             done = int(work.done[0])
             self._costs.append(work.best_cost[:done])
             self._violations.append(work.best_violation[:done])
-            self._evaluations.append(work.evaluations[:done])
-        spent = time.perf_counter() - begin
-        self._generations = next_chunk(max(done, 1), spent, left=left - spent)
+            self._evaluations.append(work.evaluations[:done] + self.spent)
+        if self._chunk_size is None:
+            took = time.perf_counter() - begin
+            self._generations = next_chunk(max(done, 1), took, left=left - took)
         return True
 
-    def _generation(self, progress: float) -> StopReason | None:
+    def _generation(
+        self, progress: float, suggested: Array | None
+    ) -> StopReason | None:
         """Advance by one generation from Python."""
         search = self._search
-        population = search.ask(progress=progress)
+        population = search.ask(progress=progress, suggested=suggested)
         with heeded():
             returned = self._objective(population)
         cost, violation = values_of(returned, population.shape[1])
@@ -281,7 +315,7 @@ class _Run:
             best = search.best
             self._costs.append(np.array([best.cost]))
             self._violations.append(np.array([best.violation]))
-            self._evaluations.append(np.array([search.evaluations]))
+            self._evaluations.append(np.array([search.evaluations + self.spent]))
         if self._on_generation is not None:
             try:
                 event = _event(search, progress, population, cost, violation)
@@ -347,6 +381,8 @@ def _progress(search: Search, budget: Budget, seconds: float) -> float:
     bits.
     """
     if budget.evaluations is not None:
+        if search.evaluations + search.size > budget.evaluations:
+            return 1.0  # Other work has spent what was left for this generation.
         return progress_of(search.evaluations, search.size, budget.evaluations)
     return min(seconds / (budget.seconds or np.inf), 1.0)
 
@@ -361,7 +397,12 @@ def _used_up(search: Search, budget: Budget, seconds: float) -> StopReason | Non
     return None
 
 
-def _require_one_generation(search: Search, budget: Budget) -> None:
+def require_one_generation(search: Search, budget: Budget) -> None:
+    """Refuse a budget in which not one more generation of a search fits.
+
+    Raises:
+        InvalidBudgetError: If so.
+    """
     if _used_up(search, budget, seconds=0.0) is StopReason.EVALUATIONS:
         raise InvalidBudgetError(
             f"evaluations must be at least {search.evaluations + search.size}"

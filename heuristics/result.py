@@ -17,6 +17,7 @@ class StopReason(enum.Enum):
     SECONDS = "the budget of wall time is used up"
     TARGET = "a feasible point has reached the target"
     STAGNATION = "no better point was found for too long"
+    FOUND = "little is left to be found"
     CALLBACK = "on_generation stopped the search"
     INTERRUPTED = "Ctrl-C stopped the search"
 

@@ -26,7 +26,7 @@ from swarmstart.heuristics.algorithm import (
     require,
 )
 from swarmstart.heuristics.archive import Archive, collect, new_archive
-from swarmstart.heuristics.box import Box
+from swarmstart.heuristics.box import Box, InvalidPointsError
 from swarmstart.heuristics.compiled_loop import (
     Call,
     CompiledObjective,
@@ -232,13 +232,18 @@ class Search:
             return GOES_ON
         return finished(self._order, self._state, limits)
 
-    def ask(self, *, progress: float | None = None) -> Array:
+    def ask(
+        self, *, progress: float | None = None, suggested: Array | None = None
+    ) -> Array:
         """The next generation to evaluate.
 
         Args:
             progress: Fraction of the budget used, in [0, 1]; falling inertia and
                 shrinking populations depend on it. None leaves it as it was; it starts
                 at 0.
+            suggested: Points in the box, shape (dim, k), that take the places of the
+                last ones: what something else than this search has found. Of more than
+                there are places the first count. None means none.
 
         Returns:
             The points as columns, shape (dim, size): a new array, read-only. Of the
@@ -246,10 +251,16 @@ class Search:
 
         Raises:
             AskTellError: If the generation asked before was not told yet.
-            InvalidSettingsError: If progress is not in [0, 1].
+            InvalidPointsError: If what is suggested has another shape, or is not in the
+                box.
+            InvalidSettingsError: If progress is not in [0, 1], or something is
+                suggested to an algorithm that samples a distribution, or before the
+                initial population.
         """
         if self._asked is not None:
             raise AskTellError("ask() before tell(): a generation is not evaluated yet")
+        if suggested is not None:
+            self._require_suggestible(suggested)
         if progress is not None:
             if not 0.0 <= progress <= 1.0:
                 raise InvalidSettingsError("progress", progress, "in [0, 1]")
@@ -259,9 +270,31 @@ class Search:
         self._asked = np.empty((self.box.dim, int(self._state.size[0])))
         with put_off():
             propose(self.rng, self._settings, self._state, self._asked)
+        if suggested is not None:
+            taken = suggested[:, : self._asked.shape[1]]
+            self._asked[:, self._asked.shape[1] - taken.shape[1] :] = taken
         points = self._asked[:, self._known_count :].copy()
         points.setflags(write=False)
         return points
+
+    def _require_suggestible(self, suggested: Array) -> None:
+        """Refuse points that the next generation cannot have."""
+        first = not self.generations
+        samples = "sampled" in _fields(self._state)
+        allowed = "None for an algorithm that samples, and in the initial population"
+        require("suggested", suggested, ok=not (first or samples), allowed=allowed)
+        shape = np.shape(suggested)
+        if len(shape) != 2 or shape[0] != self.box.dim:  # noqa: PLR2004
+            raise InvalidPointsError(
+                f"suggested must have shape ({self.box.dim}, k), got {shape}",
+                shape=shape,
+            )
+        outside = np.flatnonzero(~self.box.contains(suggested))
+        if outside.size:
+            raise InvalidPointsError(
+                f"suggested must lie in the box, columns {outside.tolist()} do not",
+                shape=shape,
+            )
 
     def tell(self, cost: ArrayLike, violation: ArrayLike) -> None:
         """Give the costs and violations of the generation asked last.

@@ -28,6 +28,12 @@ from swarmstart.ocp.fitness import Fitness, Known
 from swarmstart.ocp.free import Free
 from swarmstart.ocp.guess import shifted_controls, zero_controls
 from swarmstart.ocp.integrators import INTEGRATORS, Integrator, held_step
+from swarmstart.ocp.lane_settings import (
+    Memetic,
+    Multistart,
+    SearchAlgorithm,
+    population_of,
+)
 from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.multipliers import Multipliers
@@ -80,9 +86,11 @@ __all__ = [
     "Known",
     "LocalAgent",
     "LocalTeam",
+    "Memetic",
     "Mode",
     "Model",
     "Multipliers",
+    "Multistart",
     "NlpOptions",
     "OpenLoop",
     "OptimalControlProblem",
@@ -100,6 +108,7 @@ __all__ = [
     "Radau",
     "RecedingHorizon",
     "Rows",
+    "SearchAlgorithm",
     "SearchReport",
     "SearchSettings",
     "Separation",
@@ -135,6 +144,7 @@ __all__ = [
     "multistart",
     "phased_horizon",
     "phases",
+    "population_of",
     "right_hand_side",
     "shifted_controls",
     "simulate",

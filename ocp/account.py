@@ -53,7 +53,8 @@ class Lanes:
         method: "sweeps" or "slopes".
         optima: Distinct local optima, the cheapest first, with their counts.
         unseen: Share of such starts that would end in an optimum not seen yet; of these
-            starts and this way of solving only, never of all optima.
+            starts and this way of solving only, never of all optima. None: the starts
+            were chosen one after the other, and say nothing of others.
         iterations: Steps of all lanes together.
         seconds: Wall time [s].
     """
@@ -61,9 +62,33 @@ class Lanes:
     starts: int
     method: str
     optima: tuple[Optimum, ...]
-    unseen: Unseen
+    unseen: Unseen | None
     iterations: int
     seconds: float = field(compare=False)
+
+    def told(self, sense: float = 1.0) -> dict[str, Any]:
+        """Return all of it as JSON has it.
+
+        Args:
+            sense: -1 where costs are gains.
+        """
+        optima = [{"cost": sense * one.cost, "count": one.count} for one in self.optima]
+        return asdict(self) | {"optima": optima}
+
+    def line(self, sense: float = 1.0) -> str:
+        """Return it in a line.
+
+        Args:
+            sense: -1 where costs are gains.
+        """
+        shown = [f"{sense * one.cost:.7g} ({one.count})" for one in self.optima[:SHOWN]]
+        more = len(self.optima) - SHOWN
+        listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
+        said = f"{self.starts} starts: {listed or 'no optimum'}"
+        if self.unseen is None:
+            return said
+        most = f"{self.unseen.most:.0%}"
+        return f"{said}; at most {most} of such starts end in others (95% interval)"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -138,17 +163,10 @@ class StartsAccount:
         Args:
             sense: -1 where costs are gains.
         """
-        lanes: dict[str, Any] | None = None
-        if self.lanes is not None:
-            optima = [
-                {"cost": sense * one.cost, "count": one.count}
-                for one in self.lanes.optima
-            ]
-            lanes = asdict(self.lanes) | {"optima": optima}
         return {
             "won": self.won,
             "tried": [_told(one, sense) for one in self.tried],
-            "lanes": lanes,
+            "lanes": None if self.lanes is None else self.lanes.told(sense),
             "without_lanes": self.without_lanes,
             "search": None if self.search is None else asdict(self.search),
         }
@@ -165,10 +183,13 @@ class StartsAccount:
             if best is not None:
                 cost = f"{sense * best.cost:.7g}" if best.feasible else "infeasible"
                 gave.append(f"{origin} {cost}")
+        lanes = f"none: {self.without_lanes}"
+        if self.lanes is not None:
+            lanes = self.lanes.line(sense)
         return [
             f"  won         {self.won}{self._not_needed()}; {self._seconds()}",
             f"  polished    {'; '.join(gave) or 'nothing'}",
-            f"  lanes       {self._lanes_line(sense)}",
+            f"  lanes       {lanes}",
         ]
 
     def _not_needed(self) -> str:
@@ -192,18 +213,6 @@ class StartsAccount:
         }
         return ", ".join(
             f"{name} {part.seconds:.2g} s" for name, part in parts.items() if part
-        )
-
-    def _lanes_line(self, sense: float) -> str:
-        if self.lanes is None:
-            return f"none: {self.without_lanes}"
-        optima, unseen = self.lanes.optima, self.lanes.unseen
-        shown = [f"{sense * one.cost:.7g} ({one.count})" for one in optima[:SHOWN]]
-        more = len(optima) - SHOWN
-        listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
-        return (
-            f"{self.lanes.starts} starts: {listed or 'no optimum'}; "
-            f"at most {unseen.most:.0%} of such starts end in others (95% interval)"
         )
 
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from swarmstart.heuristics import Budget
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
+from swarmstart.ocp.lane_settings import Memetic, Multistart
 from swarmstart.ocp.nlp_given import read_nlp
 from swarmstart.ocp.nlp_sources import Indices, NlpSource, OptiSource, arguments_of
 from swarmstart.ocp.search_settings import SearchGiven, SearchSettings, search_settings
@@ -150,6 +151,11 @@ def _settings(search: SearchGiven, budget: Budget | int | None) -> SearchSetting
     found = search_settings(search, budget)
     if found is None:
         raise InvalidProblemError("warm_start needs a search, got none")
+    if isinstance(found.algorithm, Multistart | Memetic):
+        raise InvalidProblemError(
+            "warm_start takes a population search, since an NLP has no lanes; got "
+            f"{shortened(found.algorithm)}"
+        )
     if isinstance(search, SearchSettings):
         return found
     return replace(found, basins=BASINS, radius=RADIUS)

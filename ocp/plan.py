@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.account import StartsAccount
+from swarmstart.ocp.account import Lanes, StartsAccount
 from swarmstart.ocp.duals import Duals
 from swarmstart.ocp.optimality import NlpPoint
 from swarmstart.ocp.polish_options import PolishStatus
@@ -36,12 +36,41 @@ class SearchReport:
         history: Cost of its best point after each generation, shape (generations,);
             empty without a search.
         evaluations: Evaluations spent until then, same shape.
+        lanes: What local solves in lanes found, of a search that uses them; None: it
+            does not.
+        without_lanes: Why it did not, though it is such a search; empty: it did, or is
+            another.
     """
 
     cost: float = np.nan
     violation: float = np.nan
     history: Array = field(default_factory=lambda: np.empty(0))
     evaluations: Array = field(default_factory=lambda: np.empty(0))
+    lanes: Lanes | None = None
+    without_lanes: str = ""
+
+    def lines(self, sense: float = 1.0) -> list[str]:
+        """Return what local solves in lanes did in the search; empty without any.
+
+        Args:
+            sense: -1 where costs are gains.
+        """
+        if self.lanes is not None:
+            return [f"  searched    {self.lanes.line(sense)}"]
+        if self.without_lanes:
+            return [f"  searched    without lanes: {self.without_lanes}"]
+        return []
+
+    def told(self, sense: float = 1.0) -> dict[str, Any] | None:
+        """Return the same as JSON has it; None where the search uses no lanes.
+
+        Args:
+            sense: -1 where costs are gains.
+        """
+        if self.lanes is None and not self.without_lanes:
+            return None
+        lanes = None if self.lanes is None else self.lanes.told(sense)
+        return {"lanes": lanes, "without_lanes": self.without_lanes}
 
 
 NO_SEARCH = SearchReport()

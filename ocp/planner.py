@@ -16,7 +16,6 @@ from swarmstart.compile_time import stopwatch
 from swarmstart.heuristics import (
     SearchInterrupted,
     default_order,
-    minimize,
 )
 from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.heuristics.interrupts import heeded
@@ -33,6 +32,9 @@ from swarmstart.ocp.fitness import (
 )
 from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.integer_polish import IntegerPolisher
+from swarmstart.ocp.lane_search import LaneSearch, searched
+from swarmstart.ocp.lane_settings import Memetic, Multistart, population_of
+from swarmstart.ocp.lane_starts import Task
 from swarmstart.ocp.many_starts import (
     Answered,
     ManyStarts,
@@ -61,7 +63,6 @@ from swarmstart.ocp.search_space import (
     SearchSpace,
     Start,
     TrajectoryFamily,
-    first_population,
     points,
     space_of,
 )
@@ -76,7 +77,7 @@ _BASINS = 3
 """Basins that are polished where more than the controls is decided."""
 
 
-class _Task(NamedTuple):
+class _Request(NamedTuple):
     """What is planned; as in `Planner.plan`.
 
     Attributes:
@@ -164,7 +165,10 @@ class Planner:
         if search is not None:
             self._space = space_of(self.fitness, family)
             # Refused here, not at the first plan.
-            first_size_of(search.algorithm, self._space.box, search.budget.evaluations)
+            evaluations = search.budget.evaluations
+            population = population_of(search.algorithm, evaluations)
+            if population is not None:
+                first_size_of(population, self._space.box, evaluations)
         self._rounding: IntegerPolisher | None = None
         self.polisher: Polisher | None = None
         if polish and self.problem.integer:
@@ -175,6 +179,12 @@ class Planner:
         if lanes and self.polisher is None:
             raise InvalidProblemError("lanes need a polish, which ends what they begin")
         self._lanes = lanes
+        self._lane_search: LaneSearch | None = None
+        uses_lanes = search and isinstance(search.algorithm, Multistart | Memetic)
+        if search and self._space and uses_lanes:
+            self._lane_search = LaneSearch(
+                self.fitness, self._space, search, self.polisher
+            )
 
     @cached_property
     def tracer(self) -> Tracer:
@@ -328,20 +338,20 @@ class Planner:
         if candidates is not None:
             columns = np.moveaxis(candidates, -1, 0)
             first = [bounded_controls(self.problem, one) for one in columns]
-        task = _Task(x0, known, given, first, near, rng, progress)
+        request = _Request(x0, known, given, first, near, rng, progress)
         if not near and self.many_starts is not None:
-            return self._from_many(task, self.many_starts)
-        return self._from_one(task)
+            return self._from_many(request, self.many_starts)
+        return self._from_one(request)
 
-    def _from_one(self, task: "_Task") -> Plan:
+    def _from_one(self, request: "_Request") -> Plan:
         """Return the best plan from what a search found, or from the guess."""
-        x0, known, guess, near = task.x0, task.known, task.guess, task.near
-        plan, starts = self._searched(task)
+        x0, known, guess, near = request.x0, request.known, request.guess, request.near
+        plan, starts = self._searched(request)
         if self.polisher is None:
             return plan
         if guess is not None:
             starts = self._with_guess(starts, guess)
-        task.progress(0, 0, "polishing")
+        request.progress(0, 0, "polishing")
         relaxed_cost, account = np.nan, None
         try:
             with heeded():
@@ -379,7 +389,7 @@ class Planner:
         reason = "controls take whole numbers"
         return StartsAccount(won=origin, tried=(), lanes=None, without_lanes=reason)
 
-    def _from_many(self, task: "_Task", many_starts: ManyStarts) -> Plan:
+    def _from_many(self, request: "_Request", many_starts: ManyStarts) -> Plan:
         """Return the best plan from many starts."""
         searched: list[tuple[Plan, float]] = []
 
@@ -387,21 +397,21 @@ class Planner:
             if self.search is None:
                 return []
             with stopwatch() as watch:
-                plan, starts = self._searched(task)
+                plan, starts = self._searched(request)
                 searched.append((plan, watch.seconds))
-            task.progress(0, 0, "polishing")
+            request.progress(0, 0, "polishing")
             return starts
 
-        task.progress(0, 0, "polishing")
+        request.progress(0, 0, "polishing")
         try:
             with heeded():
                 answered = many_starts(
-                    task.guess, search, task.x0, task.known, task.rng
+                    request.guess, search, request.x0, request.known, request.rng
                 )
         except ManyStartsInterrupted as stopped:
-            best = self._of_many(stopped.partial, searched, task.known)
+            best = self._of_many(stopped.partial, searched, request.known)
             raise PlanningInterrupted(best) from None
-        return self._of_many(answered, searched, task.known)
+        return self._of_many(answered, searched, request.known)
 
     def _of_many(
         self, answered: Answered, searched: Sequence[tuple[Plan, float]], known: Known
@@ -525,13 +535,13 @@ class Planner:
             **account,
         )
 
-    def _searched(self, task: "_Task") -> tuple[Plan, list[Start]]:
+    def _searched(self, request: "_Request") -> tuple[Plan, list[Start]]:
         """Return the search's answer, and where to polish from, the best first.
 
         Without a search that is the guess, or zero controls.
         """
-        x0, known, rng = task.x0, task.known, task.rng
-        guess = None if task.guess is None else task.guess.controls
+        x0, known, rng = request.x0, request.known, request.rng
+        guess = None if request.guess is None else request.guess.controls
         search, space = self.search, self._space
         if search is None or space is None:
             controls = zero_controls(self.problem) if guess is None else guess
@@ -543,19 +553,21 @@ class Planner:
         if self.polisher and self.problem.free_starts:
             basins = basins or _BASINS
             order = search.order or traded_order(objective, space.box, rng)
+        if self._lane_search is not None and self.polisher:
+            basins = basins or _BASINS
+        task = Task(
+            x0=x0,
+            known=known,
+            objective=objective,
+            order=order,
+            guess=guess,
+            first=request.first,
+            basins=basins,
+            rng=rng,
+            tell=of_budget(request.progress, search.budget, "searching"),
+        )
         try:
-            result = minimize(
-                objective,
-                space.box,
-                algorithm=search.algorithm,
-                budget=search.budget,
-                order=order,
-                initial=first_population(search, space, guess, task.first, x0),
-                basins=basins,
-                radius=search.radius,
-                rng=rng,
-                on_advance=of_budget(task.progress, search.budget, "searching"),
-            )
+            found = searched(search, space, task, self._lane_search)
         except SearchInterrupted as stopped:
             start = space.decoded(stopped.partial.x, x0, known)
             plan = self.evaluated(
@@ -566,6 +578,7 @@ class Planner:
                 evaluations=stopped.partial.evaluations,
             )
             raise PlanningInterrupted(plan) from None
+        result = found.result
         starts = [space.decoded(x, x0, known) for x in points(result)]
         plan = self.evaluated(
             starts[0].controls,
@@ -577,6 +590,8 @@ class Planner:
                 result.violation,
                 result.history_cost,
                 result.history_evaluations,
+                found.lanes,
+                found.without,
             ),
             evaluations=result.evaluations,
         )

@@ -18,6 +18,15 @@ from swarmstart.heuristics import (
 )
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
+from swarmstart.ocp.lane_settings import (
+    EVALUATIONS as OF_MULTISTART,
+)
+from swarmstart.ocp.lane_settings import (
+    NAMED,
+    Memetic,
+    Multistart,
+    SearchAlgorithm,
+)
 from swarmstart.ocp.limits import require_choice
 
 Array = NDArray[np.float64]
@@ -32,7 +41,8 @@ class SearchSettings:
     """A population search on one planning problem.
 
     Attributes:
-        algorithm: Settings of an algorithm of `swarmstart.heuristics`.
+        algorithm: Settings of an algorithm of `swarmstart.heuristics`, `Multistart` or
+            `Memetic`.
         budget: What one planning problem may cost.
         order: How two individuals are ordered; None: `heuristics.default_order`, with
             the problem's tolerance, or `traded_order` before a polish where more than
@@ -50,7 +60,7 @@ class SearchSettings:
             plan is searched.
     """
 
-    algorithm: Algorithm
+    algorithm: SearchAlgorithm
     budget: Budget
     order: Order | None = None
     warm_start: WarmStart = "one"
@@ -67,6 +77,11 @@ class SearchSettings:
                 f"warm_start must be one of {', '.join(get_args(WarmStart))}, "
                 f"got {self.warm_start!r}"
             )
+        if isinstance(self.algorithm, Multistart) and self.sampling is not None:
+            raise InvalidProblemError(
+                "sampling must be None with a Multistart, which draws its own starts, "
+                f"got {self.sampling!r}"
+            )
         if self.basins < 0 or not self.radius > 0:
             raise InvalidProblemError(
                 "basins must be at least 0 and radius above 0, "
@@ -74,7 +89,15 @@ class SearchSettings:
             )
 
 
-SearchGiven = SearchSettings | Algorithm | type[Algorithm] | str | None
+SearchGiven = (
+    SearchSettings
+    | SearchAlgorithm
+    | type[Algorithm]
+    | type[Multistart]
+    | type[Memetic]
+    | str
+    | None
+)
 """Settings; an algorithm, its class or its name, which have no budget; None: none."""
 
 
@@ -89,7 +112,7 @@ def search_settings(
         search: Settings, which have a budget and an order; or an algorithm, its class,
             its name, or "default"; None or "none" means no search.
         budget: Of an algorithm; an integer is a number of evaluations; None means
-            20,000 of them.
+            20,000 of them, and 500,000 of a multistart.
         order: Of an algorithm; None means `heuristics.default_order`, with the
             problem's tolerance.
 
@@ -107,8 +130,10 @@ def search_settings(
                 f"given, got {shortened(budget if order is None else order)} beside it"
             )
         return search
+    of_lanes = _of_lanes(search)
     if budget is None:
-        budget = EVALUATIONS
+        several = isinstance(of_lanes, Multistart)
+        budget = OF_MULTISTART if several else EVALUATIONS
     if isinstance(budget, int | np.integer) and not isinstance(budget, bool):
         budget = Budget(evaluations=int(budget))
     if not isinstance(budget, Budget):
@@ -121,8 +146,16 @@ def search_settings(
             "order must be an order such as feasibility_first(), "
             f"got {shortened(order)}"
         )
-    algorithm = algorithm_of(search, budget.evaluations)
+    algorithm = of_lanes or algorithm_of(search, budget.evaluations)  # type: ignore[arg-type]
     return SearchSettings(algorithm=algorithm, budget=budget, order=order)
+
+
+def _of_lanes(search: object) -> Multistart | Memetic | None:
+    """Return a search that uses local solves in lanes; None: it is another."""
+    if isinstance(search, Multistart | Memetic):
+        return search
+    kind = NAMED.get(search) if isinstance(search, str) else search
+    return kind() if kind in NAMED.values() else None  # type: ignore[operator]
 
 
 SAMPLE = 256

@@ -53,6 +53,7 @@ from swarmstart.ocp.fitness import (
     unflatten,
 )
 from swarmstart.ocp.free import FreeStart
+from swarmstart.ocp.lane_settings import population_of
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_settings import SearchSettings
 from swarmstart.ocp.shooting import Shooting
@@ -383,7 +384,11 @@ def first_population(
     x0: ArrayLike,
 ) -> Initial:
     """Return how the first population is made: candidates, guesses, the rest drawn."""
-    size = first_size_of(search.algorithm, space.box, search.budget.evaluations)
+    evaluations = search.budget.evaluations
+    population = population_of(search.algorithm, evaluations)
+    if population is None:
+        raise TypeError("expected a search that has a population")
+    size = first_size_of(population, space.box, evaluations)
     given = [space.encoded(controls, x0) for controls in first]
     if guess is not None and search.warm_start != "none":
         copies = {"all": size - len(given), "half": size // 2, "one": 1}

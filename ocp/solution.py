@@ -178,6 +178,7 @@ class Solution(Presented):
             lines.insert(7, f"  decided     {', '.join(values)}")
         if self.member_costs.size:
             lines.insert(4, f"  members     {_spread(self.member_costs)}")
+        lines += plan.search.lines(self.problem.sense)
         if plan.starts is not None:
             lines += plan.starts.lines(self.problem.sense)
         return "\n".join(lines)

@@ -21,6 +21,7 @@ from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.interpreter import Interpreted, interpreted
 from swarmstart.ocp.elimination import Elimination
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.lane_settings import population_of
 from swarmstart.ocp.nlp_given import GivenNlp
 from swarmstart.ocp.nlp_sources import Indices, Numbers
 from swarmstart.ocp.search_settings import SearchSettings, traded_order
@@ -173,7 +174,7 @@ def starts(
     result = minimize(
         values,
         ranges.box,
-        algorithm=search.algorithm,
+        algorithm=population_of(search.algorithm),
         budget=search.budget,
         order=search.order or traded_order(values, ranges.box, rng),
         initial=Initial(sampling=search.sampling, points=ranges.start[:, None]),

@@ -29,9 +29,10 @@ from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics import ALGORITHMS, Budget
+from swarmstart.heuristics import Budget
 from swarmstart.ocp import Known, OptimalControlProblem, SearchSettings
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.search_settings import search_settings
 
 Scenario = str | Path
 Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]
@@ -203,10 +204,8 @@ def _way(
         posed = PlanningProblem(
             problem=ocp, x0=state, known=known[0] if known else Known()
         )
-        algorithm = ALGORITHMS[solver.search]() if searched else None
-        if algorithm is None:
-            return posed, None, None
-        return posed, SearchSettings(algorithm=algorithm, budget=Budget(**share)), None
+        named = search_settings(solver.search, Budget(**share)) if searched else None
+        return posed, named, None
     resolved = _resolved(
         problem,
         {**settings, "budget": share} if searched else settings,

@@ -53,6 +53,7 @@ from swarmstart.heuristics.interrupts import heeded, put_off
 from swarmstart.ocp import (
     DivergedError,
     DualMode,
+    SearchReport,
     Step,
     Trajectory,
     chosen_backend,
@@ -145,6 +146,7 @@ class Run:
             "measures": dict(self.measures),
             "multipliers": told(self.multipliers),
             "starts": self._starts(),
+            "search_lanes": self._search_lanes(),
             "claims": self.claims,
             "evaluations": self.measures.get("evaluations"),
             "wall_s": self.wall_s,
@@ -163,9 +165,18 @@ class Run:
         decisions = self.trajectory.decisions
         return decisions[0].plans[0].starts if decisions else None
 
+    @property
+    def search_report(self) -> SearchReport:
+        """What the search of the first plan found."""
+        decisions = self.trajectory.decisions
+        return decisions[0].plans[0].search if decisions else SearchReport()
+
     def _starts(self) -> dict[str, Any] | None:
         agent = self.flight.posed.agents[0]
         return None if self.starts is None else self.starts.told(agent.problem.sense)
+
+    def _search_lanes(self) -> dict[str, Any] | None:
+        return self.search_report.told(self.flight.posed.agents[0].problem.sense)
 
 
 def default_folder(resolved: Resolved, seed: int, root: Path) -> Path:

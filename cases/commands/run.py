@@ -23,7 +23,7 @@ from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.first_use import kernels_ahead
-from swarmstart.ocp import DivergedError
+from swarmstart.ocp import DivergedError, population_of
 
 RESULTS = Path("results")
 Condition = tuple[str, str, float | None]
@@ -40,8 +40,9 @@ def run_command(options: argparse.Namespace) -> int:
 
         def begin(scenario: Scenario) -> None:
             algorithm = scenario.search.algorithm(scenario.budget.evaluations)
-            if algorithm is not None and not options.print_config:
-                ahead.enter_context(kernels_ahead(algorithm))
+            population = None if algorithm is None else population_of(algorithm)
+            if population is not None and not options.print_config:
+                ahead.enter_context(kernels_ahead(population))
 
         return _command(options, begin)
 
@@ -186,9 +187,10 @@ def _report(finished: Run) -> str:
         f"{title} ({summary['scenario']}{variant}; {method})",
         finished.status,
     ]
+    sense = finished.flight.posed.agents[0].problem.sense
+    lines += finished.search_report.lines(sense)
     if finished.starts is not None:
-        agent = finished.flight.posed.agents[0]
-        lines += finished.starts.lines(agent.problem.sense)
+        lines += finished.starts.lines(sense)
     if finished.resumed:
         lines.append(f"went on after step {finished.resumed}, where it had stopped")
     lines.append("")

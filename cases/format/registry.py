@@ -59,6 +59,16 @@ SEARCHES = {
         "swarmstart.heuristics:CMAES",
         "one",
     ),
+    "memetic": SearchEntry(
+        "L-SHADE whose best members are improved by local solves in lanes",
+        "swarmstart.ocp:Memetic",
+        "one",
+    ),
+    "multistart": SearchEntry(
+        "local solves in lanes from random starts, until little is left unseen",
+        "swarmstart.ocp:Multistart",
+        "one",
+    ),
     "random": SearchEntry("random search", "swarmstart.heuristics:RandomSearch", "one"),
     "none": SearchEntry("no search: the polish alone", "", "one"),
 }

@@ -39,7 +39,6 @@ from swarmstart.cases.format.expressions import evaluate
 from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import (
-    Algorithm,
     Box,
     Budget,
     Order,
@@ -49,7 +48,16 @@ from swarmstart.heuristics import (
     feasibility_first,
     static_penalty,
 )
-from swarmstart.ocp import Backend, IpoptOptions, SearchSettings, WarmStart, When
+from swarmstart.ocp import (
+    Backend,
+    IpoptOptions,
+    Multistart,
+    SearchAlgorithm,
+    SearchSettings,
+    WarmStart,
+    When,
+    population_of,
+)
 
 Array = NDArray[np.float64]
 LocatedFlaw = tuple[tuple[str | int, ...], str | SwarmstartError]
@@ -214,7 +222,7 @@ class IpoptPart(Part):
 
 
 class SearchPart(Part):
-    """An algorithm of swarmstart.heuristics with its settings; see `search_part`."""
+    """A search with its settings; see `search_part`."""
 
     name: str
     warm_start: WarmStart
@@ -229,7 +237,7 @@ class SearchPart(Part):
             raise ValueError(str(error)) from error
         return self
 
-    def algorithm(self, evaluations: int | None = None) -> Algorithm | None:
+    def algorithm(self, evaluations: int | None = None) -> SearchAlgorithm | None:
         """Return the algorithm's settings; None where the search is `none`.
 
         Args:
@@ -239,7 +247,7 @@ class SearchPart(Part):
             return None
         if self.name == "default":
             return default_algorithm(evaluations)
-        settings: Algorithm = resolve_name(SEARCHES[self.name].settings)(
+        settings: SearchAlgorithm = resolve_name(SEARCHES[self.name].settings)(
             **self.model_dump(exclude={"name", "warm_start", "sampling", "when"})
         )
         return settings
@@ -355,6 +363,9 @@ class Scenario(Part):
         """Yield what one part of the scenario makes wrong in another."""
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
+        if isinstance(self.search.algorithm(), Multistart) and self.search.sampling:
+            what = f"expected no sampling with multistart, found {self.search.sampling}"
+            yield ("search", "sampling"), what
         if self.lanes and self.polish == "none":
             yield ("lanes",), "expected lanes with polish: ipopt, found none"
         evaluations, size = self.budget.evaluations, self._smallest_generation()
@@ -373,11 +384,15 @@ class Scenario(Part):
     def _smallest_generation(self) -> int:
         """Return the size of the search's first generation, in one dimension."""
         part: SearchPart = self.search
-        algorithm = part.algorithm(self.budget.evaluations)
+        evaluations = self.budget.evaluations
+        algorithm = part.algorithm(evaluations)
         if algorithm is None:
             return 1
+        population = population_of(algorithm, evaluations)
+        if population is None:
+            return 1
         line = Box(lower=np.zeros(1), upper=np.ones(1))
-        return algorithm.first_size(line, self.budget.evaluations)
+        return population.first_size(line, evaluations)
 
     def random_starts(self) -> int:
         """Return the number of random starts that are solved in lanes."""

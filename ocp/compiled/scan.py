@@ -177,7 +177,8 @@ def compile_scan(
         ),
     )
     settings = ("scan", tuple(roles), turns, backward, precision)
-    return SimdBatch(cached(key_of([step], settings, __name__), emit), shape, threads)
+    compiled = cached(key_of([step], settings, __name__), emit)
+    return SimdBatch(compiled, shape, threads, instructions=count)
 
 
 def _require(step: ca.Function, roles: Sequence[Role]) -> None:

@@ -113,19 +113,29 @@ class SimdBatch:
         part_address: Of its function `part`; see frame.py.
         shape: What it reads and writes.
         threads: Over how many threads a population may be spread.
+        instructions: Of the function for one interval, before it is simplified; 0: not
+            counted.
     """
 
     backend = "llvm"
 
-    def __init__(self, compiled: Compiled, shape: Shape, threads: int = 1) -> None:
+    def __init__(
+        self,
+        compiled: Compiled,
+        shape: Shape,
+        threads: int = 1,
+        *,
+        instructions: int = 0,
+    ) -> None:
         """Take a compiled kernel.
 
         Args:
             compiled: The kernel.
             shape: What it reads and writes; an argument differs per individual.
             threads: Over how many threads a population may be spread, at least 1.
+            instructions: Of the function for one interval; 0: not counted.
         """
-        self.address = compiled.address
+        self.address, self.instructions = compiled.address, instructions
         self.part_address = compiled.part_address
         self.shape, self.threads = shape, threads
         self._compiled = compiled

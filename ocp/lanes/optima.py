@@ -69,20 +69,28 @@ class Unseen:
     answers: int
 
 
-def distinct_optima(answers: LaneAnswers, *, apart: float = APART) -> list[Optimum]:
+def distinct_optima(
+    answers: LaneAnswers,
+    *,
+    apart: float = APART,
+    stand_for: NDArray[np.int64] | None = None,
+) -> list[Optimum]:
     """Return the optima among answers that are feasible, the cheapest first.
 
     Args:
         answers: Of lanes.
         apart: Root mean square distance above which two are distinct.
+        stand_for: How many answers each of them stands for, shape (n,): earlier ones
+            of which only the best was kept; None means one each.
     """
+    each = np.ones(answers.cost.size, np.int64) if stand_for is None else stand_for
     number = optimum_of(answers, apart=apart)
     optima = []
     for one in range(int(number.max(initial=-1)) + 1):
         lanes = np.flatnonzero(number == one)
         best = int(lanes[answers.cost[lanes].argmin()])
-        cost = float(answers.cost[best])
-        optima.append(Optimum(lane=best, cost=cost, count=lanes.size))
+        cost, count = float(answers.cost[best]), int(each[lanes].sum())
+        optima.append(Optimum(lane=best, cost=cost, count=count))
     return optima
 
 

@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 LIGHT, HEAVY = (0.1, 1.0), (10.0, 1e4)
 """First weights of the rows of the end, log-uniform, in half of the lanes each: the
 weight decides which optimum a lane finds, more than its guess."""
+FORWARD, SLOPED = 2.0, 2.0
+"""How often an iteration rolls out by sweeps, or by slopes there and back: one step,
+and on average as many again that are tried shorter."""
 PATH = 1.0
 """First weight of the rows on the way; from heavier ones lanes zigzag."""
 
@@ -76,6 +79,7 @@ class LaneSolver:
         self.problem = shooting.problem
         self._arguments = Arguments(shooting)
         self._threads = threads
+        self._rollout_instructions = shooting.stage_without_path.n_instructions()
 
     def __call__(
         self,
@@ -135,6 +139,21 @@ class LaneSolver:
     def method(self) -> str:
         """How lanes are solved: "sweeps" (second order) or "slopes" (gradients)."""
         return "sweeps" if isinstance(self._step, Sweeps) else "slopes"
+
+    @property
+    def rollouts_per_iteration(self) -> float:
+        """What an iteration of a lane costs, in rollouts.
+
+        The ratio of instructions in the functions of one interval: a sweep goes back
+        and forward, a slope forward and back, and shorter steps are tried as well.
+        """
+        step, rollout = self._step, self._rollout_instructions
+        if isinstance(step, Sweeps):
+            back, forward = step.backward.code, step.forward.code
+            once = back.instructions + FORWARD * forward.instructions
+        else:
+            once = SLOPED * (step.adjoint.instructions + step.roll.instructions)
+        return max(once / rollout, 1.0)
 
     def posed(self, x0: ArrayLike, known: Known = NOTHING) -> Posed:
         """Return the problem from one initial state, as `solve_lanes` takes it."""
@@ -203,7 +222,11 @@ def _refused(problem: OptimalControlProblem) -> str:
 
 
 def random_starts(
-    problem: OptimalControlProblem, n: int, rng: np.random.Generator
+    problem: OptimalControlProblem,
+    n: int,
+    rng: np.random.Generator,
+    *,
+    limits: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
     """Return smooth random controls (nu, N, n) and starts (ny, n).
 
@@ -216,11 +239,15 @@ def random_starts(
         problem: A core.
         n: How many.
         rng: Source of all randomness.
+        limits: Lower and upper bounds of the controls that they are drawn in, each
+            (nu,); None means the problem's own.
     """
     N = problem.intervals
     lower, upper = (
         np.where(np.isfinite(side), side, other)
-        for side, other in zip(problem.control_limits, (-1.0, 1.0), strict=True)
+        for side, other in zip(
+            limits or problem.control_limits, (-1.0, 1.0), strict=True
+        )
     )
     controls = np.empty((lower.size, N, n))
     for first, knots in enumerate((6, 12)):

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from swarmstart.heuristics import (
+    CMAES,
     AskTellError,
     Box,
     ChaoticPSO,
@@ -263,3 +264,40 @@ def test_an_abandoned_generation_is_asked_anew() -> None:
         search.tell(np.zeros(first.shape[1]), np.zeros(first.shape[1]))
     np.testing.assert_array_equal(search.ask(), first)  # the initial population
     assert search.evaluations == 0
+
+
+def begun(algorithm: Any) -> Search:
+    search = Search(algorithm, BOX, rng=np.random.default_rng(0))
+    points = search.ask()
+    search.tell((points**2).sum(axis=0) + 1.0, np.zeros(points.shape[1]))
+    return search
+
+
+def test_suggested_points_are_evaluated_and_stay_if_they_are_better() -> None:
+    for algorithm in (DifferentialEvolution(size=6), ChaoticPSO(size=6),
+                      GeneticAlgorithm(size=6), RandomSearch(size=6)):  # fmt: skip
+        search = begun(algorithm)
+        suggested = np.array([[0.0, 0.5], [0.0, 0.5]])
+        points = search.ask(suggested=suggested)
+        np.testing.assert_array_equal(points[:, 4:], suggested)
+        search.tell((points**2).sum(axis=0), np.zeros(6))
+        assert search.best.cost == 0.0
+        np.testing.assert_array_equal(search.best.x, [0.0, 0.0])
+
+
+def test_of_more_suggestions_than_places_the_first_count() -> None:
+    suggested = np.tile(np.linspace(-1, 1, 9), (2, 1))
+    points = begun(RandomSearch(size=4)).ask(suggested=suggested)
+    np.testing.assert_array_equal(points, suggested[:, :4])
+
+
+def test_what_cannot_be_suggested_is_refused() -> None:
+    with pytest.raises(InvalidSettingsError, match="in the initial population"):
+        new_search().ask(suggested=np.zeros((2, 1)))
+    with pytest.raises(InvalidSettingsError, match="for an algorithm that samples"):
+        begun(CMAES(size=6)).ask(suggested=np.zeros((2, 1)))
+    with pytest.raises(InvalidPointsError, match=r"must have shape \(2, k\), got"):
+        begun(RandomSearch(size=4)).ask(suggested=np.zeros((3, 1)))
+    for value in (2.0, np.nan):
+        with pytest.raises(InvalidPointsError, match="must lie in the box"):
+            begun(RandomSearch(size=4)).ask(suggested=np.full((2, 1), value))

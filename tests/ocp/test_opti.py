@@ -383,6 +383,8 @@ def test_what_is_no_nlp_is_refused() -> None:
         warm_start(opti, controls=[u], states=[x], lbg=0)
     with pytest.raises(InvalidProblemError, match="needs a search"):
         warm_start(opti, controls=[u], states=[x], search=None)
+    with pytest.raises(InvalidProblemError, match="an NLP has no lanes; got Memetic"):
+        warm_start(opti, controls=[u], states=[x], search="memetic")
     nlp, numbers, x, u = dictionary()
     with pytest.raises(InvalidProblemError, match="lbg must be a number or 5 numbers"):
         warm_start(nlp, controls=[u], states=[x], lbg=[0, 0], **numbers)

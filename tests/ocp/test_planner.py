@@ -113,7 +113,7 @@ def test_the_guess_is_that_often_in_the_first_population(
         handed.append(initial.points)
         return minimize(*arguments, initial=initial, **options)
 
-    monkeypatch.setattr("swarmstart.ocp.planner.minimize", noted)
+    monkeypatch.setattr("swarmstart.ocp.lane_search.minimize", noted)
     planner = Planner(problem, search=one_generation(warm_start))
     planner.plan(x0, known=known, guess=guess, rng=rng())
     (points,) = handed

@@ -72,7 +72,7 @@ def spent(
     guess: Start | None,
 ) -> tuple[Solution, int]:
     iterations.clear()
-    found = solve(problem, x0, guess=guess, search=None, seed=0)  # type: ignore[arg-type]
+    found = solve(problem, x0, guess=guess, search=None, lanes=0, seed=0)  # type: ignore[arg-type]
     return found, sum(iterations)
 
 
@@ -110,11 +110,11 @@ def test_a_longer_horizon_and_other_checks_take_the_multipliers_too(
 
 
 def test_what_is_decided_travels_and_stays_within_its_bounds() -> None:
-    first = solve(quickest(), X0, search=None, seed=0)
+    first = solve(quickest(), X0, search=None, lanes=0, seed=0)
     assert first.as_guess().decided == pytest.approx(first.decided)
     shorter = replace(quickest(10), horizon=Free(0.5, 1.0, 0.7))
-    found = solve(shorter, [0.1, 0.0], guess=first.as_guess(shorter), search=None,
-                  seed=0)  # fmt: skip
+    guess = first.as_guess(shorter)
+    found = solve(shorter, [0.1, 0.0], guess=guess, search=None, lanes=0, seed=0)
     assert 0.5 <= found.decided["end time"] <= 1.0
 
 

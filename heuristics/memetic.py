@@ -1,0 +1,158 @@
+"""A population search whose best distinct members are improved by local solves.
+
+Between generations, as soon as local solves have cost less than their share of what was
+spent, the best distinct basins that were not improved yet (`archive`) are handed to
+them. What they return takes the place of as many individuals of the next generation, is
+evaluated as these are, and stays if it is better than whom it stands against. The
+population so learns of local optima, and searches between and beyond them.
+
+Local solves are paid from the budget: each counts as so many evaluations as it says.
+
+Source: Moscato (1989), On evolution, search, optimization, genetic algorithms and
+martial arts: towards memetic algorithms, Caltech C3P report 826; Hart (1994), Adaptive
+global optimization with local search, which members to improve and how often.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmstart.compile_time import stopwatch
+from swarmstart.heuristics.budget import Budget, budget_of
+from swarmstart.heuristics.interrupts import heeded
+from swarmstart.heuristics.minimize import (
+    Objective,
+    Running,
+    require_one_generation,
+)
+from swarmstart.heuristics.result import SearchInterrupted, SearchResult, StopReason
+from swarmstart.heuristics.search import Search
+from swarmstart.kernel import Array
+
+GENERATIONS = 10
+"""Between two looks at whether local solves are due; fixed, so that one seed gives one
+answer."""
+
+
+class Improved(NamedTuple):
+    """What local solves made of members.
+
+    Attributes:
+        points: In the box, shape (dim, k); of any number.
+        evaluations: What finding them cost, in evaluations.
+    """
+
+    points: Array
+    evaluations: int
+
+
+Improve = Callable[[Array], Improved]
+"""Members, shape (dim, k) -> better points."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LocalSolves:
+    """Local solves, how many there are at a time, and what they may cost.
+
+    Attributes:
+        improve: Solves.
+        each: What the first ones are expected to cost each, in evaluations.
+        members: Most members at a time.
+        share: Part of all evaluations that they may cost, in (0, 1).
+    """
+
+    improve: Improve
+    each: float
+    members: int
+    share: float
+
+
+def run_memetic(
+    search: Search,
+    objective: Objective,
+    local: LocalSolves,
+    *,
+    budget: Budget | int,
+    on_advance: Callable[[int], None] | None = None,
+) -> SearchResult:
+    """Run a search and local solves until the budget of both is used up.
+
+    Args:
+        search: A new search, which keeps basins: the more, the more members there are
+            to choose from.
+        objective: As in `minimize`.
+        local: The local solves.
+        budget: Of both. A local solve that has begun goes on to its end.
+        on_advance: As in `minimize`.
+
+    Returns:
+        The best point found; its evaluations count the local solves.
+
+    Raises:
+        InvalidBudgetError: If not one generation fits.
+        InvalidPointsError: If an improved point is not in the box.
+        SearchInterrupted: On Ctrl-C, once a generation is finished.
+    """
+    budget = budget_of(budget)
+    require_one_generation(search, budget)
+    running = Running(search, objective, budget, None, chunk=GENERATIONS)
+    members = _Members(search, local)
+    with stopwatch() as watch:
+        stopped = None
+        try:
+            while stopped is None:
+                suggested = members.improved(running, budget)
+                stopped = running(watch.seconds, suggested)
+                stopped = stopped or running.ended(watch.seconds)
+                if on_advance is not None:
+                    on_advance(search.evaluations + running.spent)
+        except KeyboardInterrupt as interrupt:
+            search.abandon()
+            if not search.generations:
+                raise
+            partial = running.result(StopReason.INTERRUPTED, watch)
+            raise SearchInterrupted(partial) from interrupt
+        return running.result(stopped, watch)
+
+
+@dataclass(kw_only=True, slots=True)
+class _Known:
+    """Members that were improved and what became of them, and what that cost."""
+
+    points: list[Array] = field(default_factory=list)
+    solves: int = 0
+
+
+class _Members:
+    """The members of a search that are not improved yet."""
+
+    def __init__(self, search: Search, local: LocalSolves) -> None:
+        self._search, self._local, self._known = search, local, _Known()
+
+    def improved(self, running: Running, budget: Budget) -> Array | None:
+        """Return points to suggest, if local solves are due and there is a member."""
+        local, known, spent = self._local, self._known, running.spent
+        if not self._search.generations:
+            return None
+        if spent > local.share * (self._search.evaluations + spent):
+            return None
+        each = spent / known.solves if known.solves else local.each
+        count = local.members
+        if budget.evaluations is not None:
+            left = local.share * budget.evaluations - spent
+            count = min(count, int(left / max(each, 1.0)))
+        fresh = [x for x in (one.x for one in self._search.basins) if self._is_new(x)]
+        chosen = fresh[: max(count, 0)]
+        if not chosen:
+            return None
+        with heeded():
+            found = local.improve(np.stack(chosen, axis=1))
+        running.spent += found.evaluations
+        known.solves += len(chosen)
+        known.points += [*chosen, *found.points.T]
+        return found.points if found.points.shape[1] else None
+
+    def _is_new(self, x: Array) -> bool:
+        return not any(np.array_equal(x, other) for other in self._known.points)

@@ -1,0 +1,267 @@
+"""Searches that use local solves in lanes, on one planning problem.
+
+multistart  smooth random starts -> lanes -> distinct optima, batch after batch, until
+            the budget is spent or hardly an optimum is unseen (lane_settings.py); the
+            best optima are where the polish starts
+memetic     generations of L-SHADE; its best distinct members -> lanes -> back into the
+            population (heuristics/memetic.py)
+
+An iteration of a lane counts as so many evaluations as its machine code has times as
+many instructions as a rollout's: fixed for a problem, so that the same seed and budget
+give the same answer on a quick and on a slow machine.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.compile_time import stopwatch
+from swarmstart.heuristics import (
+    Budget,
+    SearchInterrupted,
+    SearchResult,
+    StopReason,
+    minimize,
+)
+from swarmstart.heuristics.memetic import Improved, LocalSolves, run_memetic
+from swarmstart.heuristics.result import locked
+from swarmstart.heuristics.search import Individual, Search
+from swarmstart.ocp.account import Lanes
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.fitness import Fitness
+from swarmstart.ocp.lane_settings import Memetic, Multistart, population_of
+from swarmstart.ocp.lane_starts import Members, PolishStarts, RandomStarts, Task
+from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError
+from swarmstart.ocp.polish import Polisher
+from swarmstart.ocp.search_settings import SearchSettings
+from swarmstart.ocp.search_space import ControlSpace, SearchSpace, first_population
+
+Array = NDArray[np.float64]
+
+TOO_DEAR = "a local solve would cost more than its share of the budget"
+
+
+class Searched(NamedTuple):
+    """What a search found, and how lanes served it.
+
+    Attributes:
+        result: What it found.
+        lanes: What the lanes found; None: there were none.
+        without: Why there were none.
+    """
+
+    result: SearchResult
+    lanes: Lanes | None = None
+    without: str = ""
+
+
+def searched(
+    search: SearchSettings, space: SearchSpace, task: Task, lanes: "LaneSearch | None"
+) -> Searched:
+    """Return what a search finds.
+
+    Args:
+        search: Its settings.
+        space: What is searched.
+        task: What it searches for.
+        lanes: What runs it; None: it is a population search.
+
+    Raises:
+        SearchInterrupted: On Ctrl-C, with the best so far, if there is any.
+    """
+    if lanes is not None:
+        return lanes(task)
+    result = minimize(
+        task.objective,
+        space.box,
+        algorithm=population_of(search.algorithm),
+        budget=search.budget,
+        order=task.order,
+        initial=first_population(search, space, task.guess, task.first, task.x0),
+        basins=task.basins,
+        radius=search.radius,
+        rng=task.rng,
+        on_advance=task.tell,
+    )
+    return Searched(result)
+
+
+class LaneSearch:
+    """A search of one problem that uses local solves in lanes; built once."""
+
+    def __init__(
+        self,
+        fitness: Fitness,
+        space: SearchSpace,
+        search: SearchSettings,
+        polisher: Polisher | None,
+    ) -> None:
+        """Compile what lanes compute.
+
+        Args:
+            fitness: The problem's evaluator.
+            space: What is searched.
+            search: The search: a multistart, or memetic.
+            polisher: The NLP solver, for a multistart without lanes; None: none.
+
+        Raises:
+            InvalidProblemError: If a multistart can have neither lanes nor the NLP
+                solver.
+        """
+        self._problem, self._space = fitness.problem, space
+        self._search, self._polisher = search, polisher
+        self._solver: LaneSolver | None = None
+        self._without = ""
+        try:
+            if not isinstance(space, ControlSpace):
+                raise NoLanesError("its search looks at members of a family")
+            self._solver = LaneSolver(fitness.shooting)
+        except NoLanesError as error:
+            self._without = str(error)
+            if isinstance(search.algorithm, Multistart):
+                self._require_solvable()
+
+    def _require_solvable(self) -> None:
+        """Refuse a multistart that nothing can solve."""
+        reasons = {
+            "it has whole numbers, which solve rounds": bool(self._problem.integer),
+            f"{self._without}, and there is no polish": self._polisher is None,
+        }
+        for reason, is_so in reasons.items():
+            if is_so:
+                raise InvalidProblemError(
+                    f"multistart cannot serve this problem: {reason}"
+                )
+
+    def __call__(self, task: Task) -> Searched:
+        """Search.
+
+        Raises:
+            SearchInterrupted: On Ctrl-C, with the best so far, if there is any.
+        """
+        settings = self._search.algorithm
+        if isinstance(settings, Memetic):
+            return self._memetic(settings, task)
+        if not isinstance(settings, Multistart):
+            raise TypeError("expected a multistart, or a memetic search")
+        given = [*task.first]
+        if task.guess is not None and self._search.warm_start != "none":
+            given.append(task.guess)
+        starts: RandomStarts | PolishStarts
+        if self._solver is None:
+            starts = PolishStarts(self._space, self._polisher, task, given)
+        else:
+            starts = RandomStarts(self._solver, self._space, settings, task, given)
+        result = _until_spent(starts, self._search.budget, task)
+        return Searched(result, starts.account(), self._without)
+
+    def _memetic(self, settings: Memetic, task: Task) -> Searched:
+        budget, solver = self._search.budget, self._solver
+        lanes = None if solver is None else Members(solver, self._space, task)
+        population = Search(
+            settings.population(budget.evaluations),
+            self._space.box,
+            rng=task.rng,
+            order=task.order,
+            initial=first_population(
+                self._search, self._space, task.guess, task.first, task.x0
+            ),
+            evaluations=budget.evaluations,
+            basins=max(task.basins, 2 * settings.members),
+            radius=self._search.radius,
+        )
+        local = LocalSolves(
+            improve=_as_they_are if lanes is None else lanes,
+            each=1.0 if lanes is None else lanes.each,
+            members=settings.members if lanes else 0,
+            share=settings.share,
+        )
+        found = run_memetic(
+            population, task.objective, local, budget=budget, on_advance=task.tell
+        )
+        result = replace(found, basins=found.basins[: task.basins])
+        if lanes is None:
+            return Searched(result, None, self._without)
+        if not lanes.solves:
+            return Searched(result, None, TOO_DEAR)
+        return Searched(result, lanes.account())
+
+
+def _as_they_are(members: Array) -> Improved:
+    return Improved(members, 0)
+
+
+def _until_spent(
+    starts: RandomStarts | PolishStarts, budget: Budget, task: Task
+) -> SearchResult:
+    """Solve batch after batch; return the best optima as points of the space."""
+    evaluations, still, stopped = 0, 0, None
+    history: list[tuple[float, float, int]] = []
+    target = -np.inf if budget.target is None else budget.target
+    with stopwatch() as watch:
+
+        def result(reason: StopReason) -> SearchResult:
+            return _result(starts, task, history, reason, watch.seconds)
+
+        try:
+            while stopped is None:
+                left = (budget.evaluations or np.inf) - evaluations
+                most = int(min(left / starts.each, 2**31))
+                before = starts.best()
+                evaluations += starts.batch(max(most, 1))
+                cost, violation = after = starts.best()
+                still = 0 if after != before else still + 1
+                history.append((cost, violation, evaluations))
+                if task.tell is not None:
+                    task.tell(evaluations)
+                feasible = violation <= task.order.tolerance
+                reasons = {
+                    StopReason.TARGET: feasible and cost <= target,
+                    StopReason.FOUND: starts.ended,
+                    StopReason.EVALUATIONS: budget.evaluations is not None
+                    and evaluations + starts.each > budget.evaluations,
+                    StopReason.SECONDS: watch.seconds >= (budget.seconds or np.inf),
+                    StopReason.STAGNATION: still >= (budget.stagnation or np.inf),
+                }
+                stopped = next((one for one, is_so in reasons.items() if is_so), None)
+        except KeyboardInterrupt as interrupt:
+            if not history:
+                raise
+            partial = result(StopReason.INTERRUPTED)
+            raise SearchInterrupted(partial) from interrupt
+        return result(stopped)
+
+
+def _result(
+    starts: RandomStarts | PolishStarts,
+    task: Task,
+    history: Sequence[tuple[float, float, int]],
+    stopped: StopReason,
+    seconds: float,
+) -> SearchResult:
+    """Return what was found, with the values of the search's own evaluator."""
+    points = starts.points(1 + task.basins)
+    values = task.objective(np.ascontiguousarray(np.stack(points, axis=1)))
+    found = [
+        Individual(x=x, cost=float(cost), violation=float(violation))
+        for x, cost, violation in zip(points, *values, strict=True)
+    ]
+    costs, violations, evaluations = zip(*history, strict=True)
+    return SearchResult(
+        x=locked(found[0].x),
+        cost=found[0].cost,
+        violation=found[0].violation,
+        evaluations=evaluations[-1],
+        generations=len(history),
+        stopped=stopped,
+        history_cost=locked(costs),
+        history_violation=locked(violations),
+        history_evaluations=np.array(evaluations, dtype=np.int64),
+        nonfinite=int(not np.isfinite(found[0].cost)),
+        basins=tuple(found[1:]),
+        seconds=seconds,
+        snapshot={},
+    )

@@ -1,0 +1,111 @@
+"""Settings of the searches that use local solves in lanes.
+
+multistart  local solves from random starts, batch after batch
+memetic     a population search whose best distinct members are improved by local solves
+
+Both know the problem, not its objective alone: `lane_search.py` runs them.
+"""
+
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+
+from swarmstart.heuristics import LSHADE, Algorithm, Box
+from swarmstart.heuristics.algorithm import require
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Multistart:
+    """Local solves from smooth random starts, until little is left to be found.
+
+    It ends when the budget is spent, or sooner when the share of starts that would end
+    in an optimum not seen yet is below `unseen`, with 95 % confidence (lanes/optima.py;
+    it speaks of these starts only). Where a problem has no lane method the NLP solver
+    begins at random points until the budget is spent.
+
+    Attributes:
+        size: Starts that are solved at once, at least 1.
+        unseen: Upper end of the unseen share at which it ends, in [0, 1]; 0 means that
+            it goes on to the end of the budget.
+
+    Raises:
+        InvalidSettingsError: If a value is out of its range.
+    """
+
+    size: int = 64
+    unseen: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        _require_count("size", self.size)
+        ok = isinstance(self.unseen, Real) and 0.0 <= self.unseen <= 1.0
+        require("unseen", self.unseen, ok=ok, allowed="in [0, 1]")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Memetic:
+    """L-SHADE whose best distinct members are improved by local solves in lanes.
+
+    Where a problem has no lane method it is L-SHADE alone.
+
+    Attributes:
+        size: Individuals of the first generation, as `LSHADE.size`.
+        members: Most members that are improved at a time, at least 1.
+        share: Part of the evaluations that local solves may cost, in (0, 1).
+
+    Raises:
+        InvalidSettingsError: If a value is out of its range.
+    """
+
+    size: int | None = None
+    members: int = 8
+    share: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        _require_count("members", self.members)
+        ok = isinstance(self.share, Real) and 0.0 < self.share < 1.0
+        require("share", self.share, ok=ok, allowed="between 0 and 1")
+        LSHADE(size=self.size)
+
+    def population(self, evaluations: int | None) -> LSHADE:
+        """Return the population search that is improved.
+
+        Args:
+            evaluations: The budget of both; None where that is wall time.
+        """
+        if self.size is not None or evaluations is None:
+            return LSHADE(size=self.size)
+        own = max(int((1 - self.share) * evaluations), 1)
+        line = Box(lower=np.zeros(1), upper=np.ones(1))
+        return LSHADE(size=LSHADE().first_size(line, own))
+
+
+SearchAlgorithm = Algorithm | Multistart | Memetic
+"""What searches a planning problem."""
+
+NAMED = {"multistart": Multistart, "memetic": Memetic}
+EVALUATIONS = 500_000
+"""Budget of a multistart that is given none: a few hundred local solves."""
+
+
+def population_of(
+    algorithm: SearchAlgorithm, evaluations: int | None = None
+) -> Algorithm | None:
+    """Return the population search that an algorithm is or has; None: it has none.
+
+    Args:
+        algorithm: What searches.
+        evaluations: Its budget; None where that is wall time.
+    """
+    if isinstance(algorithm, Multistart):
+        return None
+    if isinstance(algorithm, Memetic):
+        return algorithm.population(evaluations)
+    return algorithm
+
+
+def _require_count(name: str, value: object) -> None:
+    ok = isinstance(value, int) and not isinstance(value, bool) and value >= 1
+    require(name, value, ok=ok, allowed="an integer of at least 1")
