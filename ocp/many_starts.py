@@ -24,6 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.compile_time import stopwatch
 from swarmstart.ocp.account import Lanes, Origin, StartsAccount, Tried
+from swarmstart.ocp.compiled.aside import aside
+from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.fitness import Fitness, Known, started
 from swarmstart.ocp.guess import zero_controls
 from swarmstart.ocp.lanes.optima import distinct_optima, unseen_share
@@ -81,7 +83,7 @@ class ManyStarts:
     """Local solves from many starts of one problem; built once."""
 
     def __init__(self, fitness: Fitness, polisher: Polisher, random: int) -> None:
-        """Compile what lanes compute.
+        """Begin to compile what lanes compute; the cold starts need not wait for it.
 
         Args:
             fitness: The problem's evaluator.
@@ -91,7 +93,8 @@ class ManyStarts:
         self._fitness, self._polisher, self._random = fitness, polisher, random
         self._solver, self._refused = None, ""
         try:
-            self._solver = LaneSolver(fitness.shooting, constrained_slopes=False)
+            with aside():
+                self._solver = LaneSolver(fitness.shooting, constrained_slopes=False)
         except NoLanesError as error:
             self._refused = str(error)
 
@@ -191,7 +194,11 @@ class ManyStarts:
             given = np.array(own).reshape(len(own), len(firsts)).T
             controls = np.dstack([*(one.controls for one in starts), controls])
             decided = np.hstack([given, decided])
-            found = solver(x0, controls, decided, known=known, rng=rng)
+            try:
+                found = solver(x0, controls, decided, known=known, rng=rng)
+            except NoCompilerError as error:  # Known when it is first used.
+                self._solver, self._refused = None, str(error)
+                return None, []
             optima = distinct_optima(found)
             best = [
                 Start(

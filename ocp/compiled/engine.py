@@ -136,10 +136,7 @@ def translate(ir: str) -> bytes:
         NoCompilerError: If machine code cannot be made here, or the module is too long.
     """
     target = machine()
-    if len(ir) > MOST_CHARACTERS:
-        raise NoCompilerError(
-            f"expected at most {MOST_CHARACTERS} characters of code, found {len(ir)}"
-        )
+    require_short(ir)
     try:
         module = llvm.parse_assembly(ir)
         module.triple = target.triple
@@ -148,6 +145,18 @@ def translate(ir: str) -> bytes:
     except RuntimeError as error:
         raise NoCompilerError(f"LLVM refuses the code: {error}") from error
     return code
+
+
+def require_short(ir: str) -> None:
+    """Refuse a module that LLVM would take too long for.
+
+    Raises:
+        NoCompilerError: If it is too long.
+    """
+    if len(ir) > MOST_CHARACTERS:
+        raise NoCompilerError(
+            f"expected at most {MOST_CHARACTERS} characters of code, found {len(ir)}"
+        )
 
 
 def link(code: bytes) -> Compiled:

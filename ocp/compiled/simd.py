@@ -15,6 +15,7 @@ from swarmstart.code_cache import load, store
 from swarmstart.compile_time import compiling
 from swarmstart.fingerprint import source, sources
 from swarmstart.heuristics import Pointers
+from swarmstart.ocp.compiled.aside import Later, code_of
 from swarmstart.ocp.compiled.emitter import (
     Roll,
     emit_flat,
@@ -27,6 +28,7 @@ from swarmstart.ocp.compiled.engine import (
     NoCompilerError,
     link,
     machine,
+    require_short,
     translate,
 )
 from swarmstart.ocp.compiled.frame import target_of
@@ -109,8 +111,6 @@ class SimdBatch:
     """A BatchEvaluator in machine code; see interface.py.
 
     Attributes:
-        address: Of void kernel(double **in, double **out, int64 n).
-        part_address: Of its function `part`; see frame.py.
         shape: What it reads and writes.
         threads: Over how many threads a population may be spread.
         instructions: Of the function for one interval, before it is simplified; 0: not
@@ -121,7 +121,7 @@ class SimdBatch:
 
     def __init__(
         self,
-        compiled: Compiled,
+        compiled: Compiled | Later,
         shape: Shape,
         threads: int = 1,
         *,
@@ -130,15 +130,30 @@ class SimdBatch:
         """Take a compiled kernel.
 
         Args:
-            compiled: The kernel.
+            compiled: The kernel, or what will be; then it is waited for when it is
+                first used, which may raise NoCompilerError.
             shape: What it reads and writes; an argument differs per individual.
             threads: Over how many threads a population may be spread, at least 1.
             instructions: Of the function for one interval; 0: not counted.
         """
-        self.address, self.instructions = compiled.address, instructions
-        self.part_address = compiled.part_address
+        self.instructions = instructions
         self.shape, self.threads = shape, threads
-        self._compiled = compiled
+        self._made = compiled
+
+    @property
+    def address(self) -> int:
+        """Of void kernel(double **in, double **out, int64 n)."""
+        return self._compiled.address
+
+    @property
+    def part_address(self) -> int:
+        """Of the kernel's function `part`; see frame.py."""
+        return self._compiled.part_address
+
+    @property
+    def _compiled(self) -> Compiled:
+        made = self._made
+        return made.compiled if isinstance(made, Later) else made
 
     def bind(self, shared: tuple[Array, ...]) -> "Bound":
         """Return population -> outputs, the other arguments fixed and copied."""
@@ -459,14 +474,22 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     return SimdBatch(cached(key_of(functions, settings), emit), shape, threads)
 
 
-def cached(key: str, emit: Callable[[], str]) -> Compiled:
-    """Return machine code from the cache, or make it and keep it."""
+def cached(key: str, emit: Callable[[], str]) -> Compiled | Later:
+    """Return machine code from the cache, or make it and keep it; see aside.py."""
     with compiling():
         code = load(key)
-        if code is None:
-            code = translate(emit())
-            store(key, code)
-        return link(code)
+        if code is not None:
+            return link(code)
+        ir = emit()
+        require_short(ir)
+
+        def make() -> bytes:
+            made = translate(ir)
+            store(key, made)
+            return made
+
+        made = code_of(make)
+        return link(made) if isinstance(made, bytes) else Later(made)
 
 
 def key_of(
