@@ -10,7 +10,7 @@ import pytest
 from swarmstart.ocp import OptimalControlProblem, solve
 from swarmstart.ocp.compiled import simd
 from swarmstart.ocp.compiled.aside import aside
-from swarmstart.ocp.compiled.engine import NoCompilerError
+from swarmstart.ocp.compiled.engine import NoCompilerError, translate
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat
 from swarmstart.tests.ocp.lanes.problems import cart
 
@@ -22,8 +22,6 @@ def translators(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     """Return the names of the threads in which code is translated, from now on."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     names: list[str] = []
-    translate = simd.translate
-
     def told(ir: str) -> bytes:
         names.append(threading.current_thread().name)
         return translate(ir)
@@ -91,8 +89,6 @@ def test_lanes_are_translated_while_the_cold_starts_are_polished(
 def test_lanes_that_llvm_refuses_leave_the_other_starts(
     monkeypatch: pytest.MonkeyPatch, translators: list[str]
 ) -> None:
-    translate = simd.translate
-
     def refused(ir: str) -> bytes:
         if threading.current_thread() is threading.main_thread():
             return translate(ir)
