@@ -1,15 +1,21 @@
 """Local solves in lanes against IPOPT from the same starts, in one run.
 
-    python benchmarks/lanes.py [--write docs/lanes.md] [--starts 256] [--only NAME]
+    python benchmarks/lanes.py [--write docs/lanes.md] [--plot docs/lanes.png]
+        [--starts 256] [--solves 24] [--only NAME]
 
-Seconds are those of the process, so that what else the machine does counts for little.
+Seconds are those of the process, so that what else the machine does counts for little;
+only the gain of a second thread is by the clock, and wants two idle cores.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.benchmarks.kept_values import PROBLEMS
@@ -26,6 +32,8 @@ from swarmstart.ocp import (
     OptimalControlProblem,
     Planner,
 )
+from swarmstart.ocp.fitness import started
+from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import FEASIBLE, distinct_optima, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 
@@ -35,16 +43,21 @@ SAME = 1e-4
 ITERATIONS = 500
 TEXT = """# Local solves in lanes
 
-Made by `python benchmarks/lanes.py --write docs/lanes.md`. Each problem is solved from
-the same smooth random starts ([answers](answers.md#many-starts)), all at once in lanes
-on one core, and a few of them one after the other by IPOPT on the problem's own NLP, at
-most 500 iterations each. Seconds are those of the process. "Sweeps" are second-order,
-"slopes" gradients, for stages that are too long for sweeps. A lane of sweeps takes at
-most 500 steps; one that ends without having met its limits begins once more, which is
-in its time. A solve counts as feasible
-to 1e-6 in the NLP's numbers near one; "best" is the share of solves within 1e-4 of the
-cheapest optimum that either found. The last column is Good's estimate of the share of
-such starts that would end in an optimum not seen yet, with the end of its interval.
+Made by `python benchmarks/lanes.py --write docs/lanes.md --plot docs/lanes.png`. Each
+problem is solved from the same smooth random starts
+([answers](answers.md#many-starts)), all at once in lanes on one core, and a few of them
+one after the other by IPOPT, at most 500 iterations each: on the faster of two NLPs,
+with the interval's functions mapped over the intervals, or with all of them expanded.
+Seconds are those of the process. "Sweeps" are second-order, "slopes" gradients, for
+stages that are too long for sweeps. A lane of sweeps takes at most 500 steps; one that
+ends without having met its limits begins once more, which is in its time. A solve
+counts as feasible to 1e-6 in the NLP's numbers near one; "best" is the share of solves
+within 1e-4 of the cheapest optimum that either found. "Warm" is the most iterations
+that IPOPT takes from the best three optima of the lanes, and by how much at most,
+relative, it changes their costs. "Not seen" is Good's estimate of the share of such
+starts that would end in an optimum not seen yet, with the end of its interval
+([measured](unseen_share.md)). "Two threads" is how many times faster they are than one,
+by the clock, with the same answers.
 
 """
 
@@ -64,7 +77,8 @@ class Compared(NamedTuple):
     Attributes:
         method: How the lanes are solved.
         lane_ms: Of one lane [ms].
-        ipopt_ms: Of one solve by IPOPT [ms].
+        ipopt_ms: Of one solve by IPOPT, on the faster of its NLPs [ms].
+        nlp: Which that is.
         feasible: Share of the lanes that are.
         ipopt_feasible: Share of IPOPT's answers that are.
         best: Cost of the cheapest optimum.
@@ -72,11 +86,15 @@ class Compared(NamedTuple):
         ipopt_hits: Share of IPOPT's answers.
         optima: Number of distinct optima of the lanes.
         unseen: Share that was not seen, and the most that it may be.
+        warm: Most iterations of IPOPT from the best optima of the lanes, and by how
+            much at most it changes their costs, relative.
+        threads: How many times faster two threads are.
     """
 
     method: str
     lane_ms: float
     ipopt_ms: float
+    nlp: str
     feasible: float
     ipopt_feasible: float
     best: float
@@ -84,6 +102,8 @@ class Compared(NamedTuple):
     ipopt_hits: float
     optima: int
     unseen: tuple[float, float]
+    warm: tuple[int, float]
+    threads: float
 
 
 def shipped(name: str) -> Posed:
@@ -122,26 +142,101 @@ def compared(posed: Posed, starts: int, solves: int) -> Compared | str:
     begin = time.process_time()
     answers = solver(x0, controls, decided, known=known, rng=np.random.default_rng(1))
     lane_s = (time.process_time() - begin) / starts
-    begin = time.process_time()
-    costs = [_polished(planner, x0, known, controls, decided, i) for i in range(solves)]
-    ipopt_s = (time.process_time() - begin) / solves
+    nlps = {"mapped": planner, "expanded": _expanded(planner)}
+    spent, costs = dict[str, float](), dict[str, list[float]]()
+    for name, one in nlps.items():
+        begin = time.process_time()
+        costs[name] = [
+            _polished(one, x0, known, controls, decided, i) for i in range(solves)
+        ]
+        spent[name] = (time.process_time() - begin) / solves
+    nlp = min(spent, key=lambda name: spent[name])
+    ipopt_s, costs_of = spent[nlp], costs[nlp]
     optima = distinct_optima(answers)
     ok = answers.violation <= FEASIBLE
-    best = min([*costs, *(one.cost for one in optima), np.inf])
+    best = min([*costs_of, *(one.cost for one in optima), np.inf])
     reach = SAME * max(abs(best), 1e-12)
     unseen = unseen_share([one.count for one in optima])
     return Compared(
         method=solver.method,
         lane_ms=1e3 * lane_s,
         ipopt_ms=1e3 * ipopt_s,
+        nlp=nlp,
         feasible=float(ok.mean()),
-        ipopt_feasible=float(np.mean(np.isfinite(costs))),
+        ipopt_feasible=float(np.mean(np.isfinite(costs_of))),
         best=best,
         lane_hits=float(np.mean(ok & (answers.cost <= best + reach))),
-        ipopt_hits=float(np.mean(np.array(costs) <= best + reach)),
+        ipopt_hits=float(np.mean(np.array(costs_of) <= best + reach)),
         optima=len(optima),
         unseen=(unseen.share, unseen.most),
+        warm=_warm(planner, x0, known, answers, [one.lane for one in optima[:3]]),
+        threads=_two_threads(planner, x0, known, controls, decided),
     )
+
+
+def _expanded(planner: Planner) -> Planner:
+    """Return a planner whose NLP is expanded to scalar operations."""
+    polisher = planner.polisher
+    if polisher is None:
+        raise TypeError("expected a planner with a polish")
+    options = IpoptOptions(max_iterations=ITERATIONS).settings(near=False)
+    quiet = {"print_time": False, "error_on_fail": False, "calc_lam_p": False}
+    again = Planner(
+        planner.stated, search=None, polish=IpoptOptions(max_iterations=ITERATIONS)
+    )
+    built = again.polisher._solvers.built  # type: ignore[union-attr]
+    for steps, one in built.items():
+        far = ca.nlpsol(
+            "far", "ipopt", one.program.nlp, {"expand": True, **quiet, **options}
+        )
+        built[steps] = one._replace(far=far)
+    return again
+
+
+def _warm(
+    planner: Planner,
+    x0: ArrayLike,
+    known: Known,
+    answers: LaneAnswers,
+    lanes: Sequence[int],
+) -> tuple[int, float]:
+    """Return the most iterations of IPOPT from lanes, and what they change."""
+    if planner.polisher is None:
+        raise TypeError("expected a planner with a polish")
+    iterations, change = 0, 0.0
+    state = np.asarray(x0, dtype=np.float64).ravel()
+    for lane in lanes:
+        start = started(planner.problem, state, answers.starts[:, lane])
+        found = planner.polisher(answers.controls[:, :, lane], start, known, near=True)
+        iterations = max(iterations, found.iterations)
+        size = max(abs(found.cost), 1e-12)
+        change = max(change, abs(found.cost - float(answers.cost[lane])) / size)
+    return iterations, change
+
+
+def _two_threads(
+    planner: Planner, x0: ArrayLike, known: Known, controls: Array, decided: Array
+) -> float:
+    """Return how many times faster two threads solve lanes than one.
+
+    Raises:
+        RuntimeError: If their answers differ.
+    """
+    taken, found = list[float](), list[LaneAnswers]()
+    for threads in (1, 2):
+        solver = LaneSolver(planner.fitness.shooting, threads=threads)
+        seconds = []
+        for _ in range(3):
+            begin = time.perf_counter()
+            answers = solver(
+                x0, controls, decided, known=known, rng=np.random.default_rng(1)
+            )
+            seconds.append(time.perf_counter() - begin)
+        taken.append(min(seconds))
+        found.append(answers)
+    if not np.array_equal(found[0].controls, found[1].controls, equal_nan=True):
+        raise RuntimeError("expected the same answers on two threads")
+    return taken[0] / taken[1]
 
 
 def _polished(
@@ -170,24 +265,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = page_options(__doc__)
     parser.add_argument("--starts", type=int, default=256, help="lanes")
     parser.add_argument("--solves", type=int, default=24, help="by IPOPT")
+    parser.add_argument("--plot", type=Path, help="a picture to write")
     parser.add_argument("--only", action="append", help="one problem")
     options = parser.parse_args(arguments)
     lines = [
-        *head("problem", "method", "ms a lane", "ms by IPOPT", "ratio", "feasible",
-              "IPOPT's", "best cost", "best", "IPOPT's", "optima", "not seen"),
+        *head("problem", "method", "ms a lane", "ms by IPOPT", "NLP", "ratio",
+              "feasible", "IPOPT's", "best cost", "best", "IPOPT's", "optima",
+              "not seen", "warm", "two threads"),
     ]  # fmt: skip
-    ratios = []
+    ratios = dict[str, float]()
     wanted = options.only or [*PROBLEMS, "passing"]
     for name in wanted:
         posed = of_instance(passing()) if name == "passing" else shipped(name)
         found = compared(posed, options.starts, options.solves)
         if isinstance(found, str):
-            lines.append(row(name, f"none: {found}", *[""] * 10))
+            lines.append(row(name, f"none: {found}", *[""] * 13))
         else:
-            ratios.append(found.ipopt_ms / found.lane_ms)
+            ratios[name] = found.ipopt_ms / found.lane_ms
             lines.append(_row_of(name, found))
         print(lines[-1], flush=True)
-    lines += ["", f"Median of the ratios: {np.median(ratios):.0f}."]
+    middle = float(np.median(list(ratios.values())))
+    lines += ["", f"Median of the ratios: {middle:.0f}."]
+    if options.plot:
+        plot(ratios, options.plot)
+        lines += ["", f"![How many times faster lanes are]({options.plot.name})"]
     publish(lines, options, TEXT)
     return 0
 
@@ -197,10 +298,28 @@ def _row_of(name: str, found: Compared) -> str:
     unseen = f"{share:.2f}, at most {most:.2f}"
     return row(
         name, found.method, f"{found.lane_ms:.2f}", f"{found.ipopt_ms:.1f}",
-        f"{found.ipopt_ms / found.lane_ms:.0f}", f"{found.feasible:.2f}",
+        found.nlp, f"{found.ipopt_ms / found.lane_ms:.0f}", f"{found.feasible:.2f}",
         f"{found.ipopt_feasible:.2f}", f"{found.best:.7g}", f"{found.lane_hits:.2f}",
         f"{found.ipopt_hits:.2f}", str(found.optima), unseen,
+        f"{found.warm[0]}, {found.warm[1]:.0e}", f"{found.threads:.2f}",
     )  # fmt: skip
+
+
+def plot(ratios: Mapping[str, float], path: Path) -> None:
+    """Draw how many times faster a lane is than IPOPT, the largest above."""
+    names = sorted(ratios, key=lambda name: ratios[name])
+    figure = Figure(figsize=(8, 0.3 * len(names) + 1.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    values = [ratios[name] for name in names]
+    bars = axes.barh([name.replace("_", " ") for name in names], values)
+    axes.bar_label(bars, [f"{value:.0f}" for value in values], padding=3)
+    axes.axvline(float(np.median(values)), color="black", linestyle="--", linewidth=1)
+    axes.text(float(np.median(values)), -0.9, " median", va="center")
+    axes.set_xscale("log")
+    axes.set(xlabel="time of one solve by IPOPT / time of one lane, one core")
+    axes.margins(x=0.12)
+    figure.savefig(path, dpi=120)
 
 
 if __name__ == "__main__":
