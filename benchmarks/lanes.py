@@ -314,11 +314,14 @@ def plot(ratios: Mapping[str, float], path: Path) -> None:
     values = [ratios[name] for name in names]
     bars = axes.barh([name.replace("_", " ") for name in names], values)
     axes.bar_label(bars, [f"{value:.0f}" for value in values], padding=3)
-    axes.axvline(float(np.median(values)), color="black", linestyle="--", linewidth=1)
-    axes.text(float(np.median(values)), -0.9, " median", va="center")
+    middle = float(np.median(values))
+    axes.axvline(
+        middle, color="black", linestyle="--", linewidth=1, label=f"median {middle:.0f}"
+    )
+    axes.legend(loc="lower right")
     axes.set_xscale("log")
     axes.set(xlabel="time of one solve by IPOPT / time of one lane, one core")
-    axes.margins(x=0.12)
+    axes.set_xlim(1.0, 2.0 * max(values))
     figure.savefig(path, dpi=120)
 
 
