@@ -98,15 +98,15 @@ FLAWS = {
         "name: cpso",
         "name: cspo",
         "cspo",
-        "expected name to be one of cpso, pso, de, jde, lshade, ga, cma, "
-        "random, none; found 'cspo'",
+        "expected name to be one of default, cpso, pso, de, jde, lshade, ga, cma, "
+        "memetic, multistart, random, none; found 'cspo'",
     ),
     "no search's name": (
         "  name: cpso\n",
         "",
         "size: 20",
-        "expected name to be one of cpso, pso, de, jde, lshade, ga, cma, "
-        "random, none; found none",
+        "expected name to be one of default, cpso, pso, de, jde, lshade, ga, cma, "
+        "memetic, multistart, random, none; found none",
     ),
     "an unknown setting of the search": (
         "inertia_min:",

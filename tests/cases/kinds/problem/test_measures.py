@@ -24,6 +24,7 @@ terminal: [{{expression: x, equals: 4}}]
 prediction: {{horizon_s: 2, intervals: 2, quadrature: left}}
 guess: {{controls: {{u: {{times: [0, 1], values: [1, 0.5], between: hold}}}}}}
 search: {{name: none}}
+lanes: 0
 ipopt: {{max_iterations: 1}}
 budget: {{evaluations: 1}}
 {more}
