@@ -81,7 +81,7 @@ def test_json_is_one_object(folder: Path, command: Command) -> None:
     [
         (["formation_v"], "all but one agent; found 5 that plan"),
         (["formation_100"], "all but one agent; found 99 that plan"),
-        (["passing_side", "--solvers", "snopt"], "expected a solver: one of default, cpso"),
+        (["passing_side", "--solvers", "snopt"], "expected a solver: one of default"),
         (["passing_side", "--budget", "5"], "expected a budget such as 4000evals"),
         (
             ["passing_side", "--budget", "10evals"],
