@@ -22,6 +22,7 @@ def translators(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     """Return the names of the threads in which code is translated, from now on."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     names: list[str] = []
+
     def told(ir: str) -> bytes:
         names.append(threading.current_thread().name)
         return translate(ir)
