@@ -11,11 +11,11 @@ Origin = Literal[
     "zero controls",
     "the middle of the bounds",
     "the guess",
-    "guesses of states",
     "the lanes",
     "the search",
+    "guesses of states",
 ]
-"""Kinds of starts, the cheapest first: of equal answers the cheapest start's counts."""
+"""Kinds of starts in their order: of equal answers that from the first kind counts."""
 
 SHOWN = 3
 """Optima that a summary shows."""
@@ -110,7 +110,7 @@ class StartsAccount:
 
     Attributes:
         won: Where the answer comes from; of answers that are equal to 1e-6 the start
-            that costs least.
+            that came first.
         tried: What the NLP solver made of the starts, in the order in which it did.
         lanes: What the local solves found; None: there were none.
         without_lanes: Why there were none; empty: there were.

@@ -11,8 +11,8 @@
                near: so it leaves a saddle point
 
 The answer is never worse than what any of the starts leads to alone. Of answers that
-are equal to 1e-6 that from the cheapest start is taken. What lanes do not know (whole
-numbers, blocks, stiff models) goes to the NLP solver alone, and the account says so.
+are equal to 1e-6 that from the first kind of start is taken. What lanes do not know
+(blocks, stiff models) goes to the NLP solver alone, and the account says so.
 """
 
 from collections.abc import Callable, Sequence
@@ -274,7 +274,7 @@ class _Tries:
 
     @property
     def best(self) -> int:
-        """Number of the best answer; of equal ones of the cheapest that converged."""
+        """Number of the best answer; of equal ones of the first that converged."""
         best = 0
         for number in range(1, len(self.answers)):
             if is_better(
