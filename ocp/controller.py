@@ -348,7 +348,8 @@ class RecedingHorizon:
             candidates=None if self.candidates is None else self.candidates(time),
             near=last is not None,
             last_cost=None if last is None else last.cost,
-            in_loop=not is_only,
+            in_loop=not is_only and self._leaves_some,
+            is_new=not self._leaves_some,
             rng=rng,
         )
         if plan.feasible or shifted is None:
@@ -374,6 +375,12 @@ class RecedingHorizon:
         if not begin < 1.0:  # Nothing of the plan is left.
             return None
         return Carried(duals=duals, begin=begin, end=begin + length)
+
+    @property
+    def _leaves_some(self) -> bool:
+        """Whether something of a plan is left when the next one is made."""
+        one = self.period is None and self.planner.problem.intervals == 1
+        return not (self.shift and one)
 
     def _left(self, last: Plan | None) -> float | None:
         """Return what is left of the last plan's time [s]; None: nothing shrinks."""

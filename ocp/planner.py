@@ -263,6 +263,7 @@ class Planner:
         near: bool = False,
         last_cost: float | None = None,
         in_loop: bool = False,
+        is_new: bool = False,
         rng: np.random.Generator,
         progress: ProgressCallback = tell_nothing,
     ) -> Plan:
@@ -282,6 +283,8 @@ class Planner:
             last_cost: What the earlier answer cost; None: not known.
             in_loop: Whether plans will follow that begin at this one: then it is made
                 without search and lanes, too, and the better one taken.
+            is_new: Whether nothing of the earlier answer is left, as of a horizon of one
+                interval: then a search is made for it as for a first plan.
             rng: Source of all randomness.
             progress: Told (evaluations, all, "searching") now and then, and
                 "polishing" when that begins.
@@ -292,7 +295,8 @@ class Planner:
         """
         warm, follows = None, near
         # Many starts begin with a polish alone themselves.
-        if (near or (in_loop and not self._lanes)) and self._begins_warm:
+        follows_on = (near and not is_new) or (in_loop and not self._lanes)
+        if follows_on and self._begins_warm:
             warm = self._alone.plan(x0, known=known, guess=guess, near=near, rng=rng)
             if near and is_enough(self.fitness, warm, x0, known, last_cost):
                 return warm

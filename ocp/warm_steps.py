@@ -13,7 +13,8 @@ along the new plan, and S_0 the cost's natural size, from the problem's bounds
 jump. Where a target, a reference or an obstacle jumps, or the plant is pushed away, the
 cost rises. For costs that are not negative the rule is J > 2 J_last.
 
-Then the search and the lanes run as for a first plan, and the better one is kept. A
+Then the search and the lanes run as for a first plan, and the better one is kept. So
+does the search where nothing of the last plan is left: in a horizon of one interval. A
 first plan is made both ways, too: a search need not find what a polish alone finds.
 """
 

@@ -90,6 +90,13 @@ def test_always_searches_every_plan_and_so_does_a_search_without_a_polish(
         assert decision.plans[0].is_searched
 
 
+def test_horizon_of_one_interval_leaves_nothing_so_that_each_plan_is_searched(
+    problem: OptimalControlProblem,
+) -> None:
+    plans = flown(replace(problem, horizon=0.3, intervals=1), SEARCH)
+    assert all(plan.is_searched for plan in plans)
+
+
 def test_what_a_jump_is_depends_on_no_unit_of_the_cost(
     problem: OptimalControlProblem,
 ) -> None:
