@@ -283,7 +283,7 @@ class Planner:
             last_cost: What the earlier answer cost; None: not known.
             in_loop: Whether plans will follow that begin at this one: then it is made
                 without search and lanes, too, and the better one taken.
-            is_new: Whether nothing of the earlier answer is left, as of a horizon of one
+            is_new: Whether nothing of an earlier answer is left, as of a horizon of one
                 interval: then a search is made for it as for a first plan.
             rng: Source of all randomness.
             progress: Told (evaluations, all, "searching") now and then, and

@@ -73,10 +73,11 @@ class Recorded(Planner):
         near: bool = False,
         last_cost: float | None = None,
         in_loop: bool = False,
+        is_new: bool = False,
         rng: np.random.Generator,
         progress: ProgressCallback = tell_nothing,
     ) -> Plan:
-        del near, last_cost, in_loop, progress
+        del near, last_cost, in_loop, is_new, progress
         start, parameters, rows = (
             np.asarray(part).tolist() for part in (x0, *known[:2])
         )
