@@ -44,8 +44,8 @@ POLISHED = 3
 _GUESSES = 8
 """Guesses of states, at most."""
 _MOST_WORK = 5_000_000
-"""Iterations times instructions of a rollout after which no further guess of states is
-tried: of a large problem an iteration may take a tenth of a second."""
+"""Iterations times instructions of a rollout after which no further start of a kind is
+polished: of a large problem an iteration may take a tenth of a second."""
 _NEAR: tuple[Origin, ...] = ("the lanes", "the search")
 """Starts that are answers, which the NLP solver stays near."""
 
@@ -129,9 +129,12 @@ class ManyStarts:
             found = [Origined("the search", one) for one in search()]
             starts = [one.start for one in (*cold, *found)]
             lanes, optima = self._in_lanes(starts, x0, known, rng)
-            for one in (*(Origined("the lanes", o) for o in optima), *found):
-                tries.polish(one)
-            self._from_states(tries, state_guesses(fitness, x0, known, _GUESSES, rng))
+            guesses = state_guesses(fitness, x0, known, _GUESSES, rng)
+            self._several(tries, [Origined("the lanes", one) for one in optima])
+            self._several(tries, found)
+            self._several(
+                tries, [Origined("guesses of states", one) for one in guesses]
+            )
             tries.polish_again()
         except KeyboardInterrupt:
             if not tries.answers:
@@ -139,16 +142,15 @@ class ManyStarts:
             raise ManyStartsInterrupted(self._answered(tries, lanes)) from None
         return self._answered(tries, lanes)
 
-    def _from_states(self, tries: "_Tries", guesses: Sequence[Start]) -> None:
-        """Polish from guesses of states, as many as may be worked on."""
+    def _several(self, tries: "_Tries", starts: Sequence[Origined]) -> None:
+        """Polish from starts of one kind, the best first: as many as work allows."""
         shooting = self._fitness.shooting
         each = shooting.stage_without_path.n_instructions() * shooting.problem.intervals
         work = 0
-        for guess in guesses:
+        for one in starts:
             if work > _MOST_WORK:
                 return
-            answer = tries.polish(Origined("guesses of states", guess))
-            work += answer.iterations * each
+            work += tries.polish(one).iterations * each
 
     def _answered(self, tries: "_Tries", lanes: Lanes | None) -> Answered:
         """Return the best answer, and what all starts led to."""
