@@ -94,7 +94,11 @@ class ManyStarts:
         self._solver, self._refused = None, ""
         try:
             with aside():
-                self._solver = LaneSolver(fitness.shooting, constrained_slopes=False)
+                self._solver = LaneSolver(
+                    fitness.shooting,
+                    constrained_slopes=False,
+                    program=polisher.program,
+                )
         except NoLanesError as error:
             self._refused = str(error)
 

@@ -61,6 +61,12 @@ class NlpSolvers:
         else:
             self.built[None] = self._new(None)
 
+    @property
+    def program(self) -> NonlinearProgram | None:
+        """The NLP; None where the steps that it needs are not known yet."""
+        built = self.built.get(None)
+        return None if built is None else built.program
+
     def __call__(self, steps: FixedSteps | None) -> Solvers:
         """Return the NLP of some steps with its solvers.
 

@@ -46,7 +46,7 @@ from swarmstart.ocp.polish_options import (
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.search_space import Start
-from swarmstart.ocp.transcription import Given, Limits
+from swarmstart.ocp.transcription import Given, Limits, NonlinearProgram
 
 Array = NDArray[np.float64]
 SAME_COST = 1e-6
@@ -176,6 +176,11 @@ class Polisher:
         if fitness.problem.is_adaptive and not fitness.problem.collocation:
             self._choice = StepChoice(fitness.shooting)
         self._solvers = NlpSolvers(fitness.shooting, self._options)
+
+    @property
+    def program(self) -> NonlinearProgram | None:
+        """The NLP; None where its steps are chosen for each guess."""
+        return self._solvers.program
 
     def __call__(  # noqa: PLR0913 - a guess, what is known of it and what is held
         self,

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.compiled.engine import NoCompilerError
+from swarmstart.ocp.compiled.scan import MOST_INSTRUCTIONS
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.fitness import NOTHING, Arguments, Known
 from swarmstart.ocp.lanes.answers import LaneAnswers
@@ -21,6 +22,9 @@ from swarmstart.tape import UnknownOperationError
 
 Array = NDArray[np.float64]
 
+_SWEPT = 8
+"""Times as many instructions as an interval a sweep over it has, at least (16 to 80
+were seen): to count them takes seconds where they are too many."""
 LIGHT, HEAVY = (0.1, 1.0), (10.0, 1e4)
 """First weights of the rows of the end, log-uniform, in half of the lanes each: the
 weight decides which optimum a lane finds, more than its guess."""
@@ -48,12 +52,14 @@ class LaneSolver:
         *,
         options: LaneOptions | None = None,
         constrained_slopes: bool = True,
+        program: NonlinearProgram | None = None,
         threads: int = 1,
     ) -> None:
         """Compile what lanes compute.
 
         Args:
             problem: The problem, or its functions.
+            program: Its NLP, if that is there already.
             options: When lanes end; None means the defaults.
             constrained_slopes: Whether gradients may serve where second-order steps are
                 too long and there are constraints, which lanes then seldom meet: of 256
@@ -68,7 +74,7 @@ class LaneSolver:
         reason = _refused(shooting.problem)
         if reason:
             raise NoLanesError(reason)
-        self._program = multiple_shooting(shooting)
+        self._program = program or multiple_shooting(shooting)
         self._options = options or LaneOptions()
         try:
             self._step = _step_of(
@@ -193,12 +199,20 @@ def _step_of(
     threads: int,
 ) -> Sweeps | Slopes:
     """Return the machine code of sweeps; of slopes where sweeps would be too long."""
+    problem, interval = program.problem, program.parts.interval.value
+    rows = [one.rows.numel() for one in stages(program) if one is not None]
+    sweeps_alone = bool(sum(rows)) and not constrained_slopes
+    least = _SWEPT * interval.n_instructions()
+    if sweeps_alone and least > MOST_INSTRUCTIONS:
+        raise NoLanesError(
+            "second-order steps are too long: expected at most "
+            f"{MOST_INSTRUCTIONS // _SWEPT} instructions in an interval, found "
+            f"{interval.n_instructions()}"
+        )
     try:
         return compile_sweeps(program, options)
     except NoCompilerError as error:
-        problem = program.problem
-        rows = [one.rows.numel() for one in stages(program) if one is not None]
-        if sum(rows) and not constrained_slopes:
+        if sweeps_alone:
             raise NoLanesError(f"second-order steps are too long: {error}") from error
         starts = [(one.value.lower, one.value.upper) for one in problem.free_starts]
         limits = (*problem.control_limits, np.array(starts))
