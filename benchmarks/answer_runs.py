@@ -29,6 +29,8 @@ from swarmstart.ocp import (
     Start,
     solve,
 )
+from swarmstart.ocp.fitness import started
+from swarmstart.ocp.guess import middle_controls
 from swarmstart.ocp.lanes.solver import random_starts
 
 Array = NDArray[np.float64]
@@ -167,9 +169,7 @@ class Shipped:
         x0, known, _ = planner.posed(self.x0, self.known)
         core, rng = planner.problem, np.random.default_rng(number)
         controls, decided = random_starts(core, 1, rng)
-        start = np.array(x0, dtype=np.float64).ravel()
-        for value, one in zip(decided[:, 0], core.free_starts, strict=True):
-            start[list(one.states)] = value
+        start = started(core, x0, decided[:, 0])
         polish = planner.polisher
 
         def call() -> tuple[float, float]:
@@ -198,13 +198,8 @@ class Shipped:
     @cached_property
     def middle(self) -> Array | None:
         """Middle of the bounds of the controls, (nu, N); None: it is zero."""
-        lower, upper = self.problem.control_limits
-        ends = np.isfinite(upper - lower)
-        middle = np.where(ends, (lower + upper) / 2, 0.0)
-        middle = np.clip(middle, lower, upper)
-        if not middle.any():
-            return None
-        return np.repeat(middle[:, None], self.problem.intervals, axis=1)
+        middle = middle_controls(self.problem)
+        return middle if middle.any() else None
 
     def _run(self, what: What, number: int, found: Solution, seconds: Seconds) -> Run:
         run = Run(

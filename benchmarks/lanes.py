@@ -251,9 +251,7 @@ def _polished(
     """Return IPOPT's cost from one of the starts; infinite where it is infeasible."""
     if planner.polisher is None:
         raise TypeError("expected a planner with a polish")
-    start = np.array(x0, dtype=np.float64).ravel()
-    for value, one in zip(decided[:, number], planner.problem.free_starts, strict=True):
-        start[list(one.states)] = value
+    start = started(planner.problem, x0, decided[:, number])
     try:
         found = planner.polisher(controls[:, :, number], start, known)
     except InvalidProblemError:

@@ -19,15 +19,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmstart.compile_time import stopwatch
+from swarmstart.compile_time import Stopwatch
 from swarmstart.heuristics.budget import Budget, budget_of
 from swarmstart.heuristics.interrupts import heeded
 from swarmstart.heuristics.minimize import (
     Objective,
     Running,
     require_one_generation,
+    until_stopped,
 )
-from swarmstart.heuristics.result import SearchInterrupted, SearchResult, StopReason
+from swarmstart.heuristics.result import SearchResult, StopReason
 from swarmstart.heuristics.search import Search
 from swarmstart.kernel import Array
 
@@ -99,22 +100,15 @@ def run_memetic(
     require_one_generation(search, budget)
     running = Running(search, objective, budget, None, chunk=GENERATIONS)
     members = _Members(search, local)
-    with stopwatch() as watch:
-        stopped = None
-        try:
-            while stopped is None:
-                suggested = members.improved(running, budget)
-                stopped = running(watch.seconds, suggested)
-                stopped = stopped or running.ended(watch.seconds)
-                if on_advance is not None:
-                    on_advance(search.evaluations + running.spent)
-        except KeyboardInterrupt as interrupt:
-            search.abandon()
-            if not search.generations:
-                raise
-            partial = running.result(StopReason.INTERRUPTED, watch)
-            raise SearchInterrupted(partial) from interrupt
-        return running.result(stopped, watch)
+
+    def turn(watch: Stopwatch) -> StopReason | None:
+        suggested = members.improved(running, budget)
+        stopped = running(watch.seconds, suggested) or running.ended(watch.seconds)
+        if on_advance is not None:
+            on_advance(search.evaluations + running.spent)
+        return stopped
+
+    return until_stopped(search, turn, running.result)
 
 
 @dataclass(kw_only=True, slots=True)

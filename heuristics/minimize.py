@@ -161,20 +161,44 @@ def run(
     _require_callable(objective, on_generation)
     require_one_generation(search, budget)
     advance = Running(search, objective, budget, on_generation)
+
+    def turn(watch: Stopwatch) -> StopReason | None:
+        stopped = advance(watch.seconds) or advance.ended(watch.seconds)
+        if on_advance is not None:
+            on_advance(search.evaluations)
+        return stopped
+
+    return until_stopped(search, turn, advance.result)
+
+
+def until_stopped(
+    search: Search,
+    turn: Callable[[Stopwatch], StopReason | None],
+    result: Callable[[StopReason, Stopwatch], SearchResult],
+) -> SearchResult:
+    """Return the result of a search after as many turns as it takes.
+
+    Args:
+        search: The search.
+        turn: Stopwatch -> why no further turn is taken; None: one is.
+        result: (why it stopped, its stopwatch) -> the result.
+
+    Raises:
+        SearchInterrupted: On Ctrl-C, once a generation is finished.
+    """
     with stopwatch() as watch:
         stopped = None
         try:
             while stopped is None:
-                stopped = advance(watch.seconds) or advance.ended(watch.seconds)
-                if on_advance is not None:
-                    on_advance(search.evaluations)
+                stopped = turn(watch)
         except KeyboardInterrupt as interrupt:
             search.abandon()
             if not search.generations:
                 raise
-            partial = advance.result(StopReason.INTERRUPTED, watch)
-            raise SearchInterrupted(partial) from interrupt
-        return advance.result(stopped, watch)
+            raise SearchInterrupted(
+                result(StopReason.INTERRUPTED, watch)
+            ) from interrupt
+        return result(stopped, watch)
 
 
 class Running:

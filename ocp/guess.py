@@ -19,6 +19,14 @@ def zero_controls(problem: OptimalControlProblem) -> Array:
     return np.repeat(nearest[:, None], problem.intervals, axis=1)
 
 
+def middle_controls(problem: OptimalControlProblem) -> Array:
+    """Return the middle of the controls' bounds; zero controls where one is missing."""
+    limits, zero = np.array(problem.control_limits), zero_controls(problem)
+    ends = np.isfinite(limits).all(axis=0)
+    middle = np.where(ends, np.where(ends, limits, 0).mean(axis=0), zero[:, 0])
+    return np.repeat(middle[:, None], problem.intervals, axis=1)
+
+
 def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
     """Return a guess as controls within the bounds, the same in each block; a copy.
 

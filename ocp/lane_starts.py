@@ -22,7 +22,12 @@ from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import Optimum, distinct_optima, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
 from swarmstart.ocp.polish import Polisher, is_better
-from swarmstart.ocp.search_space import ControlSpace, SearchSpace
+from swarmstart.ocp.search_space import (
+    ControlSpace,
+    SearchSpace,
+    Start,
+    side_by_side,
+)
 
 Array = NDArray[np.float64]
 Told = Callable[[int], None] | None
@@ -129,8 +134,6 @@ class _Lanes:
     def __init__(self, solver: LaneSolver, space: SearchSpace, task: Task) -> None:
         self.found, self._space, self._task = _Found(solver), space, task
         self._state = np.asarray(task.x0, dtype=np.float64).ravel()
-        firsts = solver.problem.free_starts
-        self.firsts = [one.states[0] for one in firsts]
 
     def solve(self, controls: Array, decided: Array) -> tuple[LaneAnswers, int]:
         """Solve; return the answers and what they cost, in evaluations."""
@@ -170,10 +173,8 @@ class Members(_Lanes):
         """Return the distinct optima that members lead to."""
         task = self._task
         starts = [self._space.decoded(x, self._state, task.known) for x in members.T]
-        controls = np.stack([one.controls for one in starts], axis=2)
-        own = [(self._state if one.x0 is None else one.x0)[self.firsts]
-               for one in starts]  # fmt: skip
-        answers, evaluations = self.solve(controls, np.array(own).T)
+        problem = self.found.solver.problem
+        answers, evaluations = self.solve(*side_by_side(problem, starts, self._state))
         lanes = [one.lane for one in distinct_optima(answers)]
         points = [self.point(answers, lane) for lane in lanes]
         none = np.empty((members.shape[0], 0))
@@ -221,9 +222,9 @@ class RandomStarts(_Lanes):
             problem, max(count, 0), task.rng, limits=self._limits
         )
         if given:
-            own = np.repeat(self._state[self.firsts][:, None], len(given), axis=1)
-            controls = np.dstack([*given, controls])
-            decided = np.hstack([own, decided])
+            first = side_by_side(problem, [Start(one) for one in given], self._state)
+            controls = np.dstack([first[0], controls])
+            decided = np.hstack([first[1], decided])
         answers, evaluations = self.solve(controls, decided)
         order = np.lexsort((answers.cost, answers.violation))
         best = int(order[0])

@@ -27,12 +27,12 @@ from swarmstart.ocp.account import Lanes, Origin, StartsAccount, Tried
 from swarmstart.ocp.compiled.aside import aside
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.fitness import Fitness, Known, started
-from swarmstart.ocp.guess import zero_controls
+from swarmstart.ocp.guess import middle_controls, zero_controls
 from swarmstart.ocp.lanes.optima import distinct_optima, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.polish_options import PolishStatus
-from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.search_space import Start, side_by_side
 from swarmstart.ocp.state_guesses import state_guesses
 
 Array = NDArray[np.float64]
@@ -171,14 +171,10 @@ class ManyStarts:
     def _cold(self) -> list[Origined]:
         """Return zero controls, and the middle of their bounds where it is another."""
         problem = self._fitness.problem
-        zero = zero_controls(problem)
-        limits = np.array(problem.control_limits)
-        ends = np.isfinite(limits).all(axis=0)
-        middle = np.where(ends, np.where(ends, limits, 0).mean(axis=0), zero[:, 0])
+        zero, middle = zero_controls(problem), middle_controls(problem)
         cold = [Origined("zero controls", Start(zero))]
-        if not np.array_equal(middle, zero[:, 0]):
-            same = np.repeat(middle[:, None], problem.intervals, axis=1)
-            cold.append(Origined("the middle of the bounds", Start(same)))
+        if not np.array_equal(middle, zero):
+            cold.append(Origined("the middle of the bounds", Start(middle)))
         return cold
 
     def _in_lanes(
@@ -195,11 +191,9 @@ class ManyStarts:
         with stopwatch() as watch:
             state = np.asarray(x0, dtype=np.float64).ravel()
             controls, decided = random_starts(problem, self._random, rng)
-            firsts = [one.states[0] for one in problem.free_starts]
-            own = [(state if one.x0 is None else one.x0)[firsts] for one in starts]
-            given = np.array(own).reshape(len(own), len(firsts)).T
-            controls = np.dstack([*(one.controls for one in starts), controls])
-            decided = np.hstack([given, decided])
+            given = side_by_side(problem, starts, state)
+            controls = np.dstack([given[0], controls])
+            decided = np.hstack([given[1], decided])
             try:
                 found = solver(x0, controls, decided, known=known, rng=rng)
             except NoCompilerError as error:  # Known when it is first used.

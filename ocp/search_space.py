@@ -92,6 +92,21 @@ class Start(NamedTuple):
     decided: Mapping[str, float] = MappingProxyType({})
 
 
+def side_by_side(
+    problem: OptimalControlProblem, starts: Sequence[Start], x0: Array
+) -> tuple[Array, Array]:
+    """Return the controls (nu, N, n) of starts, and what is decided about them (ny, n).
+
+    Args:
+        problem: A core.
+        starts: At least one.
+        x0: Initial state where a start has none of its own, shape (nx,).
+    """
+    firsts = [one.states[0] for one in problem.free_starts]
+    own = [(x0 if one.x0 is None else one.x0)[firsts] for one in starts]
+    return np.dstack([one.controls for one in starts]), np.stack(own, axis=1)
+
+
 class SearchSpace(Protocol):
     """What a population searches."""
 
