@@ -96,7 +96,7 @@ class Effort:
     """What a part of the way took.
 
     Attributes:
-        evaluations: Of the problem; of lanes their steps.
+        evaluations: Of the problem.
         seconds: Wall time without compiling [s].
     """
 
@@ -193,7 +193,10 @@ class StartsAccount:
         ]
 
     def _not_needed(self) -> str:
-        """Return what the answer did not need."""
+        """Return what the answer did not need; nothing is said where there is none."""
+        best = self.best_of(self.won)
+        if best is None or not best.feasible:
+            return ""
         dearer = {"the lanes": self.lanes, "the search": self.search}
         needless = [
             name

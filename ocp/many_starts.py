@@ -163,7 +163,7 @@ class ManyStarts:
             won=tries.tried[best].origin,
             tried=tuple(tries.tried),
             lanes=lanes,
-            without_lanes=self._refused,
+            without_lanes="" if lanes else self._refused or "interrupted",
         )
         evaluations = sum(one.evaluations for one in tries.answers)
         return Answered(tries.answers[best], evaluations, account)

@@ -49,7 +49,13 @@ from swarmstart.ocp.plan import (
     SearchReport,
     Source,
 )
-from swarmstart.ocp.polish import Polished, Polisher, better_of, polish_basins
+from swarmstart.ocp.polish import (
+    Polished,
+    Polisher,
+    better_of,
+    is_better,
+    polish_basins,
+)
 from swarmstart.ocp.polish_options import PolishOptions
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.progress import ProgressCallback, of_budget, tell_nothing
@@ -401,7 +407,11 @@ class Planner:
             if self.search is None:
                 return []
             with stopwatch() as watch:
-                plan, starts = self._searched(request)
+                try:
+                    plan, starts = self._searched(request)
+                except PlanningInterrupted as stopped:
+                    searched.append((stopped.partial, watch.seconds))
+                    raise
                 searched.append((plan, watch.seconds))
             request.progress(0, 0, "polishing")
             return starts
@@ -414,6 +424,10 @@ class Planner:
                 )
         except ManyStartsInterrupted as stopped:
             best = self._of_many(stopped.partial, searched, request.known)
+            for plan, _ in searched:
+                one, other = ((p.cost, p.violation) for p in (plan, best))
+                if is_better(one, other, tolerance=self.problem.tolerance):
+                    best = replace(plan, starts=best.starts)
             raise PlanningInterrupted(best) from None
         return self._of_many(answered, searched, request.known)
 

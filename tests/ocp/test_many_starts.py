@@ -4,12 +4,16 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from swarmstart.heuristics import LSHADE
 from swarmstart.ocp import (
     Bounds,
     InvalidProblemError,
+    IpoptOptions,
     Model,
     OptimalControlProblem,
     PathConstraint,
+    SolveInterrupted,
+    Source,
     solve,
 )
 from swarmstart.tests.ocp.lanes.problems import cart, four_discs, pendulum
@@ -151,3 +155,39 @@ def test_start_that_breaks_down_leaves_the_others() -> None:
     answer = solve(problem, [0.1], search=None, lanes=32, seed=0)
     assert answer.status.is_confirmed
     assert answer.plan.starts is not None
+
+
+def test_search_that_is_stopped_leaves_its_plan_if_the_cold_starts_are_worse() -> None:
+    """One iteration from zero controls drives into a disc; some individuals do less."""
+    told: list[int] = []
+
+    def stop(done: int, of: int, what: str) -> None:
+        if what == "searching":
+            told.append(done)
+            if len(told) == 4:
+                raise KeyboardInterrupt
+
+    with pytest.raises(SolveInterrupted) as stopped:
+        solve(
+            four_discs(), [0.0, 0.0, 0.0], polish=IpoptOptions(max_iterations=1),
+            search=LSHADE(size=40), seed=0, progress=stop,
+        )  # fmt: skip
+    plan = stopped.value.partial.plan
+    assert plan.source is Source.SEARCH
+    account = plan.starts
+    assert account is not None
+    assert plan.violation < min(one.violation for one in account.tried)
+    assert account.lines()[2] == "  lanes       none: interrupted"
+
+
+def test_nothing_is_called_needless_where_there_is_no_answer() -> None:
+    """From 0 to 5 in one second, at a speed of at most 1."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=1.0, intervals=5, stage_cost=u**2, terminal=[(x, 5.0)],
+        bounds=Bounds(controls=(-1, 1)),
+    )  # fmt: skip
+    said = str(solve(problem, [0.0], budget=400, lanes=8, seed=0))
+    assert "zero controls infeasible" in said
+    assert "needed" not in said
