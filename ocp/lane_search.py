@@ -118,7 +118,8 @@ class LaneSearch:
         try:
             if not isinstance(space, ControlSpace):
                 raise NoLanesError("its search looks at members of a family")
-            self._solver = LaneSolver(fitness.shooting)
+            program = None if polisher is None else polisher.program
+            self._solver = LaneSolver(fitness.shooting, program=program)
         except NoLanesError as error:
             self._without = str(error)
             if isinstance(search.algorithm, Multistart):

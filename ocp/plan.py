@@ -171,7 +171,5 @@ class PlanningInterrupted(KeyboardInterrupt):
 
     def __init__(self, partial: Plan) -> None:
         """Keep the best plan so far."""
-        super().__init__(
-            "planning was interrupted; the best plan so far is in .partial"
-        )
+        super().__init__("planning was interrupted before its end")
         self.partial = partial
