@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -266,24 +267,6 @@ class NoAnimationError(SwarmstartError):
     """There is no animation of this kind of flight."""
 
 
-def refuse_animation(writer: str) -> None:
-    """Raise: this kind of scenario has no animation.
-
-    Raises:
-        NoAnimationError: Always.
-    """
-    raise NoAnimationError(
-        f"this kind of scenario has no animation, got --animation {writer}"
-    )
-
-
-def animate_nothing(
-    scenario: Scenario, flight: Flight[Posed], trajectory: Trajectory, file: Path
-) -> None:
-    """Raise: this kind has no animation; see `refuse_animation`."""
-    refuse_animation(file.suffix.removeprefix("."))
-
-
 def no_measures(scenario: Scenario) -> dict[str, str]:
     """Return no measures of its own, for a kind whose scenarios define none."""
     del scenario
@@ -304,11 +287,11 @@ class Kind:
             be null.
         flaws: Scenario -> what is wrong across its parts, with the place: text, or
             the error of an expression.
-        figures: (scenario, flight, trajectory, folder) -> files written.
-        animate: (scenario, flight, trajectory, file) -> None; by default a kind has no
-            animation.
-        check_animation: Refuses what cannot be written here, "gif" or "mp4"; by default
-            either.
+        drawn_by: "module:function" of what draws: (scenario, flight, trajectory,
+            folder) -> files written. A name, since it is no part of what determines a
+            run's numbers.
+        animated_by: Name of the module whose `animate` and `check_writer` make
+            animations; empty: the kind has none.
         code: Scenario -> the file of the user's that posing it runs; None: it runs
             none.
     """
@@ -319,10 +302,9 @@ class Kind:
     measures: Mapping[str, str]
     undefined: Mapping[str, str]
     flaws: Callable[..., Iterator[LocatedFlaw]]
-    figures: Callable[..., list[Path]]
+    drawn_by: str
     own_measures: Callable[..., Mapping[str, str]] = no_measures
-    animate: Callable[..., None] = animate_nothing
-    check_animation: Callable[[str], None] = refuse_animation
+    animated_by: str = ""
     code: Callable[..., Path] | None = None
 
     def pose(self, scenario: Scenario, *, allow_python: bool = False) -> Posed:
@@ -339,6 +321,46 @@ class Kind:
         if self.code is not None and not allow_python:
             raise CodeNotAllowedError(self.code(scenario))
         return self.poses(scenario)
+
+    def figures(
+        self,
+        scenario: Scenario,
+        flight: Flight[Posed],
+        trajectory: Trajectory,
+        folder: Path,
+    ) -> list[Path]:
+        """Write all figures that apply to a run; return the files."""
+        drawn: list[Path] = resolve_name(self.drawn_by)(
+            scenario, flight, trajectory, folder
+        )
+        return drawn
+
+    def animate(
+        self,
+        scenario: Scenario,
+        flight: Flight[Posed],
+        trajectory: Trajectory,
+        file: Path,
+    ) -> None:
+        """Write an animation of a run.
+
+        Raises:
+            NoAnimationError: If the kind has none.
+        """
+        self.check_animation(file.suffix.removeprefix("."))
+        resolve_name(f"{self.animated_by}:animate")(scenario, flight, trajectory, file)
+
+    def check_animation(self, writer: str) -> None:
+        """Refuse an animation that cannot be written here, "gif" or "mp4".
+
+        Raises:
+            NoAnimationError: If the kind has none.
+        """
+        if not self.animated_by:
+            raise NoAnimationError(
+                f"this kind of scenario has no animation, got --animation {writer}"
+            )
+        resolve_name(f"{self.animated_by}:check_writer")(writer)
 
     def measures_of(self, scenario: Scenario) -> list[str]:
         """Return the names of all measures of a scenario."""

@@ -1,7 +1,6 @@
 """Close formation as the commands run it."""
 
 from swarmstart.cases.format.kind import Kind
-from swarmstart.cases.kinds.close_formation.figures import draw
 from swarmstart.cases.kinds.close_formation.measures import measure
 from swarmstart.cases.kinds.close_formation.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.close_formation.pose import flaws, pose
@@ -14,5 +13,5 @@ KIND = Kind(
     measures=MEASURES,
     undefined=UNDEFINED,
     flaws=flaws,
-    figures=draw,
+    drawn_by="swarmstart.cases.kinds.close_formation.figures:draw",
 )

@@ -1,8 +1,6 @@
 """Formation flight as the commands run it."""
 
 from swarmstart.cases.format.kind import Kind
-from swarmstart.cases.kinds.formation_flight.animation import animate, check_writer
-from swarmstart.cases.kinds.formation_flight.figures import draw
 from swarmstart.cases.kinds.formation_flight.measures import measure
 from swarmstart.cases.kinds.formation_flight.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.formation_flight.pose import flaws, pose
@@ -15,7 +13,6 @@ KIND = Kind(
     measures=MEASURES,
     undefined=UNDEFINED,
     flaws=flaws,
-    figures=draw,
-    animate=animate,
-    check_animation=check_writer,
+    drawn_by="swarmstart.cases.kinds.formation_flight.figures:draw",
+    animated_by="swarmstart.cases.kinds.formation_flight.animation",
 )

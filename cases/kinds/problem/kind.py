@@ -1,7 +1,6 @@
 """A problem of the user's own, as the commands run it."""
 
 from swarmstart.cases.format.kind import Kind
-from swarmstart.cases.kinds.problem.figures import draw
 from swarmstart.cases.kinds.problem.flaws import flaws
 from swarmstart.cases.kinds.problem.measures import measure, own_measures
 from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
@@ -16,5 +15,5 @@ KIND = Kind(
     own_measures=own_measures,
     undefined=UNDEFINED,
     flaws=flaws,
-    figures=draw,
+    drawn_by="swarmstart.cases.kinds.problem.figures:draw",
 )

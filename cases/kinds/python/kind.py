@@ -1,9 +1,7 @@
 """A problem from Python, as the commands run it."""
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
-from swarmstart.cases.drawing.problem_figures import draw_problem
 from swarmstart.cases.format.expressions import CONSTANTS, parse
 from swarmstart.cases.format.kind import Flight, Kind, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
@@ -18,8 +16,7 @@ from swarmstart.cases.kinds.problem.measures import (
 from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.python.pose import names_of, pose
 from swarmstart.cases.kinds.python.scenario import PythonScenario
-from swarmstart.ocp import Known, Trajectory
-from swarmstart.ocp.controller import known_at
+from swarmstart.ocp import Trajectory
 
 
 def flaws(scenario: PythonScenario) -> Iterator[LocatedFlaw]:
@@ -47,25 +44,6 @@ def measure(
     )
 
 
-def draw(
-    scenario: PythonScenario,
-    flight: Flight[Posed],
-    trajectory: Trajectory,
-    folder: Path,
-) -> list[Path]:
-    """Write all figures that apply to a run; return the files."""
-    del scenario
-    (agent,) = flight.posed.agents
-
-    def known(step: int, number: int) -> Known:
-        del number
-        time = float(trajectory.times[step])
-        found = known_at(agent.problem, time, agent.reference, agent.parameters)
-        return found._replace(previous=agent.previous)
-
-    return draw_problem(agent.problem, trajectory, folder, known=known)
-
-
 KIND = Kind(
     scenario=PythonScenario,
     poses=pose,
@@ -74,6 +52,6 @@ KIND = Kind(
     own_measures=own_measures,
     undefined=UNDEFINED,
     flaws=flaws,
-    figures=draw,
+    drawn_by="swarmstart.cases.kinds.python.figures:draw",
     code=lambda scenario: scenario.problem.file,
 )

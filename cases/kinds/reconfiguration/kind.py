@@ -1,7 +1,6 @@
 """Reconfiguration as the commands run it."""
 
 from swarmstart.cases.format.kind import Kind
-from swarmstart.cases.kinds.reconfiguration.figures import draw
 from swarmstart.cases.kinds.reconfiguration.measures import measure
 from swarmstart.cases.kinds.reconfiguration.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.reconfiguration.pose import flaws, pose
@@ -14,5 +13,5 @@ KIND = Kind(
     measures=MEASURES,
     undefined=UNDEFINED,
     flaws=flaws,
-    figures=draw,
+    drawn_by="swarmstart.cases.kinds.reconfiguration.figures:draw",
 )

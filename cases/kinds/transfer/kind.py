@@ -1,7 +1,6 @@
 """Transfer as the commands run it."""
 
 from swarmstart.cases.format.kind import Kind
-from swarmstart.cases.kinds.transfer.figures import draw
 from swarmstart.cases.kinds.transfer.measures import measure
 from swarmstart.cases.kinds.transfer.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.transfer.pose import flaws, pose
@@ -14,5 +13,5 @@ KIND = Kind(
     measures=MEASURES,
     undefined=UNDEFINED,
     flaws=flaws,
-    figures=draw,
+    drawn_by="swarmstart.cases.kinds.transfer.figures:draw",
 )
