@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -273,6 +273,20 @@ def no_measures(scenario: Scenario) -> dict[str, str]:
     return {}
 
 
+class Flown(NamedTuple):
+    """Cost of a whole flight, and by how much it broke its constraints.
+
+    Attributes:
+        cost: What flights of this kind are compared by, the less the better, also where
+            the user maximises; NaN if it is not finite.
+        excess: Largest excess over a constraint along the whole path, relative to its
+            limit where that is a distance; 0 if all hold.
+    """
+
+    cost: float
+    excess: float
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Kind:
     """A kind of scenario.
@@ -281,6 +295,8 @@ class Kind:
         scenario: The pydantic model of its scenarios.
         poses: Scenario -> its agents and plant, nothing compiled; call `pose`.
         measure: (scenario, flight, trajectory) -> measures by name.
+        flown: (scenario, flight, trajectory, measures) -> what whole flights are
+            compared by.
         measures: Name -> what it is, for the list.
         undefined: Name of a measure that may be null -> why; NEVER for a time.
         own_measures: Scenario -> measures that it defines itself: name -> why one may
@@ -299,6 +315,7 @@ class Kind:
     scenario: type[Scenario]
     poses: Callable[..., Posed]
     measure: Callable[..., Mapping[str, Measure]]
+    flown: Callable[..., Flown]
     measures: Mapping[str, str]
     undefined: Mapping[str, str]
     flaws: Callable[..., Iterator[LocatedFlaw]]

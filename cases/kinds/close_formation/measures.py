@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from swarmstart.cases.format.kind import Measure
+from swarmstart.cases.format.kind import Flown, Measure
 from swarmstart.cases.kinds.close_formation.leader import (
     first_manoeuvre_s,
     last_change_s,
@@ -16,6 +16,7 @@ from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.kinds.models.close_formation import POSITION
 from swarmstart.cases.kinds.models.horseshoe_vortex import drag_saving
+from swarmstart.cases.kinds.problem.flown_path import flown_values
 from swarmstart.cases.record.trajectory_arrays import effort, plan_costs
 from swarmstart.ocp import (
     IpoptOptions,
@@ -51,6 +52,19 @@ def measure(
         **effort(trajectory),
     }
     return {name: measures[name] for name in MEASURES}
+
+
+def flown(
+    scenario: CloseFormationScenario,
+    flight: CloseFormationFlight,
+    trajectory: Trajectory,
+    measures: Mapping[str, Measure],
+) -> Flown:
+    """Return the integral of the stage cost over the path flown; (5.21) has no more."""
+    del scenario, measures
+    problem = flight.posed.agents[0].problem
+    cost, excess, _ = flown_values(problem, flight, trajectory)
+    return Flown(cost, excess)
 
 
 def deviations(scenario: CloseFormationScenario, states: Array) -> Array:

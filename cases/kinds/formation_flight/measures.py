@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.kind import Measure
+from swarmstart.cases.format.kind import Flown, Measure
 from swarmstart.cases.kinds.formation_flight.names import MEASURES
 from swarmstart.cases.kinds.formation_flight.pose import FormationFlight, PosedFormation
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
@@ -53,6 +53,26 @@ def measure(
         ),
     }
     return {name: measures[name] for name in MEASURES}
+
+
+def flown(
+    scenario: FormationScenario,
+    flight: FormationFlight,
+    trajectory: Trajectory,
+    measures: Mapping[str, Measure],
+) -> Flown:
+    """Return the closed-loop cost, and what is missing of the distances to be kept.
+
+    As a part of the safe distance of two UAVs, and of the radius of an obstacle.
+    """
+    del flight, trajectory
+    safe = scenario.avoidance.safe_distance_m
+    radius = max((o.radius_m for o in scenario.obstacles), default=1.0)
+    near, clear = measures["min_distance_m"], measures["obstacle_clearance_m"]
+    missing = [1.0 - near / safe] if isinstance(near, float) else []
+    missing += [-clear / radius] if isinstance(clear, float) else []
+    cost = measures["closed_loop_cost"]
+    return Flown(cost if isinstance(cost, float) else np.nan, max([0.0, *missing]))
 
 
 def errors(posed: PosedFormation, times: Array, states: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.problem.flaws import flaws
-from swarmstart.cases.kinds.problem.measures import measure, own_measures
+from swarmstart.cases.kinds.problem.measures import flown, measure, own_measures
 from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
@@ -11,6 +11,7 @@ KIND = Kind(
     scenario=ProblemScenario,
     poses=pose,
     measure=measure,
+    flown=flown,
     measures=MEASURES,
     own_measures=own_measures,
     undefined=UNDEFINED,

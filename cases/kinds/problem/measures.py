@@ -20,7 +20,7 @@ from swarmstart.cases.format.expressions import (
     interpret,
     parse,
 )
-from swarmstart.cases.format.kind import NEVER, Flight, Measure, Posed
+from swarmstart.cases.format.kind import NEVER, Flight, Flown, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.decided_measures import (
     decided_measures,
@@ -92,6 +92,30 @@ def measure(
             scenario.tabled,
         ),
     )
+
+
+def flown(
+    scenario: UserScenario,
+    flight: Flight[Posed],
+    trajectory: Trajectory,
+    measures: Mapping[str, Measure],
+) -> Flown:
+    """Return the cost of the simulated path and its largest excess over a constraint.
+
+    Terminal constraints count if the one plan was simulated to its end.
+    """
+    del scenario, trajectory
+    names = ["constraint_excess", *["terminal_excess"] * flight.posed.open_loop]
+    sense = flight.posed.agents[0].problem.sense
+    return Flown(
+        cost=sense * _number(measures["flown_cost"]),
+        excess=max(_number(measures[name]) for name in names),
+    )
+
+
+def _number(measured: Measure) -> float:
+    """Return a measure as a number; NaN if it is not defined."""
+    return float(measured) if isinstance(measured, int | float) else math.nan
 
 
 def measured(

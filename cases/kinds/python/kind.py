@@ -8,6 +8,7 @@ from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.flown_path import rows_of
 from swarmstart.cases.kinds.problem.measures import (
     PATH,
+    flown,
     measured,
     own_measures,
     own_values,
@@ -48,6 +49,7 @@ KIND = Kind(
     scenario=PythonScenario,
     poses=pose,
     measure=measure,
+    flown=flown,
     measures=MEASURES,
     own_measures=own_measures,
     undefined=UNDEFINED,

@@ -6,13 +6,14 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.kind import Measure
+from swarmstart.cases.format.kind import Flown, Measure
 from swarmstart.cases.kinds.planar import (
     by_uav,
     flown_positions,
     largest_pair_distance,
     smallest_pair_distance,
 )
+from swarmstart.cases.kinds.problem.flown_path import flown_values
 from swarmstart.cases.kinds.reconfiguration.names import MEASURES
 from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.reference import gaps
@@ -43,6 +44,27 @@ def measure(
         **effort(trajectory),
     }
     return {name: measures[name] for name in MEASURES}
+
+
+def flown(
+    scenario: ReconfigurationScenario,
+    flight: ReconfigurationFlight,
+    trajectory: Trajectory,
+    measures: Mapping[str, Measure],
+) -> Flown:
+    """Return the cost of the path flown, and what is missing of the safe distance.
+
+    The integral of the stage cost of all UAVs; where each plans alone, the sum of the
+    costs of their plans. The distance that is missing is a part of the safe one.
+    """
+    safe, found = scenario.distances.safe_m, measures["min_distance_m"]
+    near = found if isinstance(found, float) else np.inf
+    if flight.posed.order is not None or flight.posed.nearby is not None:
+        cost = float(plan_costs(trajectory).sum())
+    else:
+        problem = flight.posed.agents[0].problem
+        cost, *_ = flown_values(problem, flight, trajectory)
+    return Flown(cost, max(0.0, 1.0 - near / safe))
 
 
 def errors_of(

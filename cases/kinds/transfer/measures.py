@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.kind import Measure
+from swarmstart.cases.format.kind import Flown, Measure
 from swarmstart.cases.kinds.planar import (
     POSITION,
     by_uav,
@@ -50,6 +50,22 @@ def measure(
         "plan_seconds": float(trajectory.step_seconds[0]),
     }
     return {name: measures[name] for name in MEASURES}
+
+
+def flown(
+    scenario: TransferScenario,
+    flight: TransferFlight,
+    trajectory: Trajectory,
+    measures: Mapping[str, Measure],
+) -> Flown:
+    """Return the verified cost of the plan, and what is missing of the safe distance.
+
+    As a part of that distance, between the checks too.
+    """
+    del flight, trajectory
+    near, cost = measures["min_distance_m"], measures["verified_cost"]
+    missing = 1.0 - near / scenario.safe_distance_m if isinstance(near, float) else 0.0
+    return Flown(cost if isinstance(cost, float) else np.nan, max(0.0, missing))
 
 
 def _known(value: float) -> float | None:
