@@ -118,6 +118,8 @@ class LaneSearch:
         try:
             if not isinstance(space, ControlSpace):
                 raise NoLanesError("its search looks at members of a family")
+            if isinstance(search.algorithm, Multistart) and not search.algorithm.lanes:
+                raise NoLanesError("none are asked for")
             program = None if polisher is None else polisher.program
             self._solver = LaneSolver(fitness.shooting, program=program)
         except NoLanesError as error:

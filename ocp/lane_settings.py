@@ -21,13 +21,15 @@ class Multistart:
 
     It ends when the budget is spent, or sooner when the share of starts that would end
     in an optimum not seen yet is below `unseen`, with 95 % confidence (lanes/optima.py;
-    it speaks of these starts only). Where a problem has no lane method the NLP solver
-    begins at random points until the budget is spent.
+    it speaks of these starts only). Where a problem has no lane method, or `lanes` is
+    false, the NLP solver begins at random points until the budget is spent.
 
     Attributes:
         size: Starts that are solved at once, at least 1.
         unseen: Upper end of the unseen share at which it ends, in [0, 1]; 0 means that
             it goes on to the end of the budget.
+        lanes: Whether lanes solve what they can. False: the NLP solver alone, from one
+            start after the other; the usual rival of a search.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -35,12 +37,15 @@ class Multistart:
 
     size: int = 64
     unseen: float = 0.05
+    lanes: bool = True
 
     def __post_init__(self) -> None:
         """Check the values."""
         _require_count("size", self.size)
         ok = isinstance(self.unseen, Real) and 0.0 <= self.unseen <= 1.0
         require("unseen", self.unseen, ok=ok, allowed="in [0, 1]")
+        ok = isinstance(self.lanes, bool)
+        require("lanes", self.lanes, ok=ok, allowed="true or false")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

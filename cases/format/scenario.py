@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from swarmstart.cases.format.document import (
     Document,
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 
     from swarmstart.cases.format.kind import Kind, Posed
     from swarmstart.cases.format.settings import Scenario
+
+M = TypeVar("M", bound="pydantic.BaseModel")
 
 DEFAULT_VARIANT = "corrected"
 LONGEST_NAME = 64
@@ -234,7 +236,7 @@ def resolve(
     for text in assignments:
         document = assign(document, *split_assignment(text))
     kind = _kind(document)
-    scenario = _validated(document, kind)
+    scenario = checked(document, kind.scenario)
     if steps is None:  # By default a flight is as long as its first plan.
         steps = getattr(getattr(scenario, "prediction", None), "intervals", None)
     scenario = _claiming(scenario, steps)
@@ -375,21 +377,29 @@ def _is_missing(scenario: Scenario, dotted_key: str) -> bool:
     return False
 
 
-def _validated(document: Document, kind: Kind) -> Scenario:
-    """Return the scenario that pydantic makes of the document."""
+def checked(document: Document, model: type[M]) -> M:
+    """Return what pydantic makes of a document: a scenario, or another file of users.
+
+    Args:
+        document: The document.
+        model: The pydantic model.
+
+    Raises:
+        InvalidScenarioError: If it does not fit, with all that is wrong.
+    """
     import pydantic
 
     folder = document.folder
     beside = Path(document.name).parent if folder is None else Path(folder)
     try:
-        return kind.scenario.model_validate(document.data, context={"folder": beside})
+        return model.model_validate(document.data, context={"folder": beside})
     except pydantic.ValidationError as error:
         by_path = _by_path(document, error)
         # A new key is not missed where its old name is: that is said once.
         old = RENAMED.keys() & map(_dotted, by_path)
         new = {RENAMED[key].partition(" ")[0] for key in old}
         flaws = [
-            _described(document, path, together, kind.scenario)
+            _described(document, path, together, model)
             for path, together in by_path.items()
             if _dotted(path) not in new
         ]

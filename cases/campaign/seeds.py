@@ -1,0 +1,138 @@
+"""One scenario over many seeds: `run --seeds`, by the engine of `compare`."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from swarmstart.cases.campaign.cells import Outcome
+from swarmstart.cases.format.scenario import Resolved
+from swarmstart.cases.record.record import versions
+
+SEEDS = "seeds.json"
+MOST_INSTANTS = 201
+OUTER = (0.1, 0.9)
+"""Quantiles between which a band lies."""
+
+
+def seeds_content(
+    resolved: Resolved, outcomes: Sequence[Outcome], *, command: str
+) -> dict[str, Any]:
+    """Return what runs of one scenario over seeds have shown, as seeds.json has it.
+
+    Args:
+        resolved: The scenario.
+        outcomes: Of its flights (flight_trial.py), seed by seed from 0 on.
+        command: The command line that does the same.
+    """
+    settings = resolved.settings
+    results = [outcome.result for outcome in outcomes]
+    return {
+        "schema": 1,
+        "record": "seeds",
+        "scenario": settings["name"],
+        "title": settings["title"],
+        "kind": settings["kind"],
+        "variant": resolved.variant,
+        "search": settings["search"]["name"],
+        "polish": settings["polish"],
+        "command": command,
+        "seeds": list(range(len(outcomes))),
+        "failures": [outcome.failure for outcome in outcomes],
+        "status": [None if one is None else one["status"] for one in results],
+        "feasible": [one is not None and one["feasible"] for one in results],
+        "measures": _measures(results),
+        "claims": _claims(results),
+        "step_seconds": [
+            None if one is None else one["step_seconds"] for one in results
+        ],
+        "bands": bands([one["track"] for one in results if one is not None]),
+        "versions": versions(),
+    }
+
+
+def _measures(results: Sequence[Mapping[str, Any] | None]) -> dict[str, list[Any]]:
+    """Return the values of each measure, one a seed; None of a run that failed."""
+    names = dict.fromkeys(
+        name for one in results if one is not None for name in one["measures"]
+    )
+    return {
+        name: [None if one is None else one["measures"].get(name) for one in results]
+        for name in names
+    }
+
+
+def _claims(results: Sequence[Mapping[str, Any] | None]) -> list[dict[str, Any]]:
+    """Return each claim of the scenario with its verdict in each run, None: not judged."""
+    found = [one["claims"] for one in results if one is not None]
+    if not found:
+        return []
+    return [
+        {
+            **{name: claim[name] for name in ("id", "text", "gate")},
+            "holds": [each[number]["holds"] for each in found],
+        }
+        for number, claim in enumerate(found[0])
+    ]
+
+
+def bands(tracks: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """Return medians and 10 to 90 % bands of states over time, None without a path.
+
+    Args:
+        tracks: Paths, as `flight_trial` keeps them; they may differ in length. What
+            lies beyond the shortest is left out.
+    """
+    if not tracks:
+        return None
+    end = min(track["time"][-1] for track in tracks)
+    time = np.linspace(0.0, end, MOST_INSTANTS)
+    return {
+        "time": [float(t) for t in time],
+        "states": {name: _band(tracks, name, time) for name in tracks[0]["states"]},
+    }
+
+
+def _band(
+    tracks: Sequence[Mapping[str, Any]], name: str, time: np.ndarray[Any, Any]
+) -> dict[str, list[float | None]]:
+    rows = np.array(
+        [
+            np.interp(time, track["time"], _numbers(track["states"][name]))
+            for track in tracks
+        ]
+    )
+    low, median, high = np.quantile(rows, [OUTER[0], 0.5, OUTER[1]], axis=0)
+    return {
+        side: [float(v) if np.isfinite(v) else None for v in values]
+        for side, values in (("low", low), ("median", median), ("high", high))
+    }
+
+
+def _numbers(values: Sequence[float | None]) -> list[float]:
+    return [np.nan if value is None else value for value in values]
+
+
+def spread_of(values: Sequence[Any]) -> tuple[str, ...]:
+    """Return lowest, median and highest of a measure, and how many are undefined.
+
+    Of a measure that is a list, those of its largest entries.
+    """
+    single = [_largest(value) for value in values]
+    known = [value for value in single if value is not None]
+    missing = len(values) - len(known)
+    note = f"undefined in {missing}" if missing else ""
+    if not known:
+        return "-", "-", "-", note
+    parts = min(known), statistics.median(known), max(known)
+    return (*(f"{part:.6g}" for part in parts), note)
+
+
+def _largest(value: Any) -> float | None:
+    if isinstance(value, list):
+        known = [entry for entry in value if entry is not None]
+        return max(known, default=None)
+    return None if value is None else float(value)

@@ -1,0 +1,88 @@
+"""Figures of one scenario over many seeds: bands of the states, spread of a measure."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from swarmstart.cases.drawing.drawing import COLOURS, Figures, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_STATES = 12
+"""States that are drawn; more are said to be left out."""
+MOST_MEASURES = 12
+COLUMNS = 3
+
+
+def seed_figures(content: Mapping[str, Any]) -> Figures:
+    """Yield the figures of runs over seeds.
+
+    Args:
+        content: As of `campaign.seeds.seeds_content`.
+    """
+    if content["bands"] is not None:
+        yield "bands", _bands(content)
+    spread = {
+        name: [value for value in values if isinstance(value, int | float)]
+        for name, values in content["measures"].items()
+        if "seconds" not in name
+    }
+    varied = {name: values for name, values in spread.items() if len(set(values)) > 1}
+    if varied:
+        yield "spread", _spread(varied, len(content["seeds"]))
+
+
+def _bands(content: Mapping[str, Any]) -> "Figure":
+    """Return the median of each state, and the band of 10 to 90 % of the runs."""
+    time, states = content["bands"]["time"], content["bands"]["states"]
+    chosen = list(states.items())[:MOST_STATES]
+    figure, axes = _grid(len(chosen))
+    for panel, (name, band) in zip(axes, chosen, strict=False):
+        low, median, high = (
+            np.array(band[side], dtype=float) for side in ("low", "median", "high")
+        )
+        panel.fill_between(time, low, high, color=COLOURS[0], alpha=0.3, lw=0)
+        panel.plot(time, median, color=COLOURS[0], lw=1.2)
+        panel.set_title(_plain(name), fontsize="small")
+        panel.tick_params(labelsize="small")
+    left = len(states) - len(chosen)
+    more = f"; {left} more states are not drawn" if left else ""
+    runs = sum(not failure for failure in content["failures"])
+    figure.supxlabel("time [s]", fontsize="small")
+    figure.suptitle(f"median and 10 to 90 % of {runs} runs{more}", fontsize="medium")
+    return figure
+
+
+def _spread(varied: Mapping[str, list[float]], runs: int) -> "Figure":
+    """Return a row of points for each measure that differs from run to run."""
+    chosen = list(varied.items())[:MOST_MEASURES]
+    figure, axes = _grid(len(chosen), height=1.3)
+    for panel, (name, values) in zip(axes, chosen, strict=False):
+        shifts = np.linspace(-0.25, 0.25, len(values))
+        panel.plot(values, shifts, "o", ms=4, mfc="none", color=COLOURS[0])
+        panel.axvline(float(np.median(values)), color=COLOURS[1], lw=1.5)
+        panel.set(ylim=(-0.6, 0.6), yticks=[])
+        panel.set_title(_plain(name), fontsize="small")
+        panel.tick_params(labelsize="small")
+    left = len(varied) - len(chosen)
+    more = f"; {left} more measures are not drawn" if left else ""
+    text = f"measures of {runs} runs, their medians as lines{more}"
+    figure.suptitle(text, fontsize="medium")
+    return figure
+
+
+def _grid(panels: int, height: float = 1.8) -> tuple["Figure", list[Any]]:
+    columns = min(COLUMNS, panels)
+    rows = -(-panels // columns)
+    figure = new_figure((9.0, 0.9 + height * rows))
+    axes = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
+    for unused in axes[panels:]:
+        unused.set_axis_off()
+    return figure, axes
+
+
+def _plain(name: str) -> str:
+    """Return a name of a user's without what matplotlib reads as mathematics."""
+    return name.replace("$", r"\$")
