@@ -66,7 +66,7 @@ def _measures(results: Sequence[Mapping[str, Any] | None]) -> dict[str, list[Any
 
 
 def _claims(results: Sequence[Mapping[str, Any] | None]) -> list[dict[str, Any]]:
-    """Return each claim of the scenario with its verdict in each run, None: not judged."""
+    """Return each claim of the scenario with its verdicts; None: not judged."""
     found = [one["claims"] for one in results if one is not None]
     if not found:
         return []

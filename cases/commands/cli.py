@@ -162,6 +162,7 @@ def _carried_out(arguments: Sequence[str] | None, asked_to_stop: list[int]) -> i
 def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the options; what a command does not know is its own error."""
     options, unknown = parser().parse_known_args(arguments)
+    options.words = list(sys.argv[1:] if arguments is None else arguments)
     if unknown:
         options.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     if options.debug:
@@ -231,7 +232,16 @@ def _add_run(run: _Parser) -> None:
     _add_scenario_options(run)
     run.add_argument("--search", choices=[*SEARCHES], help="default: the scenario's")
     run.add_argument("--polish", choices=[*POLISHES], help="default: the scenario's")
-    run.add_argument("--seed", type=_seed, default=0, metavar="N", help="default: 0")
+    which = run.add_mutually_exclusive_group()
+    which.add_argument("--seed", type=_seed, default=0, metavar="N", help="default: 0")
+    which.add_argument(
+        "--seeds", type=_count, metavar="N",
+        help="run seeds 0 to N - 1; lowest, median and highest of every measure",
+    )  # fmt: skip
+    run.add_argument(
+        "--workers", type=_count, metavar="N",
+        help="processes for --seeds; default: every core",
+    )  # fmt: skip
     run.add_argument("--out", metavar="DIR", help="default: results/<scenario>/<key>")
     run.add_argument(
         "--force", action="store_true",

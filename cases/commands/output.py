@@ -8,6 +8,7 @@ said on the other one.
 import contextlib
 import os
 import sys
+from collections.abc import Sequence
 from typing import TextIO
 
 from swarmstart.cases.format.document import printable
@@ -73,6 +74,22 @@ def tell(text: str) -> None:
 def say(text: str) -> None:
     """Say something on standard error in the program's name."""
     tell(f"swarmstart: {text}")
+
+
+def table_lines(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return rows as aligned lines; the last column is not padded."""
+    if not rows:
+        return []
+    rows = [tuple(map(printable, row)) for row in rows]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
+    return [
+        "  "
+        + "  ".join(
+            [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
+            + [row[-1]]
+        )
+        for row in rows
+    ]
 
 
 def silence(stream: TextIO | None) -> None:

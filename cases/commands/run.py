@@ -2,36 +2,39 @@
 
 import argparse
 import contextlib
-import math
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from swarmstart.cases.campaign.claims import holds
 from swarmstart.cases.campaign.run import Run, default_folder, run
-from swarmstart.cases.commands.output import DONE, GATE, INFEASIBLE, answer, say
+from swarmstart.cases.commands.conditions import (
+    Condition,
+    condition_of,
+    met_conditions,
+)
+from swarmstart.cases.commands.output import (
+    DONE,
+    GATE,
+    INFEASIBLE,
+    answer,
+    say,
+    table_lines,
+)
 from swarmstart.cases.commands.progress import Progress
-from swarmstart.cases.format.document import meant, printable
+from swarmstart.cases.commands.seeds import run_seeds
+from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.kind import NEVER, Measure
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.format.settings import Scenario
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
-from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.first_use import kernels_ahead
 from swarmstart.ocp import DivergedError, population_of
 
 RESULTS = Path("results")
-Condition = tuple[str, str, float | None]
-_CONDITION = re.compile(r"\s*([a-z_0-9]+)\s*(<=|>=|==|<|>)\s*(\S+)\s*")
-
-
-class InvalidConditionError(SwarmstartError, ValueError):
-    """The text after --fail-on is no condition on a measure."""
 
 
 def run_command(options: argparse.Namespace) -> int:
@@ -57,7 +60,7 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
         assignments=options.assignments,
         valid=begin,
     )
-    conditions = [_condition(text, resolved) for text in options.fail_on]
+    conditions = [condition_of(text, resolved) for text in options.fail_on]
     if options.print_config:
         text = yaml.safe_dump(
             dict(resolved.settings), sort_keys=False, allow_unicode=True
@@ -65,6 +68,8 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
         answer(text.rstrip())
         return DONE
     resolved = allowing(resolved, options)
+    if options.seeds is not None:
+        return run_seeds(resolved, options, RESULTS, conditions)
     default = default_folder(resolved, options.seed, RESULTS)
     folder = Path(options.out) if options.out else default
     recording = Recording(
@@ -106,52 +111,7 @@ def allowing(
     return replace(resolved, allow_python=True)
 
 
-def _condition(text: str, resolved: Resolved) -> Condition:
-    """Return (measure, relation, bound) of a --fail-on; null is a bound too."""
-    known = resolved.kind.measures_of(resolved.scenario)
-    match = _CONDITION.fullmatch(text)
-    expected = "expected --fail-on 'MEASURE RELATION NUMBER'"
-    if match is None:
-        raise InvalidConditionError(f"{expected}, found {text!r}")
-    measure, relation, bound = match.groups()
-    if measure not in known:
-        hint = meant(measure, known, otherwise="see swarmstart list")
-        raise InvalidConditionError(
-            f"expected a measure in --fail-on, found {measure!r}; {hint}"
-        )
-    if bound == "null":
-        if relation != "==":
-            raise InvalidConditionError(
-                f"expected == with null in --fail-on, found {relation}"
-            )
-        return measure, relation, None
-    try:
-        number = float(bound)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise InvalidConditionError(f"{expected}, found {bound!r} as the number")
-    return measure, relation, number
-
-
-def _met(condition: Condition, measured: Measure, why: str) -> bool | None:
-    """Return whether a condition holds; of a list, whether it does for any entry.
-
-    Args:
-        condition: The condition.
-        measured: Its measure.
-        why: Why that may not be defined, as in `Kind`.
-
-    Returns:
-        None if it is not defined: the condition is not judged.
-    """
-    _, relation, bound = condition
-    if isinstance(measured, list):
-        return any(holds(value, relation, bound, reason=why) for value in measured)
-    return holds(measured, relation, bound, reason=why)
-
-
-def _exit_code(finished: Run, conditions: list[Condition]) -> int:
+def _exit_code(finished: Run, conditions: Sequence[Condition]) -> int:
     if not finished.feasible:
         return INFEASIBLE
     failed = [
@@ -159,18 +119,7 @@ def _exit_code(finished: Run, conditions: list[Condition]) -> int:
         for claim in finished.claims
         if claim["gate"] and claim["holds"] is False
     ]
-    for condition in conditions:
-        measure, relation, bound = condition
-        resolved = finished.resolved
-        why = resolved.kind.undefined_of(resolved.scenario).get(measure, "")
-        met = _met(condition, finished.measures[measure], why)
-        if met is None:
-            reason = why or "it is not a number"
-            say(f"--fail-on not judged: {measure} is not defined: {reason}")
-        elif met:
-            value = finished.measures[measure]
-            found = why if value is None else to_json(value)
-            failed.append(f"{measure} = {found} {relation} {to_json(bound)}")
+    failed += met_conditions(conditions, finished.measures, finished.resolved)
     for failure in failed:
         say(f"gate failed: {printable(failure)}")
     return GATE if failed else DONE
@@ -194,16 +143,16 @@ def _report(finished: Run) -> str:
     if finished.resumed:
         lines.append(f"went on after step {finished.resumed}, where it had stopped")
     lines.append("")
-    lines += _table(
+    lines += table_lines(
         [(name, _shown(value)) for name, value in finished.measures.items()]
     )
     judged = [claim for claim in finished.claims if claim["holds"] is not None]
     if judged:
-        lines += ["", "claims", *_table([_claim_row(claim) for claim in judged])]
+        lines += ["", "claims", *table_lines([_claim_row(claim) for claim in judged])]
     others = [claim for claim in finished.claims if claim["holds"] is None]
     if others:
         lines += ["", "claims not judged, which need"]
-        lines += _table([(c["id"], c["text"], c["needs"]) for c in others])
+        lines += table_lines([(c["id"], c["text"], c["needs"]) for c in others])
     if finished.folder is not None:
         lines += ["", f"record   {finished.folder}"]
     if finished.folder is not None and finished.figures:
@@ -221,22 +170,6 @@ def _claim_row(claim: dict[str, Any]) -> tuple[str, ...]:
     measured += NEVER if undefined else _shown(claim["measured"])
     question = f"{measured} {claim['relation']} {bound}"
     return claim["id"], VERDICTS[claim["holds"]], question, claim["text"]
-
-
-def _table(rows: list[tuple[str, ...]]) -> list[str]:
-    """Return rows as aligned lines; the last column is not padded."""
-    if not rows:
-        return []
-    rows = [tuple(map(printable, row)) for row in rows]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
-    return [
-        "  "
-        + "  ".join(
-            [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
-            + [row[-1]]
-        )
-        for row in rows
-    ]
 
 
 def _shown(value: Measure) -> str:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmstart.cases.drawing.drawing import COLOURS, Figures, new_figure
+from swarmstart.cases.drawing.panels import escaped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,7 +46,7 @@ def _bands(content: Mapping[str, Any]) -> "Figure":
         )
         panel.fill_between(time, low, high, color=COLOURS[0], alpha=0.3, lw=0)
         panel.plot(time, median, color=COLOURS[0], lw=1.2)
-        panel.set_title(_plain(name), fontsize="small")
+        panel.set_title(escaped(name), fontsize="small")
         panel.tick_params(labelsize="small")
     left = len(states) - len(chosen)
     more = f"; {left} more states are not drawn" if left else ""
@@ -64,7 +65,7 @@ def _spread(varied: Mapping[str, list[float]], runs: int) -> "Figure":
         panel.plot(values, shifts, "o", ms=4, mfc="none", color=COLOURS[0])
         panel.axvline(float(np.median(values)), color=COLOURS[1], lw=1.5)
         panel.set(ylim=(-0.6, 0.6), yticks=[])
-        panel.set_title(_plain(name), fontsize="small")
+        panel.set_title(escaped(name), fontsize="small")
         panel.tick_params(labelsize="small")
     left = len(varied) - len(chosen)
     more = f"; {left} more measures are not drawn" if left else ""
@@ -81,8 +82,3 @@ def _grid(panels: int, height: float = 1.8) -> tuple["Figure", list[Any]]:
     for unused in axes[panels:]:
         unused.set_axis_off()
     return figure, axes
-
-
-def _plain(name: str) -> str:
-    """Return a name of a user's without what matplotlib reads as mathematics."""
-    return name.replace("$", r"\$")

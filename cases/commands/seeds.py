@@ -1,0 +1,137 @@
+"""`swarmstart run --seeds`: one scenario flown many times, its measures with spread."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from swarmstart.cases.campaign.cells import Cell, Outcome, carried_out
+from swarmstart.cases.campaign.flight_trial import flight_cell
+from swarmstart.cases.campaign.seeds import SEEDS, seeds_content, spread_of
+from swarmstart.cases.commands.conditions import Condition, met_conditions
+from swarmstart.cases.commands.output import (
+    DONE,
+    GATE,
+    INFEASIBLE,
+    answer,
+    say,
+    table_lines,
+)
+from swarmstart.cases.commands.progress import Progress
+from swarmstart.cases.drawing.drawing import write_figures
+from swarmstart.cases.drawing.seed_figures import seed_figures
+from swarmstart.cases.format.document import printable
+from swarmstart.cases.format.scenario import Resolved
+from swarmstart.cases.record.files import locked, require_ours, to_json, write_json
+from swarmstart.cases.record.record import FIGURES
+
+HEAD = ("measure", "lowest", "median", "highest", "")
+CELLS = "cells"
+
+
+def run_seeds(
+    resolved: Resolved,
+    options: argparse.Namespace,
+    root: Path,
+    conditions: Sequence[Condition],
+) -> int:
+    """Fly a scenario with seeds 0 to N - 1; return the exit code.
+
+    Args:
+        resolved: The scenario.
+        options: Of the command `run`.
+        root: Where results lie by default.
+        conditions: Of --fail-on: the gate fails if one holds in any run.
+    """
+    cells = [flight_cell(resolved, seed, named=True) for seed in range(options.seeds)]
+    folder = Path(options.out) if options.out else root / _name(resolved, cells)
+    require_ours(folder / SEEDS, _is_seeds, "runs over seeds")
+    with Progress(resolved.scenario.name, quiet=options.quiet) as progress:
+        outcomes = carried_out(
+            cells,
+            folder / CELLS,
+            workers=options.workers or os.cpu_count() or 1,
+            told=progress.update,
+        )
+    command = shlex.join(["swarmstart", *options.words])
+    content = seeds_content(resolved, outcomes, command=command)
+    with locked(folder):
+        figures = [] if options.no_figures else [*seed_figures(content)]
+        drawn = write_figures(figures, folder / FIGURES)
+        content["figures"] = [file.name for file in drawn]
+        write_json(folder / SEEDS, content)
+    answer(to_json(content) if options.json else _report(content, folder))
+    return _exit_code(content, outcomes, resolved, conditions)
+
+
+def _name(resolved: Resolved, cells: Sequence[Cell]) -> Path:
+    """Return <scenario>/seeds-<key>, a hash of all that determines the runs."""
+    keys = hashlib.sha256("".join(cell.key for cell in cells).encode()).hexdigest()
+    return Path(resolved.scenario.name) / f"seeds-{keys[:16]}"
+
+
+def _is_seeds(text: str) -> bool:
+    try:
+        return bool(json.loads(text)["record"] == "seeds")
+    except (ValueError, LookupError, TypeError):
+        return False
+
+
+def _report(content: Mapping[str, Any], folder: Path) -> str:
+    """Return what a person reads."""
+    runs, feasible = len(content["seeds"]), sum(content["feasible"])
+    title = printable(content["title"] or content["scenario"])
+    variant = f", {content['variant']}" if content["variant"] else ""
+    method = f"{content['search']}, polish {content['polish']}"
+    lines = [
+        f"{title} ({content['scenario']}{variant}; {method})",
+        f"{runs} runs, seeds 0 to {runs - 1}: {feasible} feasible along the whole path",
+    ]
+    failed = [(n, text) for n, text in enumerate(content["failures"]) if text]
+    lines += [f"seed {number} failed: {printable(text)}" for number, text in failed]
+    rows = [(name, *spread_of(values)) for name, values in content["measures"].items()]
+    lines += ["", *[line.rstrip() for line in table_lines([HEAD, *rows])]]
+    judged = [_claim_row(claim) for claim in content["claims"]]
+    judged = [row for row in judged if row]
+    if judged:
+        lines += ["", "claims", *table_lines(judged)]
+    lines += ["", f"record   {folder}"]
+    if content["figures"]:
+        lines.append(f"figures  {folder / FIGURES}")
+    return "\n".join(lines)
+
+
+def _claim_row(claim: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return a claim and in how many runs it holds; empty if none can judge it."""
+    known = [held for held in claim["holds"] if held is not None]
+    if not known:
+        return ()
+    return claim["id"], f"holds in {sum(known)} of {len(known)}", claim["text"]
+
+
+def _exit_code(
+    content: Mapping[str, Any],
+    outcomes: Sequence[Outcome],
+    resolved: Resolved,
+    conditions: Sequence[Condition],
+) -> int:
+    if not any(content["feasible"]):
+        return INFEASIBLE
+    failed = [
+        f"{claim['id']} in {claim['holds'].count(False)} runs: {claim['text']}"
+        for claim in content["claims"]
+        if claim["gate"] and False in claim["holds"]
+    ]
+    for seed, outcome in enumerate(outcomes):
+        if outcome.result is not None:
+            met = met_conditions(conditions, outcome.result["measures"], resolved)
+            failed += [f"seed {seed}: {text}" for text in met]
+    for failure in failed:
+        say(f"gate failed: {printable(failure)}")
+    return GATE if failed else DONE
