@@ -1,0 +1,68 @@
+"""`run --seeds` as a user types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from swarmstart.tests.system.conftest import Command
+
+SMALL = (
+    *("run", "formation_v", "--seeds", "3", "--set", "steps=3"),
+    *("--set", "budget.evaluations=200", "--quiet"),
+)
+
+
+def test_every_measure_has_lowest_median_and_highest_and_figures_show_bands(
+    command: Command, tmp_path: Path
+) -> None:
+    said = command(*SMALL, "--out", tmp_path, "--fail-on", "closed_loop_cost > 1e9")
+    assert said.code == 0
+    assert "3 runs, seeds 0 to 2: 3 feasible along the whole path" in said.out
+    content = json.loads((tmp_path / "seeds.json").read_text())
+    line = next(r for r in said.out.splitlines() if r.startswith("  closed_loop_cost"))
+    values = content["measures"]["closed_loop_cost"]
+    assert line.split()[1:] == [f"{v:.6g}" for v in sorted(values)]
+    assert len(set(values)) == 3
+    assert {file.name for file in (tmp_path / "figures").iterdir()} == {
+        "bands.png",
+        "spread.png",
+    }
+    words = ["swarmstart", *SMALL]
+    assert content["command"].startswith(" ".join(words[:5]))
+
+
+def test_a_gate_that_fails_in_one_run_fails_all_and_one_seed_is_that_of_run(
+    command: Command, tmp_path: Path
+) -> None:
+    every = command(*SMALL, "--out", tmp_path / "a", "--json", "--no-figures")
+    costs = json.loads(every.out)["measures"]["closed_loop_cost"]
+    gate = f"closed_loop_cost >= {max(costs)}"
+    failed = command(*SMALL, "--out", tmp_path / "a", "--fail-on", gate)
+    assert failed.code == 3
+    assert failed.err.count("gate failed") == 1
+    seed = costs.index(max(costs))
+    assert f"seed {seed}: closed_loop_cost" in failed.err
+    one = command(
+        *(SMALL[0], SMALL[1], "--seed", str(seed), *SMALL[4:]),
+        *("--json", "--no-figures", "--out", tmp_path / "b"),
+    )
+    assert json.loads(one.out)["measures"]["closed_loop_cost"] == max(costs)
+
+
+def test_a_file_of_that_name_by_another_program_is_refused(
+    command: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "seeds.json").write_text("mine")
+    said = command(*SMALL, "--out", tmp_path)
+    assert said.code == 2
+    assert "expected runs over seeds, found another file" in said.err
+    assert (tmp_path / "seeds.json").read_text() == "mine"
+
+
+def test_one_seed_and_many_exclude_each_other(command: Command) -> None:
+    said = command("run", "formation_v", "--seed", "1", "--seeds", "3")
+    assert said.code == 2
+    assert "not allowed with" in said.err
