@@ -1,4 +1,4 @@
-"""The command line: `swarmstart run | replicate | compare | list | ...`.
+"""The command line: `swarmstart run | replicate | compare | report | list | ...`.
 
 Exit codes: 0 done; 1 internal error; 2 wrong usage or invalid input; 3 ran, but a gate
 failed; 4 no feasible solution; 5 a file could not be read or written; 130 interrupted,
@@ -190,8 +190,11 @@ def parser() -> argparse.ArgumentParser:
     about = "every claim of the chapter: what was measured, whether it holds"
     _add_replicate(commands.add_parser("replicate", help=about, parents=[common]))
 
-    about = "solvers on planning problems: same budget, paired seeds"
+    about = "solvers side by side: same budget, paired seeds"
     _add_compare(commands.add_parser("compare", help=about, parents=[common]))
+
+    about = "one offline page of what run, compare or replicate recorded"
+    _add_report(commands.add_parser("report", help=about, parents=[common]))
 
     listing = commands.add_parser(
         "list", help="scenarios, searches, measures", parents=[common]
@@ -285,30 +288,78 @@ def _add_replicate(replicate: _Parser) -> None:
 
 
 def _add_compare(compare: _Parser) -> None:
-    compare.add_argument("scenarios", nargs="+", metavar="SCENARIO")
     compare.add_argument(
-        "--solvers", default=SOLVERS, metavar="NAME,...",
-        help=f"searches, with +ipopt or without, multistart-ipopt, ipopt; "
+        "scenarios", nargs="+", metavar="SCENARIO",
+        help="scenarios, or a plan: a YAML file with the key compare",
+    )  # fmt: skip
+    compare.add_argument(
+        "--solvers", metavar="NAME,...",
+        help=f"such as lshade[size=60]+ipopt; multistart-ipopt is always among them; "
         f"default: {SOLVERS}",
     )  # fmt: skip
-    compare.add_argument("--seeds", type=_count, default=10, metavar="N")
+    compare.add_argument("--seeds", type=_count, metavar="N", help="default: 10")
     compare.add_argument(
-        "--budget", default="4000evals", metavar="4000evals|5s",
+        "--budget", metavar="4000evals|5s",
         help="of one planning problem; default: 4000evals",
+    )  # fmt: skip
+    compare.add_argument(
+        "--of", choices=["auto", "plan", "flight"],
+        help="one planning problem or whole flights; default: what the scenario is",
     )  # fmt: skip
     _add_scenario_options(compare)
     compare.add_argument(
-        "--timeout", type=_count, default=300, metavar="S",
+        "--timeout", type=_count, metavar="S",
         help="seconds after which a run is given up; default: 300",
     )  # fmt: skip
     compare.add_argument(
-        "--repair", action=argparse.BooleanOptionalAction, default=True,
+        "--repair", action=argparse.BooleanOptionalAction, default=None,
         help="solve answers that break a constraint between the checks again with a "
         "margin, for all solvers alike; default: yes",
     )  # fmt: skip
+    compare.add_argument(
+        "--dry-run", action="store_true", help="say how many runs, and how long"
+    )
     compare.add_argument("--out", metavar="DIR", help="default: results/compare")
+    compare.add_argument(
+        "--times", action="store_true", help="print seconds, which differ each time"
+    )
+    compare.add_argument(
+        "--parquet", action="store_true", help="write results.parquet beside the table"
+    )
+    compare.add_argument(
+        "--baseline", metavar="DIR", help="an earlier comparison to judge this one by"
+    )
+    compare.add_argument(
+        "--fail-on", choices=["regression"],
+        help="exit with 3 if a solver is worse than in the baseline",
+    )  # fmt: skip
+    compare.add_argument(
+        "--margin", type=_share, default=0.1, metavar="10%",
+        help="by which a solver may be worse; default: 10%%",
+    )  # fmt: skip
+    compare.add_argument(
+        "--engine", choices=["local", "dask"], default="local",
+        help="dask: on the workers of --scheduler; default: local",
+    )  # fmt: skip
+    compare.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of Dask, such as tcp://10.0.0.1:8786"
+    )
     _add_campaign(compare)
-    compare.set_defaults(command=_compare, parser=compare)
+    compare.set_defaults(command=_compare, parser=compare, default_solvers=SOLVERS)
+
+
+def _add_report(report: _Parser) -> None:
+    report.add_argument(
+        "folders", nargs="+", metavar="DIR", help="what a command wrote, its --out"
+    )
+    report.add_argument(
+        "--format", choices=["html", "md", "latex"], action="append", default=[],
+        dest="formats", help="may be given several times; default: html and md",
+    )  # fmt: skip
+    report.add_argument(
+        "--out", metavar="DIR", help="where the files go; default: each into its DIR"
+    )
+    report.set_defaults(command=_report, parser=report)
 
 
 def _add_scenario_options(command: argparse.ArgumentParser) -> None:
@@ -406,6 +457,26 @@ def _compare(options: argparse.Namespace) -> int:
     from swarmstart.cases.commands.compare import compare_command
 
     return compare_command(options)
+
+
+def _report(options: argparse.Namespace) -> int:
+    from swarmstart.cases.commands.report import report_command
+
+    return report_command(options)
+
+
+def _share(text: str) -> float:
+    """Return a part such as 10% or 0.1."""
+    try:
+        number = float(text.removesuffix("%"))
+    except ValueError:
+        number = -1.0
+    part = number / 100 if text.endswith("%") else number
+    if not 0.0 <= part < 1.0:
+        raise argparse.ArgumentTypeError(
+            f"expected a part such as 10%, below 100%; found {text!r}"
+        )
+    return part
 
 
 def _count(text: str) -> int:

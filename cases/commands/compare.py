@@ -1,172 +1,310 @@
-"""`swarmstart compare`: solvers on planning problems, same budget, paired seeds."""
+"""`swarmstart compare`: solvers side by side, same budget, paired seeds."""
 
 from __future__ import annotations
 
 import argparse
 import functools
+import json
 import os
+import shlex
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from swarmstart.cases.campaign.cells import carried_out
-from swarmstart.cases.campaign.comparison import Entry, Row, entry_of, rows_of
-from swarmstart.cases.campaign.results_table import append_rows, require_table
-from swarmstart.cases.campaign.solvers import Solver, budget_of, search_share, solver_of
-from swarmstart.cases.commands.output import DONE, INFEASIBLE, answer, say
+from swarmstart.cases.campaign.cells import Cell, Outcome, carried_out, finished
+from swarmstart.cases.campaign.comparing import (
+    Contest,
+    contest_of,
+    interleaved,
+    with_distinct_names,
+)
+from swarmstart.cases.campaign.comparison import rows_of
+from swarmstart.cases.campaign.comparison_plan import (
+    Chosen,
+    ComparePart,
+    ComparisonPlan,
+    chosen_of,
+    is_plan,
+    plan_in,
+)
+from swarmstart.cases.campaign.comparison_table import report_text
+from swarmstart.cases.campaign.content import content_of
+from swarmstart.cases.campaign.regression import read_content, regression
+from swarmstart.cases.campaign.results_table import (
+    append_rows,
+    require_table,
+    write_parquet,
+)
+from swarmstart.cases.campaign.runs import About, Asked
+from swarmstart.cases.campaign.solver_names import NULL_HYPOTHESIS, Solver, solvers_of
+from swarmstart.cases.campaign.solvers import budget_of
+from swarmstart.cases.commands.allowing import allowing
+from swarmstart.cases.commands.output import DONE, GATE, INFEASIBLE, answer, say
 from swarmstart.cases.commands.progress import Progress
-from swarmstart.cases.commands.run import allowing
-from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.kinds.flight import first_problem
-from swarmstart.cases.record.files import locked, to_json
-from swarmstart.cases.record.record import versions
+from swarmstart.cases.format.document import Document
+from swarmstart.cases.format.scenario import read_document
+from swarmstart.cases.record.files import locked, require_ours, to_json, write_json
+from swarmstart.errors import SwarmstartError
 
 RESULTS = Path("results") / "compare"
-TABLE = "results.csv"
-HEAD = (
-    "solver",
-    "feasible",
-    "near the best",
-    "95 %",
-    "best",
-    "median",
-    "worst",
-    "evals",
-)
+TABLE, CONTENT, CELLS = "results.csv", "comparison.json", "cells"
+TYPICAL_S = 2.5
+"""Of a cell of which nothing is known yet, with a budget in evaluations."""
+
+
+class SeveralPlansGivenError(SwarmstartError, ValueError):
+    """More than one plan was given."""
+
+
+class MissingOptionError(SwarmstartError, ValueError):
+    """An option has no effect without another one."""
 
 
 def compare_command(options: argparse.Namespace) -> int:
     """Compare what the options ask for; return the exit code."""
-    names = dict.fromkeys(name.strip() for name in options.solvers.split(","))
-    solvers = [solver_of(name) for name in names]
-    budget = budget_of(options.budget)
+    if (options.engine == "dask") != bool(options.scheduler):
+        raise MissingOptionError(
+            "expected --engine dask and --scheduler ADDRESS together"
+        )
+    plan, documents = _asked(options)
+    baseline = _baseline(options)
+    solvers = with_null_hypothesis(solvers_of(",".join(plan.solvers)))
+    budget = budget_of(plan.budget)
     said_once = functools.cache(say)
-    entries = [
-        [_entry(name, solver, budget, options, said_once) for solver in solvers]
-        for name in dict.fromkeys(options.scenarios)
-    ]
+    contests = with_distinct_names([
+        contest_of(
+            chosen,
+            document,
+            solvers,
+            plan,
+            budget,
+            functools.partial(allowing, options=options, told=said_once),
+        )
+        for chosen, document in zip(plan.scenarios, documents, strict=True)
+    ])  # fmt: skip
     root = Path(options.out) if options.out else RESULTS
     require_table(root / TABLE)
-    cells = [cell for each in entries for entry in each for cell in entry.cells]
+    require_ours(root / CONTENT, _is_content, "a comparison")
+    cells = interleaved(contests)
     workers = options.workers or os.cpu_count() or 1
+    if options.dry_run:
+        answer(_dry_run(cells, root / CELLS, workers, budget))
+        return DONE
     with Progress("compare", quiet=options.quiet) as progress:
         outcomes = carried_out(
-            cells, root / "cells", workers=workers, told=progress.update
+            cells,
+            root / CELLS,
+            workers=workers,
+            told=progress.update,
+            engine=options.scheduler or "local",
         )
     by_key = {cell.key: one for cell, one in zip(cells, outcomes, strict=True)}
-    rows = [rows_of(each, by_key, seeds=options.seeds) for each in entries]
-    with locked(root):
-        append_rows(root / TABLE, [row for each in rows for row in each])
-    answer(
-        to_json(_content(rows, options))
-        if options.json
-        else _report(rows, options, root)
-    )
-    unsolved = any(not any(row.feasible for row in each) for each in rows)
-    return INFEASIBLE if unsolved else DONE
+    content = _content(contests, by_key, plan, budget, options)
+    if baseline is not None:
+        old, path = baseline
+        found = regression(old, content, margin=options.margin)
+        content["regression"] = {**found, "against": path}
+    _write(root, content, contests, by_key, plan, parquet=options.parquet)
+    _say_what_is_left_out(contests)
+    answer(to_json(content) if options.json else _report(content, root, options))
+    return _exit_code(content, options)
 
 
-def _entry(
-    name: str,
-    solver: Solver,
-    budget: dict[str, Any],
+def _asked(options: argparse.Namespace) -> tuple[ComparisonPlan, list[Document]]:
+    """Return what the options and a plan among the scenarios ask for together."""
+    names = list(dict.fromkeys(options.scenarios))
+    read = {name: read_document(name) for name in names}
+    plans = [name for name in names if is_plan(read[name])]
+    if len(plans) > 1:
+        raise SeveralPlansGivenError(
+            f"expected at most one plan, found {len(plans)}: {', '.join(plans)}"
+        )
+    part = plan_in(read[plans[0]]) if plans else ComparePart(scenarios=["-"])
+    scenarios = chosen_of(part, options.assignments) if plans else []
+    scenarios += [
+        Chosen(
+            source=name,
+            of=options.of or part.of or "auto",
+            variant=options.variant or part.variant,
+            assignments=tuple(options.assignments),
+        )
+        for name in names
+        if name not in plans
+    ]
+    given = {
+        "solvers": [options.solvers] if options.solvers else part.solvers,
+        "seeds": options.seeds or part.seeds,
+        "budget": options.budget or part.budget,
+        "timeout_s": options.timeout or part.timeout_s,
+        "repair": part.repair if options.repair is None else options.repair,
+    }
+    chosen = {name: value for name, value in given.items() if value is not None}
+    chosen["solvers"] = tuple(chosen.get("solvers", [options.default_solvers]))
+    plan = ComparisonPlan(scenarios=tuple(scenarios), known=part.known, **chosen)
+    documents = [
+        read[one.source] if one.source in read else read_document(one.source)
+        for one in scenarios
+    ]
+    return plan, documents
+
+
+def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:
+    """Return the solvers with IPOPT from random starts among them, at the end if new.
+
+    A search is worth its while only if it beats that.
+    """
+    if any(solver.name.startswith(NULL_HYPOTHESIS) for solver in solvers):
+        return list(solvers)
+    return [*solvers, *solvers_of(NULL_HYPOTHESIS)]
+
+
+def _baseline(options: argparse.Namespace) -> tuple[Mapping[str, Any], str] | None:
+    """Return an earlier comparison and where it is, read before any work."""
+    if options.baseline is None:
+        if options.fail_on:
+            raise MissingOptionError(
+                "expected --baseline with --fail-on regression: an earlier comparison"
+            )
+        return None
+    path = Path(options.baseline)
+    file = path / CONTENT if path.is_dir() else path
+    return read_content(file), str(options.baseline)
+
+
+def _is_content(text: str) -> bool:
+    try:
+        return bool(json.loads(text)["record"] == "comparison")
+    except (ValueError, LookupError, TypeError):
+        return False
+
+
+def _dry_run(
+    cells: Sequence[Cell], root: Path, workers: int, budget: Mapping[str, float | int]
+) -> str:
+    """Return how many runs there are, how many are kept, and how long the rest takes."""
+    distinct = {cell.key: cell for cell in cells}
+    kept = [finished(cell, root) for cell in distinct.values()]
+    seconds = [outcome.seconds for outcome in kept if outcome is not None]
+    missing = len(kept) - len(seconds)
+    each = statistics.median(seconds) if seconds else budget.get("seconds", TYPICAL_S)
+    left = missing * each / workers
+    time = f"{left / 60:.0f} min" if left >= 120 else f"{left:.0f} s"  # noqa: PLR2004
+    lines = [f"{len(kept)} runs: {len(seconds)} kept, {missing} to be done"]
+    lines.append(f"about {time} with {workers} processes")
+    return "\n".join(lines)
+
+
+def _content(
+    contests: Sequence[Contest],
+    outcomes: Mapping[str, Outcome],
+    plan: ComparisonPlan,
+    budget: Mapping[str, float | int],
     options: argparse.Namespace,
-    told: Callable[[str], object],
-) -> Entry:
-    resolved = resolve(
-        read_document(name),
-        variant=options.variant,
-        search=solver.search,
-        polish="ipopt" if solver.polished else "none",
-        assignments=[*options.assignments, *_budget_of_search(solver, budget)],
-    )
-    resolved = allowing(resolved, options, told)
-    first_problem(resolved.posed())  # Refused here, not later.
-    return entry_of(
-        resolved,
-        solver,
-        seeds=options.seeds,
+) -> dict[str, Any]:
+    asked = Asked(
+        seeds=tuple(range(plan.seeds)),
         budget=budget,
-        timeout_s=options.timeout,
-        repair=options.repair,
+        budget_text=plan.budget,
+        command=shlex.join(["swarmstart", *options.words]),
     )
-
-
-def _budget_of_search(solver: Solver, budget: dict[str, Any]) -> list[str]:
-    """Return the search's share of the budget as a setting, to be checked as one."""
-    if solver.search == "none":
-        return []
-    return [f"budget={to_json(search_share(solver, budget))}"]
-
-
-def _content(rows: Sequence[Sequence[Row]], options: argparse.Namespace) -> Any:
-    return {
-        "schema": 1,
-        "budget": options.budget,
-        "seeds": options.seeds,
-        "versions": versions(),
-        "rows": [_row_content(row) for each in rows for row in each],
+    about = {
+        contest.name: About(
+            title=contest.resolved.scenario.title,
+            kind=contest.resolved.scenario.kind,
+            variant=contest.resolved.variant,
+            of=contest.of,
+            known_cost=_known(contest, plan, outcomes),
+        )
+        for contest in contests
     }
+    content = content_of([c.entries for c in contests], outcomes, asked, about)
+    content["limits"] += [
+        f"{contest.name}: {', '.join(contest.left_out)} solve single planning problems "
+        "only, and are left out of its flights"
+        for contest in contests
+        if contest.left_out
+    ]
+    return content
 
 
-def _row_content(row: Row) -> dict[str, Any]:
-    return {
-        "scenario": row.entry.scenario,
-        "solver": row.entry.solver.name,
-        "runs": len(row.outcomes),
-        "deterministic": row.entry.solver.is_deterministic,
-        "feasible": row.feasible,
-        "near_best": row.successes,
-        "near_best_interval": row.success_interval,
-        "verified_costs": list(row.costs),
-        "evaluations_median": row.evaluations,
-        "against_first": row.against_first,
-        "failures": _failures(row),
-    }
+def _known(
+    contest: Contest, plan: ComparisonPlan, outcomes: Mapping[str, Outcome]
+) -> float | None:
+    """Return the cost that the plan says is known, to be minimised like all."""
+    known = plan.known.get(contest.name)
+    if known is None:
+        return None
+    results = [outcomes[c.key].result for e in contest.entries for c in e.cells]
+    sense = next((one["sense"] for one in results if one is not None), 1)
+    return float(sense * known)
 
 
-def _failures(row: Row) -> list[str]:
-    return [o.failure for o in row.outcomes if o.failure]
+def _write(
+    root: Path,
+    content: Mapping[str, Any],
+    contests: Sequence[Contest],
+    outcomes: Mapping[str, Outcome],
+    plan: ComparisonPlan,
+    *,
+    parquet: bool,
+) -> None:
+    """Append the runs to the table; keep an earlier comparison under its date."""
+    rows = [
+        row
+        for contest in contests
+        for row in rows_of(contest.entries, outcomes, seeds=plan.seeds)
+    ]
+    with locked(root):
+        append_rows(root / TABLE, rows)
+        _put_aside(root / CONTENT, content)
+        write_json(root / CONTENT, content)
+        if parquet:
+            write_parquet(root / TABLE, root / "results.parquet")
+
+
+def _put_aside(file: Path, content: Mapping[str, Any]) -> None:
+    """Rename an earlier comparison of other things after its date."""
+    try:
+        earlier = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return
+    if earlier.get("command") == content["command"]:
+        return
+    stamp = "".join(c for c in str(earlier.get("date")) if c.isalnum())
+    file.rename(file.with_name(f"comparison-{stamp}.json"))
+
+
+def _say_what_is_left_out(contests: Sequence[Contest]) -> None:
+    for contest in contests:
+        if contest.left_out:
+            say(
+                f"{contest.name} is compared by whole flights; left out, since they "
+                f"solve single planning problems only: {', '.join(contest.left_out)}"
+            )
 
 
 def _report(
-    rows: Sequence[Sequence[Row]], options: argparse.Namespace, root: Path
+    content: Mapping[str, Any], root: Path, options: argparse.Namespace
 ) -> str:
     """Return what a person reads; without wall times, so that all see the same."""
-    seeds = f"seeds 0 to {options.seeds - 1}"
-    lines = [f"budget {options.budget} a planning problem, {seeds}"]
-    for each in rows:
-        lines += ["", each[0].entry.scenario]
-        table = [HEAD, *[_cells(row) for row in each]]
-        widths = [max(len(line[k]) for line in table) for k in range(len(HEAD))]
-        for line, said in zip(
-            table, ["", *[r.against_first for r in each]], strict=True
-        ):
-            cells = [
-                text.ljust(width) for text, width in zip(line, widths, strict=True)
-            ]
-            lines.append(("  " + "  ".join(cells) + f"  {said}").rstrip())
-        first = each[0].entry.solver.name
-        lines.append(f"  the last column compares each with {first}, seed by seed")
-        lines += [
-            f"  {row.entry.solver.name}: {f}" for row in each for f in _failures(row)
-        ]
-    return "\n".join([*lines, "", f"results  {root / TABLE}"])
+    lines = [report_text(content, times=options.times), ""]
+    found = content["regression"]
+    if found is not None:
+        lines += [f"against {found['against']}"]
+        lines += [f"  {row['words']}" for row in found["rows"]] + [""]
+    lines += [f"results  {root / TABLE}"]
+    lines += [f"page     swarmstart report {shlex.quote(str(root))}"]
+    return "\n".join(lines)
 
 
-def _cells(row: Row) -> tuple[str, ...]:
-    count = len(row.outcomes)
-    interval = row.success_interval
-    costs = row.costs
-    shown = ["-"] * 3
-    if costs:
-        shown = [f"{c:.6g}" for c in (costs[0], statistics.median(costs), costs[-1])]
-    return (
-        row.entry.solver.name,
-        f"{row.feasible} of {count}",
-        f"{row.successes} of {count}",
-        "one run" if interval is None else f"{interval[0]:.2f} to {interval[1]:.2f}",
-        *shown,
-        "-" if row.evaluations is None else f"{row.evaluations:g}",
+def _exit_code(content: Mapping[str, Any], options: argparse.Namespace) -> int:
+    found = content["regression"]
+    if options.fail_on and found is not None and found["is_regression"]:
+        worse = sum(row["verdict"] == "worse" for row in found["rows"])
+        say(f"gate failed: regression in {worse} of {len(found['rows'])} comparisons")
+        return GATE
+    unsolved = any(
+        not any(row["feasible"] for row in one["rows"]) for one in content["scenarios"]
     )
+    return INFEASIBLE if unsolved else DONE

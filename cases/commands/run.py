@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from swarmstart.cases.campaign.run import Run, default_folder, run
+from swarmstart.cases.commands.allowing import allowing
 from swarmstart.cases.commands.conditions import (
     Condition,
     condition_of,
@@ -91,24 +92,6 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
         return INFEASIBLE
     answer(to_json(finished.summary()) if options.json else _report(finished))
     return _exit_code(finished, conditions)
-
-
-def allowing(
-    resolved: Resolved,
-    options: argparse.Namespace,
-    told: Callable[[str], object] = say,
-) -> Resolved:
-    """Return the scenario with the permission that the options give, and say so.
-
-    Args:
-        resolved: The scenario.
-        options: Those of the command.
-        told: Says it.
-    """
-    if resolved.code is None or not options.allow_python:
-        return resolved
-    told(f"running {resolved.code}, as --allow-python allows")
-    return replace(resolved, allow_python=True)
 
 
 def _exit_code(finished: Run, conditions: Sequence[Condition]) -> int:

@@ -1,0 +1,202 @@
+"""The cells of a comparison: every solver on every scenario, seed by seed.
+
+A scenario is compared by its one planning problem, or by whole flights in closed loop.
+A flight takes the solvers that a controller can have: the searches of this package,
+IPOPT, and IPOPT from random starts; others are left out of it, and that is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from swarmstart.cases.campaign.cells import Cell
+from swarmstart.cases.campaign.comparison_plan import Chosen, ComparisonPlan
+from swarmstart.cases.campaign.entry import Entry, entry_of
+from swarmstart.cases.campaign.flight_trial import flight_cell
+from swarmstart.cases.campaign.seeding import seed_keys
+from swarmstart.cases.campaign.solver_names import IPOPT, MULTISTART, Solver
+from swarmstart.cases.campaign.solvers import search_share
+from swarmstart.cases.format.document import Document
+from swarmstart.cases.format.kind import SeveralPlansError
+from swarmstart.cases.format.scenario import Resolved, resolve
+from swarmstart.cases.kinds.flight import first_problem
+from swarmstart.cases.record.files import to_json
+from swarmstart.ocp.many_starts import LANES
+
+Allow = Callable[[Resolved], Resolved]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Contest:
+    """A scenario with the solvers compared on it.
+
+    Attributes:
+        name: The scenario's, with a number where several share it.
+        resolved: The scenario as it stands, but for its settings.
+        of: "plan" or "flight".
+        entries: Of each solver, in their order.
+        left_out: Names of solvers that cannot fly it.
+    """
+
+    name: str
+    resolved: Resolved
+    of: str
+    entries: tuple[Entry, ...]
+    left_out: tuple[str, ...] = ()
+
+
+def contest_of(
+    chosen: Chosen,
+    document: Document,
+    solvers: Sequence[Solver],
+    plan: ComparisonPlan,
+    budget: Mapping[str, float | int],
+    allow: Allow,
+) -> Contest:
+    """Return a scenario with its cells; all that is invalid is refused here.
+
+    Args:
+        chosen: The scenario.
+        document: Its file.
+        solvers: The solvers.
+        plan: What is asked.
+        budget: Of one planning problem, as `heuristics.Budget` takes it.
+        allow: Gives a scenario the permissions of the command.
+
+    Raises:
+        InvalidScenarioError: If a setting does not fit.
+        SeveralPlansError: If it is to be compared by one plan and has several.
+        CodeNotAllowedError: If a file is to be run and may not.
+    """
+
+    def resolved(assignments: Sequence[str] = (), **given: str) -> Resolved:
+        return allow(
+            resolve(
+                document,
+                variant=chosen.variant,
+                assignments=[*chosen.assignments, *assignments],
+                **given,
+            )
+        )
+
+    base = resolved()
+    of = chosen.of if chosen.of != "auto" else _of(base)
+    if of == "plan":
+        first_problem(base.posed())
+        entries = [_planned(base, solver, plan, budget) for solver in solvers]
+        return Contest(
+            name=base.scenario.name, resolved=base, of=of, entries=tuple(entries)
+        )
+    flying = [solver for solver in solvers if _flies(solver)]
+    entries = []
+    for solver in flying:
+        search, assignments = _flown_by(solver, budget)
+        one = resolved(assignments, search=search, polish=_polish(solver))
+        entries.append(_flown(one, solver, plan))
+    left_out = tuple(solver.name for solver in solvers if not _flies(solver))
+    return Contest(
+        name=base.scenario.name,
+        resolved=base,
+        of=of,
+        entries=tuple(entries),
+        left_out=left_out,
+    )
+
+
+def _of(resolved: Resolved) -> str:
+    """Return what a scenario is compared by: one plan, if it has no more than one."""
+    posed = resolved.posed()
+    if not posed.open_loop and resolved.scenario.steps > 1:
+        return "flight"
+    try:
+        first_problem(posed)
+    except SeveralPlansError:
+        return "flight"
+    return "plan"
+
+
+def _planned(
+    resolved: Resolved,
+    solver: Solver,
+    plan: ComparisonPlan,
+    budget: Mapping[str, float | int],
+) -> Entry:
+    return entry_of(
+        resolved,
+        solver,
+        seeds=plan.seeds,
+        budget=budget,
+        timeout_s=plan.timeout_s,
+        repair=plan.repair,
+    )
+
+
+def _flies(solver: Solver) -> bool:
+    """Return whether a controller can plan with a solver."""
+    return solver.family != "peer" and solver.plugin in ("", IPOPT)
+
+
+def _polish(solver: Solver) -> str:
+    return "ipopt" if solver.polished else "none"
+
+
+def _flown_by(
+    solver: Solver, budget: Mapping[str, float | int]
+) -> tuple[str, list[str]]:
+    """Return the search of a flight's plans, and its settings as --set has them."""
+    share = [f"budget={to_json(search_share(solver, budget))}"]
+    polish = [f"ipopt.{key}={to_json(value)}" for key, value in solver.polish_options]
+    lanes = [f"lanes={LANES if solver.family == 'solve' else 0}"]
+    if solver.family == "solve":
+        return "default", [*lanes, *share]
+    if solver.name == MULTISTART or solver.family == "multistart":
+        return "multistart", ["search.lanes=false", *lanes, *share, *polish]
+    if solver.family == "nlp":
+        return "none", [*lanes, *polish]
+    own = [f"search.{key}={to_json(value)}" for key, value in solver.options]
+    return solver.search, [*own, *lanes, *share, *polish]
+
+
+def _flown(resolved: Resolved, solver: Solver, plan: ComparisonPlan) -> Entry:
+    """Return the cells of flights; a seed is that of the disturbances, too."""
+    alone = solver.is_deterministic and not seed_keys(resolved.settings)
+    cells = [
+        flight_cell(resolved, seed, timeout_s=plan.timeout_s, by=solver.name)
+        for seed in range(1 if alone else plan.seeds)
+    ]
+    return Entry(scenario=resolved.scenario.name, solver=solver, cells=tuple(cells))
+
+
+def interleaved(contests: Sequence[Contest]) -> list[Cell]:
+    """Return all cells, a scenario after the other, of each seed after seed.
+
+    So what the machine does meanwhile falls on all solvers of a scenario alike.
+    """
+    cells = []
+    for contest in contests:
+        most = max((len(entry.cells) for entry in contest.entries), default=0)
+        cells += [
+            entry.cells[seed]
+            for seed in range(most)
+            for entry in contest.entries
+            if seed < len(entry.cells)
+        ]
+    return cells
+
+
+def with_distinct_names(contests: Sequence[Contest]) -> list[Contest]:
+    """Return the contests with names of their own, where two scenarios share one."""
+    seen: dict[str, int] = {}
+    named = []
+    for contest in contests:
+        seen[contest.name] = seen.get(contest.name, 0) + 1
+        count = seen[contest.name]
+        if count == 1:
+            named.append(contest)
+            continue
+        name = f"{contest.name} ({count})"
+        entries = tuple(replace(entry, scenario=name) for entry in contest.entries)
+        named.append(replace(contest, name=name, entries=entries))
+    return named
+

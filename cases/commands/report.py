@@ -1,0 +1,158 @@
+"""`swarmstart report`: pages of what the other commands recorded."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any, NamedTuple
+
+from swarmstart.cases.commands.output import DONE, answer
+from swarmstart.cases.record.files import RecordError, locked, said, write_text
+
+SUFFIXES = {"html": "html", "md": "md", "latex": "tex"}
+DEFAULT = ("html", "md")
+_REPORT = "swarmstart.cases.drawing.report."
+
+
+class Recorded(NamedTuple):
+    """A sort of record, and what makes pages of it.
+
+    Attributes:
+        file: The file that tells it, in its folder.
+        name: What it is called.
+        makers: A format -> "module:function" that makes it.
+        takes: What that takes: the folder, the file's content, or both.
+    """
+
+    file: str
+    name: str
+    makers: Mapping[str, str]
+    takes: str
+
+
+RECORDED = (
+    Recorded(
+        "comparison.json",
+        "comparison",
+        {
+            "html": f"{_REPORT}comparison_page:comparison_page",
+            "md": f"{_REPORT}markdown:comparison_markdown",
+            "latex": f"{_REPORT}latex:comparison_latex",
+        },
+        "content",
+    ),
+    Recorded(
+        "seeds.json",
+        "runs over seeds",
+        {
+            "html": f"{_REPORT}seeds_page:seeds_page",
+            "md": f"{_REPORT}seeds_page:seeds_markdown",
+            "latex": f"{_REPORT}seeds_page:seeds_latex",
+        },
+        "content",
+    ),
+    Recorded(
+        "run.json",
+        "run",
+        {
+            "html": f"{_REPORT}run_page:run_page",
+            "md": f"{_REPORT}run_page:run_markdown",
+            "latex": f"{_REPORT}run_page:run_latex",
+        },
+        "folder",
+    ),
+    Recorded(
+        "replication.json",
+        "replication",
+        {
+            "html": f"{_REPORT}replication_page:replication_page",
+            "md": f"{_REPORT}replication_page:replication_markdown",
+            "latex": f"{_REPORT}replication_page:replication_latex",
+        },
+        "both",
+    ),
+)
+"""What a folder may hold; the first that it does is shown."""
+
+
+def report_command(options: argparse.Namespace) -> int:
+    """Write the pages that the options ask for; return the exit code."""
+    formats = list(dict.fromkeys(options.formats or DEFAULT))
+    folders = [Path(text) for text in dict.fromkeys(options.folders)]
+    found = [(folder, recorded_in(folder)) for folder in folders]
+    written = []
+    for folder, recorded in found:
+        out = folder if options.out is None else Path(options.out)
+        stem = "report" if len(folders) == 1 or out == folder else folder.name
+        with locked(out):
+            for name in formats:
+                file = out / f"{stem}.{SUFFIXES[name]}"
+                write_text(file, page_of(folder, recorded, name))
+                written.append(file)
+    answer("\n".join(f"page  {file}" for file in written))
+    return DONE
+
+
+def recorded_in(folder: Path) -> Recorded:
+    """Return what is recorded in a folder.
+
+    Raises:
+        RecordError: If nothing is.
+    """
+    for recorded in RECORDED:
+        if (folder / recorded.file).exists():
+            return recorded
+    names = ", ".join(recorded.file for recorded in RECORDED)
+    raise RecordError(
+        f"{folder}: expected a folder that run, compare or replicate wrote, with one "
+        f"of {names}; found none of them"
+    )
+
+
+def page_of(folder: Path, recorded: Recorded, form: str) -> str:
+    """Return a record as a page or a table.
+
+    Args:
+        folder: Where it is.
+        recorded: What it is.
+        form: A key of SUFFIXES.
+
+    Raises:
+        RecordError: If the record is damaged.
+    """
+    make: Callable[..., str] = resolve_name(recorded.makers[form])
+    arguments = {
+        "folder": lambda: [folder],
+        "content": lambda: [content_in(folder, recorded)],
+        "both": lambda: [content_in(folder, recorded), folder],
+    }[recorded.takes]()
+    try:
+        return make(*arguments)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise RecordError(
+            f"{folder / recorded.file}: expected a whole {recorded.name} as this "
+            f"version writes it, found one without, or with other: {error!r}"
+        ) from error
+
+
+def content_in(folder: Path, recorded: Recorded) -> Mapping[str, Any]:
+    """Return the content of a record's file.
+
+    Raises:
+        RecordError: If it cannot be read or is another file.
+    """
+    file = folder / recorded.file
+    if recorded.name == "comparison":
+        from swarmstart.cases.campaign.regression import read_content
+
+        return read_content(file)
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{file}: expected a record: {said(error)}") from error
+    if not isinstance(content, dict):
+        raise RecordError(f"{file}: expected a {recorded.name}, found another file")
+    return content
