@@ -2,10 +2,13 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
+from swarmstart.cases.campaign.cell_keys import modules_of_settings
 from swarmstart.cases.campaign.cells import Cell
 from swarmstart.cases.campaign.run import run
+from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.format.scenario import Resolved, resolved_again
 from swarmstart.cases.record.record import Recording
 
@@ -49,3 +52,13 @@ def fly(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     summary = finished.summary()
     kept = ("status", "measures", "wall_s", "backend", "figures")
     return {name: summary[name] for name in kept}
+
+
+def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the modules that a run uses by name, for the key of its cell."""
+    settings = job["settings"]
+    named = modules_of_settings(settings)
+    if not job["figures"]:
+        return named
+    drawn_by: str = resolve_name(KINDS[settings["kind"]].kind).drawn_by
+    return (*named, drawn_by.partition(":")[0])

@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmstart.cases.campaign.cells import Cell, _commit
+from swarmstart.cases.campaign.cell_work import Beginning, cell_content, commit
+from swarmstart.cases.campaign.wall_limit import hard_limit
+from swarmstart.cases.record.files import to_json
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
 
@@ -40,8 +42,9 @@ def die(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 def square_and_die(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Commit the square, as the worker does, and die before it is told."""
-    one = Cell(work=f"{__name__}:square_and_die", job=job, label="square and die")
-    _commit(one, folder, result=square(job, folder))
+    order = {"work": f"{__name__}:square_and_die", "job": dict(job), "label": "dies"}
+    content = cell_content(order, Beginning(), result=square(job, folder))
+    commit(folder, to_json(content), seconds=1.0)
     os._exit(9)
 
 

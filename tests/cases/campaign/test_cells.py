@@ -8,14 +8,10 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from swarmstart.cases.campaign import cells as campaign
 from swarmstart.cases.campaign.cells import MARK, Cell, Outcome, carried_out, finished
 from swarmstart.cases.record import files
 from swarmstart.cases.record.files import FolderInUseError, locked
@@ -113,33 +109,6 @@ def test_an_error_that_cannot_be_sent_fails_its_own_cell_only(tmp_path: Path) ->
 def test_a_worker_that_dies_costs_nothing_but_another_attempt(tmp_path: Path) -> None:
     (outcome,) = done([cell("die_once", 7)], tmp_path)
     assert (outcome.result, outcome.failure) == ({"square": 49}, "")
-
-
-@pytest.mark.parametrize("broken", [1, campaign.POOLS])
-def test_cells_of_a_pool_that_broke_are_done_in_another(
-    broken: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Pebble ends every cell of a pool if a worker dies at the wrong moment."""
-    schedule, pools = campaign._scheduled, []
-
-    def scheduled(pool: Any, one: Cell, root: Path) -> Future[None]:
-        if pool not in pools:
-            pools.append(pool)
-        if len(pools) > broken or one.label == "square 4":
-            return schedule(pool, one, root)
-        future: Future[None] = Future()
-        future.set_exception(BrokenProcessPool("All workers expired"))
-        return future
-
-    monkeypatch.setattr(campaign, "_scheduled", scheduled)
-    cells = [cell("square", number) for number in (3, 4)]
-    first, second = done(cells, tmp_path)
-    assert second.result == {"square": 16}
-    if broken < campaign.POOLS:
-        assert (first.result, first.failure) == ({"square": 9}, "")
-    else:
-        assert first.failure == "its process died, and others with it"
-        assert finished(cells[0], tmp_path) is None
 
 
 def test_a_cell_that_ended_before_its_process_died_is_not_replaced(
