@@ -17,9 +17,9 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from swarmstart import fingerprint
 from swarmstart.cases.format.registry import KINDS, SEARCHES
 from swarmstart.cases.record.record import versions
+from swarmstart.fingerprint import sources
 
 DIGITS = 16
 
@@ -87,7 +87,7 @@ def _named(module: str, job: Mapping[str, Any]) -> tuple[str, ...]:
 def _code(modules: tuple[str, ...]) -> str:
     """Return the hash of the sources; files are read once a process."""
     try:
-        return fingerprint.sources(*modules)
+        return sources(*modules)
     except ModuleNotFoundError as error:
         return f"missing: {error.name}"
 

@@ -1,18 +1,9 @@
 """A run as a cell of a campaign."""
 
-from collections.abc import Mapping
-from pathlib import Path
-from pkgutil import resolve_name
-from typing import Any
-
-from swarmstart.cases.campaign.cell_keys import modules_of_settings
 from swarmstart.cases.campaign.cells import Cell
-from swarmstart.cases.campaign.run import run
-from swarmstart.cases.format.registry import KINDS
-from swarmstart.cases.format.scenario import Resolved, resolved_again
-from swarmstart.cases.record.record import Recording
+from swarmstart.cases.format.scenario import Resolved
 
-FLOWN_BY = "swarmstart.cases.campaign.run_cell:fly"
+FLOWN_BY = "swarmstart.cases.campaign.flown:fly"
 
 
 def run_cell(
@@ -24,7 +15,7 @@ def run_cell(
         resolved: The scenario.
         seed: The seed.
         figures: Whether its figures are wanted: drawn into `figures` of its folder.
-        flown_by: "module:function" that flies it: `fly`, or one that measures more.
+        flown_by: "module:function" that flies it: `flown.fly`, or one that measures more.
     """
     settings = dict(resolved.settings) if figures else resolved.anonymous_settings()
     variant = f" {resolved.variant}" if resolved.variant else ""
@@ -38,27 +29,3 @@ def run_cell(
         },
         label=f"{resolved.scenario.name}{variant}, seed {seed}",
     )
-
-
-def fly(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Fly a run; called in a worker. With figures, its record is kept too."""
-    resolved = resolved_again(job["settings"], job["variant"])
-    finished = run(
-        resolved,
-        seed=job["seed"],
-        # The folder is the cell's own, whatever an attempt before has left there.
-        recording=Recording(folder=folder, force=True) if job["figures"] else None,
-    )
-    summary = finished.summary()
-    kept = ("status", "measures", "wall_s", "backend", "figures")
-    return {name: summary[name] for name in kept}
-
-
-def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the modules that a run uses by name, for the key of its cell."""
-    settings = job["settings"]
-    named = modules_of_settings(settings)
-    if not job["figures"]:
-        return named
-    drawn_by: str = resolve_name(KINDS[settings["kind"]].kind).drawn_by
-    return (*named, drawn_by.partition(":")[0])

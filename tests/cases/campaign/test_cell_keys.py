@@ -14,7 +14,7 @@ from swarmstart.cases.chapter import computations
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.format.scenario import read_document, resolve
 
-RUN = "swarmstart.cases.campaign.run_cell:fly"
+RUN = "swarmstart.cases.campaign.flown:fly"
 SOLVE = "swarmstart.cases.campaign.solvers:solve_cell"
 JOB = {"settings": {"kind": "transfer", "search": {"name": "de"}}, "figures": False}
 WORK = "swarmstart.tests.cases.campaign.campaign_work:square"
@@ -57,6 +57,8 @@ def changes(
         "swarmstart.cases.drawing.problem_figures",
         "swarmstart.cases.campaign.statistics",
         "swarmstart.cases.campaign.comparison",
+        "swarmstart.cases.campaign.cells",
+        "swarmstart.cases.campaign.run_cell",
         "swarmstart.cases.kinds.transfer.figures",
         "swarmstart.cases.kinds.formation_flight.kind",
         "swarmstart.cases.kinds.problem.kind",
