@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 
 PACKAGE = "swarmstart"
+ROOT = Path(__file__).parent
 CALLED_FROM_PYTHON = "no_cpython_wrapper"
 """The option of a kernel that says who calls it; it changes from call to call."""
 _IMPORT = re.compile(
@@ -93,10 +94,24 @@ def source(module: str) -> bytes:
     Raises:
         ModuleNotFoundError: If there is no such module, or it has no file.
     """
-    spec = importlib.util.find_spec(module)
-    if spec is None or spec.origin is None:
+    if module.partition(".")[0] == PACKAGE:
+        file = _file_of(module)
+    else:
+        spec = importlib.util.find_spec(module)
+        file = None if spec is None or spec.origin is None else Path(spec.origin)
+    if file is None:
         raise ModuleNotFoundError(module, name=module)
-    return Path(spec.origin).read_bytes()
+    return file.read_bytes()
+
+
+def _file_of(module: str) -> Path | None:
+    """Return the file of a module of this package; None: there is none.
+
+    Looked up without importlib, which would import the packages on the way to it.
+    """
+    place = ROOT.joinpath(*module.split(".")[1:])
+    files = (place / "__init__.py", place.parent / f"{place.name}.py")
+    return next((file for file in files if file.is_file()), None)
 
 
 def _imported(text: bytes) -> Iterator[str]:
@@ -113,10 +128,7 @@ def _imported(text: bytes) -> Iterator[str]:
 @cache
 def _is_module(name: str) -> bool:
     """Return whether a name of this package is that of a module."""
-    try:
-        return importlib.util.find_spec(name) is not None
-    except ModuleNotFoundError:  # Its parent is a module and no package.
-        return False
+    return _file_of(name) is not None
 
 
 def _parts(value: object, seen: dict[int, int]) -> Iterator[object]:

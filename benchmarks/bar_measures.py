@@ -30,7 +30,7 @@ REPEATED = 10
 
 
 def fly(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Fly a run; called in a worker, in place of `run_cell.fly`."""
+    """Fly a run; called in a worker, in place of `flown.fly`."""
     del folder
     finished = run(resolved_again(job["settings"], job["variant"]), seed=job["seed"])
     measures: dict[str, Measure] = {**finished.measures, "wall_s": finished.wall_s}

@@ -4,44 +4,50 @@ A cell is a piece of work that a few plain data determine: their hash is its key
 name of its folder, whose `cell.json` is written last and is the commit mark. So a
 campaign that was interrupted or killed goes on from what is there at the next call.
 
-Workers are spawned, not forked (a fork of a process that has used BLAS can hang), with
-one BLAS thread each. One that dies costs only its own cell, which is tried once more. A
-cell that fails is recorded with the reason, and the others are kept; where its process
-died or it took too long, the next campaign tries it again. When the command itself is
-killed, its workers notice that their parent is gone, and go too.
+Each worker is a process with one BLAS thread, kept from cell to cell, and with what it
+has built. One that dies costs only its own cell, which is tried once more. A cell that
+fails is recorded with the reason, and the others are kept; where its process died or it
+took too long, the next campaign tries it again. When the command itself is killed, its
+workers end with it.
+
+The workers are of this machine, or of a cluster of Dask (`dask_cells.py`), which sends
+results back; the marks are written here either way.
 """
 
 from __future__ import annotations
 
-import hashlib
+import base64
 import json
-import multiprocessing
-import os
+import queue
 import signal
 import threading
-import time as clock
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
-from multiprocessing import resource_tracker
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Any
 
-from swarmstart.cases.record.files import locked, remove_rests, write_json
-from swarmstart.cases.record.record import environment
+from swarmstart.cases.campaign.cell_keys import key_of
+from swarmstart.cases.campaign.cell_process import (
+    CellProcess,
+    OtherCodeError,
+    StoppedError,
+)
+from swarmstart.cases.campaign.cell_work import MARK, SCHEMA, commit
+from swarmstart.cases.record.files import locked, remove_rests, to_json, write_atomically
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.interrupts import heeded, put_off
 
-MARK = "cell.json"
-ATTEMPTS, POOLS = 2, 3
-BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+LOCAL = "local"
 POLL_S = 0.2
 
 Done = Callable[[int, int, str], None]
 """(finished cells, all cells, what has finished) -> None."""
+
+
+class CodeChangedError(SwarmstartError):
+    """The code of this package has been edited while a campaign runs it."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -51,11 +57,14 @@ class Cell:
     Attributes:
         work: "module:function" of what does it: (job, folder) -> a mapping to keep.
             The function writes what else it makes into the folder.
-        job: Plain data that determine the result, with the versions of the packages.
+        job: Plain data that determine the result, with the versions of the packages
+            and the code that they use.
         label: What it is, for progress and errors.
         timeout_s: After how many seconds it is given up; None: never.
         permissions: Further arguments of the work: what the command at hand allows,
             which changes no result, is in no key, and is not kept.
+        rescue: "module:function" of what is done in its place where a hard limit
+            (`wall_limit.py`) has ended the work; empty: the cell has failed then.
     """
 
     work: str
@@ -63,15 +72,30 @@ class Cell:
     label: str
     timeout_s: float | None = None
     permissions: Mapping[str, Any] = field(default_factory=dict)
+    rescue: str = ""
 
     @property
     def key(self) -> str:
-        """The 16 characters that name the cell."""
-        determines = {"work": self.work, "job": self.job, **environment()}
-        text = json.dumps(
-            determines, sort_keys=True, separators=(",", ":"), allow_nan=False
-        )
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        """The 16 characters that name the cell; see `cell_keys.py`."""
+        return key_of(self.work, self.job)
+
+    def order(self, key: str, folder: Path | None) -> dict[str, Any]:
+        """Return what a process of cells is told.
+
+        Args:
+            key: The cell's key.
+            folder: Its folder; None where the process is to send all back.
+        """
+        return {
+            "work": self.work,
+            "job": dict(self.job),
+            "label": self.label,
+            "timeout_s": self.timeout_s,
+            "permissions": dict(self.permissions),
+            "rescue": self.rescue,
+            "key": key,
+            "folder": None if folder is None else str(folder),
+        }
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -83,12 +107,25 @@ class Outcome:
         failure: Why it failed, in a sentence; empty where it did not.
         seconds: Wall time in the worker [s].
         folder: Its folder.
+        date: When it began, ISO 8601, UTC; empty: not known.
+        machine: "processor", "cores", "system" and "python"; empty: not known.
+        load: Load average of one minute at its beginning and end; None where the
+            system has none.
+        cpu_s: CPU seconds of the worker; None: not known.
+        versions: Of the packages that matter.
+        was_cut: Whether a hard limit ended the work, and this is of its rescue.
     """
 
     result: Mapping[str, Any] | None
     failure: str
     seconds: float
     folder: Path
+    date: str = ""
+    machine: Mapping[str, Any] = field(default_factory=dict)
+    load: tuple[float, float] | None = None
+    cpu_s: float | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
+    was_cut: bool = False
 
 
 def finished(cell: Cell, root: Path) -> Outcome | None:
@@ -102,135 +139,177 @@ def finished(cell: Cell, root: Path) -> Outcome | None:
         None where it has not finished, it may do better another time, or its mark
         cannot be read.
     """
-    found = _read(root / cell.key)
-    return None if found is None or found[1] else found[0]
+    return _finished(root / cell.key)
 
 
-def _read(folder: Path) -> tuple[Outcome, bool] | None:
-    """Return what a folder's mark says, and whether to try again; None without one."""
+def _finished(folder: Path) -> Outcome | None:
     try:
         kept = json.loads((folder / MARK).read_text(encoding="utf-8"))
-        outcome = Outcome(
-            result=kept["result"],
-            failure=kept["failure"],
-            seconds=kept["seconds"],
-            folder=folder,
-        )
-        return outcome, bool(kept["again"])
+        return None if kept["again"] else _outcome(kept, folder)
     except (OSError, ValueError, LookupError, TypeError):
         return None
 
 
+def _outcome(content: Mapping[str, Any], folder: Path) -> Outcome:
+    """Return what a mark says.
+
+    Raises:
+        LookupError, TypeError, ValueError: If it is no mark of this version.
+    """
+    if content["schema"] != SCHEMA:
+        raise ValueError(content["schema"])
+    load, result = content["load"], content["result"]
+    return Outcome(
+        result=None if result is None else dict(result),
+        failure=str(content["failure"]),
+        seconds=float(content["seconds"]),
+        folder=folder,
+        date=str(content["date"]),
+        machine=dict(content["machine"]),
+        load=None if load is None else (float(load[0]), float(load[1])),
+        cpu_s=content["cpu_s"],
+        versions=dict(content["versions"]),
+        was_cut=bool(content["was_cut"]),
+    )
+
+
 def carried_out(
-    cells: Sequence[Cell], root: Path, *, workers: int, told: Done = lambda *_: None
+    cells: Sequence[Cell],
+    root: Path,
+    *,
+    workers: int,
+    told: Done = lambda *_: None,
+    engine: str = LOCAL,
 ) -> list[Outcome]:
     """Return what came of every cell; those that have not finished are done now.
 
     Args:
-        cells: The cells; equal ones are done once.
+        cells: The cells, done in this order; equal ones are done once.
         root: The folder of all cells; made where it is missing.
-        workers: Number of worker processes.
+        workers: Number of worker processes of this machine.
         told: Called after each cell.
+        engine: LOCAL, or the address of a scheduler of Dask, whose workers do the
+            cells instead.
 
     Raises:
         FolderInUseError: If another command works there.
         RecordError: If nothing can be written to the folder.
+        CodeChangedError: If the code was edited meanwhile.
+        DaskError: If the cluster is not there, is lost, or has other code.
         KeyboardInterrupt: On Ctrl-C, saying what is kept.
     """
-    distinct = {cell.key: cell for cell in cells}
+    keys = [cell.key for cell in cells]
+    distinct = dict(zip(keys, cells, strict=True))
     with locked(root):
-        outcomes = {key: finished(cell, root) for key, cell in distinct.items()}
-        missing = [cell for key, cell in distinct.items() if outcomes[key] is None]
-        _remove_rests(root)
-        told(len(distinct) - len(missing), len(distinct), "kept from before")
+        outcomes = {key: _finished(root / key) for key in distinct}
+        missing = {key: distinct[key] for key, one in outcomes.items() if one is None}
+        _remove_rests(root, missing)
+        count = len(distinct) - len(missing)
+        told(count, len(distinct), "kept from before")
         try:
-            with heeded(), closing(_worked(missing, root, workers)) as worked:
-                for cell, outcome in worked:
-                    outcomes[cell.key] = outcome
-                    count = sum(outcome is not None for outcome in outcomes.values())
-                    told(count, len(distinct), cell.label)
+            worked = _worked(missing, root, workers, engine)
+            with heeded(), closing(worked):
+                for key, reply in worked:
+                    outcomes[key] = _received(reply, root / key)
+                    count += 1
+                    told(count, len(distinct), distinct[key].label)
         except KeyboardInterrupt:
-            _remove_rests(root)
-            kept = sum(finished(cell, root) is not None for cell in distinct.values())
+            _remove_rests(root, missing)
+            kept = sum(_finished(root / key) is not None for key in distinct)
             raise KeyboardInterrupt(
                 f"{kept} of {len(distinct)} runs are kept in {root}; the same command "
                 "goes on from there"
             ) from None
-    found = [outcomes[cell.key] for cell in cells]
+    found = [outcomes[key] for key in keys]
     return [outcome for outcome in found if outcome is not None]
 
 
-def _remove_rests(root: Path) -> None:
-    """Remove what workers that were killed left in the cells' folders."""
-    for folder in root.iterdir():
-        remove_rests(folder)
+def _remove_rests(root: Path, keys: Mapping[str, Cell]) -> None:
+    """Remove what killed workers left in the folders of cells that are to be done."""
+    for key in keys:
+        remove_rests(root / key)
 
 
 def _worked(
-    cells: Sequence[Cell], root: Path, workers: int
-) -> Generator[tuple[Cell, Outcome], None, None]:
-    """Yield each cell with its outcome, as they finish."""
-    left = list(cells)
-    for _ in range(POOLS):
-        left = yield from _worked_in_pool(left, root, workers)
-    for cell in left:
-        yield cell, _outcome(cell, root, "its process died, and others with it")
-
-
-def _worked_in_pool(
-    cells: Sequence[Cell], root: Path, workers: int
-) -> Generator[tuple[Cell, Outcome], None, list[Cell]]:
-    """Yield cells with their outcomes; return those left when a pool breaks.
-
-    A pool breaks if a worker dies at the wrong moment; then all of its cells end.
-    """
-    left: list[Cell] = []
+    cells: Mapping[str, Cell], root: Path, workers: int, engine: str
+) -> Generator[tuple[str, Mapping[str, Any]], None, None]:
+    """Yield keys with the replies to their orders, as they finish."""
     if not cells:
-        return left
-    with _pool(min(workers, len(cells))) as pool:
-        with put_off(), _kept_from_workers():  # Half a pool cannot be stopped.
-            pending = {_scheduled(pool, cell, root): (cell, 1) for cell in cells}
-        while pending:
-            done, _ = wait(pending, timeout=POLL_S, return_when=FIRST_COMPLETED)
-            for future in done:
-                cell, attempt = pending.pop(future)
-                if isinstance(future.exception(), BrokenProcessPool):
-                    left.append(cell)
-                elif attempt < ATTEMPTS and _is_death(future):
-                    try:
-                        pending[_scheduled(pool, cell, root)] = (cell, attempt + 1)
-                    except RuntimeError:  # The pool has broken meanwhile.
-                        left.append(cell)
-                else:
-                    yield cell, _outcome(cell, root, _failure(future))
-    return left
+        return
+    if engine == LOCAL:
+        orders = [cell.order(key, root / key) for key, cell in cells.items()]
+        yield from _worked_here(orders, workers)
+        return
+    from swarmstart.cases.campaign.dask_cells import worked_on_dask
+
+    orders = [cell.order(key, None) for key, cell in cells.items()]
+    yield from worked_on_dask(orders, engine)
 
 
-@contextmanager
-def _pool(workers: int) -> Iterator[Any]:
-    """Make a pool whose processes have one BLAS thread each; they end with it."""
-    from pebble import ProcessPool
-
-    before = {name: os.environ.get(name) for name in BLAS_THREADS}
-    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # Read when NumPy is imported.
-    pool = ProcessPool(
-        max_workers=workers,
-        context=multiprocessing.get_context("spawn"),
-        initializer=_follow_parent,
-    )
+def _worked_here(
+    orders: Sequence[Mapping[str, Any]], workers: int
+) -> Generator[tuple[str, Mapping[str, Any]], None, None]:
+    """Yield keys with replies of processes of this machine, a thread for each."""
+    waiting = deque(orders)
+    replies: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
+    processes = [CellProcess() for _ in range(min(workers, len(orders)))]
+    threads = [
+        threading.Thread(target=_work, args=(process, waiting, replies), daemon=True)
+        for process in processes
+    ]
     try:
-        yield pool
+        with put_off(), _kept_from_threads():
+            for thread in threads:
+                thread.start()
+        for _ in orders:
+            key, reply = _next(replies)
+            if isinstance(reply, OtherCodeError):
+                raise CodeChangedError(
+                    "the code of this package has been edited since the command began; "
+                    "start it again, and what is finished of the same code is kept"
+                )
+            if isinstance(reply, BaseException):
+                raise reply
+            yield key, reply
     finally:
         with put_off():
-            pool.stop()  # type: ignore[no-untyped-call]
-            pool.join()
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
+            waiting.clear()
+            for process in processes:
+                process.stop()
+            for thread in threads:
+                if thread.ident is not None:
+                    thread.join()
+
+
+def _next(replies: queue.SimpleQueue[tuple[str, Any]]) -> tuple[str, Any]:
+    while True:  # Signals are handled in between.
+        with suppress(queue.Empty):
+            return replies.get(timeout=POLL_S)
+
+
+def _work(
+    process: CellProcess,
+    waiting: deque[Mapping[str, Any]],
+    replies: queue.SimpleQueue[tuple[str, Any]],
+) -> None:
+    """Have a process do orders until there are none; a thread of the command."""
+    while True:
+        try:
+            order = waiting.popleft()
+        except IndexError:
+            return
+        try:
+            replies.put((order["key"], process.done(order)))
+        except StoppedError:
+            return
+        except BaseException as error:  # noqa: BLE001 - raised in the main thread
+            replies.put((order["key"], error))
+            return
 
 
 @contextmanager
-def _kept_from_workers() -> Iterator[None]:
-    """Start processes and threads that Ctrl-C and the end of a terminal do not reach.
+def _kept_from_threads() -> Iterator[None]:
+    """Start threads, and processes of theirs, that Ctrl-C and a terminal do not reach.
 
     A terminal sends both to all processes of a command; the command itself ends its
     workers then.
@@ -241,97 +320,29 @@ def _kept_from_workers() -> Iterator[None]:
     kept = {signal.SIGINT, signal.SIGHUP}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, kept)
     try:
-        # Multiprocessing's own helper: when it starts, it lets SIGINT in again.
-        resource_tracker.ensure_running()
-        signal.pthread_sigmask(signal.SIG_BLOCK, kept)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _scheduled(pool: Any, cell: Cell, root: Path) -> Future[None]:
-    scheduled: Future[None] = pool.schedule(
-        work_on, args=(cell, root / cell.key), timeout=cell.timeout_s
-    )
-    return scheduled
+def _received(reply: Mapping[str, Any], folder: Path) -> Outcome:
+    """Return a cell's outcome; what its process has not written is written here."""
+    content = reply["content"]
+    if reply.get("is_lost"):
+        before = _finished(folder)
+        if before is not None:  # It had ended well before its process died.
+            return before
+    if reply.get("is_lost") or "files" in reply:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in reply.get("files", {}).items():
+            _write_sent(folder, name, base64.b64decode(text))
+        commit(folder, to_json(content), seconds=content["seconds"])
+    return _outcome(content, folder)
 
 
-def _is_death(future: Future[None]) -> bool:
-    """Return whether the worker died, which need not be the cell's fault."""
-    from pebble import ProcessExpired
-
-    return isinstance(future.exception(), ProcessExpired)
-
-
-def _failure(future: Future[None]) -> str:
-    """Return how a cell came to an end of its own kind; empty where it did not."""
-    error = future.exception()
-    if error is None:
-        return ""
-    if isinstance(error, TimeoutError):
-        return "it took longer than its time"
-    return f"its process died: {error}"
-
-
-def _outcome(cell: Cell, root: Path, failure: str) -> Outcome:
-    """Return a finished cell's outcome; that of one without an end is recorded here."""
-    folder = root / cell.key
-    if failure and finished(cell, root) is None:  # It may have ended all the same.
-        _commit(cell, folder, failure=failure, again=True)
-    found = _read(folder)
-    if found is None:
-        raise SwarmstartError(f"{cell.label}: expected its result in {folder}")
-    return found[0]
-
-
-def work_on(cell: Cell, folder: Path) -> None:
-    """Do a cell's work and commit its result, or why it failed; in a worker.
-
-    Errors end here, as text: not every one of them can be sent to another process.
-    """
-    began = clock.perf_counter()
-    folder.mkdir(parents=True, exist_ok=True)
-    result, failure = None, ""
-    try:
-        result = resolve_name(cell.work)(dict(cell.job), folder, **cell.permissions)
-    except SwarmstartError as error:
-        failure = str(error)
-    except Exception as error:  # noqa: BLE001 - whatever it is, the others go on
-        failure = f"{type(error).__name__}: {error}"
-    seconds = clock.perf_counter() - began
-    _commit(cell, folder, result=result, failure=failure, seconds=seconds)
-
-
-def _commit(
-    cell: Cell,
-    folder: Path,
-    *,
-    result: Mapping[str, Any] | None = None,
-    failure: str = "",
-    seconds: float = 0.0,
-    again: bool = False,
-) -> None:
-    content = {
-        "schema": 1,
-        "label": cell.label,
-        "work": cell.work,
-        "job": dict(cell.job),
-        "failure": failure,
-        "again": again,
-        "seconds": seconds,
-        "result": result,
-    }
-    write_json(folder / MARK, content)
-
-
-def _follow_parent() -> None:
-    """Leave when the parent does: run in every worker before its first cell."""
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        return
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+def _write_sent(folder: Path, name: str, content: bytes) -> None:
+    """Write a file that a worker has sent; never outside of the cell's folder."""
+    file = folder / name
+    if not file.resolve().is_relative_to(folder.resolve()):
+        raise SwarmstartError(f"expected a file within its cell, found {name!r}")
+    write_atomically(file, lambda opened: opened.write(content))

@@ -1,15 +1,9 @@
 """A run as a cell of a campaign."""
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
-
 from swarmstart.cases.campaign.cells import Cell
-from swarmstart.cases.campaign.run import run
-from swarmstart.cases.format.scenario import Resolved, resolved_again
-from swarmstart.cases.record.record import Recording
+from swarmstart.cases.format.scenario import Resolved
 
-FLOWN_BY = "swarmstart.cases.campaign.run_cell:fly"
+FLOWN_BY = "swarmstart.cases.campaign.flown:fly"
 
 
 def run_cell(
@@ -21,7 +15,7 @@ def run_cell(
         resolved: The scenario.
         seed: The seed.
         figures: Whether its figures are wanted: drawn into `figures` of its folder.
-        flown_by: "module:function" that flies it: `fly`, or one that measures more.
+        flown_by: "module:function" that flies it: `flown.fly`, or one that measures more.
     """
     settings = dict(resolved.settings) if figures else resolved.anonymous_settings()
     variant = f" {resolved.variant}" if resolved.variant else ""
@@ -35,17 +29,3 @@ def run_cell(
         },
         label=f"{resolved.scenario.name}{variant}, seed {seed}",
     )
-
-
-def fly(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Fly a run; called in a worker. With figures, its record is kept too."""
-    resolved = resolved_again(job["settings"], job["variant"])
-    finished = run(
-        resolved,
-        seed=job["seed"],
-        # The folder is the cell's own, whatever an attempt before has left there.
-        recording=Recording(folder=folder, force=True) if job["figures"] else None,
-    )
-    summary = finished.summary()
-    kept = ("status", "measures", "wall_s", "backend", "figures")
-    return {name: summary[name] for name in kept}

@@ -76,12 +76,16 @@ def replacing(path: Path, *, suffix: str = "") -> Iterator[Path]:
         )
 
 
-def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
+def write_atomically(
+    path: Path, write: Callable[[BinaryIO], object], *, sync: bool = True
+) -> None:
     """Write a file under a temporary name, sync it and rename it.
 
     Args:
         path: The file; its folder is made if it is missing.
         write: Writes the content.
+        sync: Whether it is on the disk before it has its name. Without, a crash of the
+            machine (not of the program) may leave an empty or a broken file.
 
     Raises:
         RecordError: If the file cannot be written; the old one is left.
@@ -89,12 +93,13 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     with put_off(), replacing(path) as temporary, temporary.open("wb") as file:
         write(file)
         file.flush()
-        os.fsync(file.fileno())
+        if sync:
+            os.fsync(file.fileno())
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file atomically, in UTF-8."""
-    write_atomically(path, lambda file: file.write(text.encode("utf-8")))
+def write_text(path: Path, text: str, *, sync: bool = True) -> None:
+    """Write a text file atomically, in UTF-8; see `write_atomically`."""
+    write_atomically(path, lambda file: file.write(text.encode("utf-8")), sync=sync)
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

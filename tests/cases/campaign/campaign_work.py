@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import collections
+import itertools
+import math
 import os
+import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmstart.cases.campaign.cells import Cell, _commit
+import numpy as np
+
+from swarmstart.cases.campaign.cell_work import Beginning, cell_content, commit
+from swarmstart.cases.campaign.wall_limit import hard_limit
+from swarmstart.cases.record.files import to_json
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
 
@@ -40,8 +48,9 @@ def die(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 def square_and_die(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Commit the square, as the worker does, and die before it is told."""
-    one = Cell(work=f"{__name__}:square_and_die", job=job, label="square and die")
-    _commit(one, folder, result=square(job, folder))
+    order = {"work": f"{__name__}:square_and_die", "job": dict(job), "label": "dies"}
+    content = cell_content(order, Beginning(), result=square(job, folder))
+    commit(folder, to_json(content), seconds=1.0)
     os._exit(9)
 
 
@@ -61,3 +70,68 @@ def hang(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 def threads(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return {"threads": os.environ.get("OPENBLAS_NUM_THREADS")}
+
+
+def nothing(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    return {}
+
+
+def spin(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Spin in native code that never comes back to Python, under a hard limit."""
+    with (folder / "done").open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    with hard_limit(job.get("limit")):
+        collections.deque(itertools.repeat(0), maxlen=0)
+    return {}
+
+
+def rescue(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    return {"rescued": job["number"], "limits": os.environ["SWARMSTART_CELL_PROCESS"]}
+
+
+def within_limit(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """End in time, of limits within limits, and outlive all of them."""
+    with hard_limit(0.5):
+        for _ in range(3):
+            with hard_limit(0.3):
+                time.sleep(0.01)
+    with hard_limit(None), hard_limit(math.inf):
+        time.sleep(0.6)
+    return {"outlived": True}
+
+
+def not_in_time(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Spend what an outer limit leaves, in an inner one that would allow more."""
+    with hard_limit(0.2), hard_limit(60.0):
+        time.sleep(60.0)
+    return {}
+
+
+def array(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    return {"array": np.zeros(2)}
+
+
+def infinite(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    return {"cost": math.inf, "nested": [math.nan, 1.0]}
+
+
+def noisy(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Print as libraries do, in Python and in native code."""
+    print("said by Python", flush=True)
+    os.write(1, b"{\"content\": {}}\n")
+    return {"read": sys.stdin.read()}
+
+
+def figure(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    (folder / "figures").mkdir()
+    (folder / "figures" / "one.png").write_bytes(b"\x89PNG")
+    return {"figures": ["one.png"]}
+
+
+def large(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    (folder / "large.bin").write_bytes(bytes(40 * 2**20))
+    return {}
+
+
+def text_of(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    return {"text": "x" * job["number"]}

@@ -8,17 +8,24 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from swarmstart.cases.campaign import cells as campaign
-from swarmstart.cases.campaign.cells import MARK, Cell, Outcome, carried_out, finished
+from swarmstart.cases.campaign.cell_work import MARK
+from swarmstart.cases.campaign.cells import (
+    Cell,
+    CodeChangedError,
+    Outcome,
+    carried_out,
+    finished,
+)
+from swarmstart.cases.campaign.machine import machine
 from swarmstart.cases.record import files
 from swarmstart.cases.record.files import FolderInUseError, locked
+from swarmstart.cases.record.record import versions
+from swarmstart.tests.processes import environment
 
 WORK = "swarmstart.tests.cases.campaign.campaign_work"
 PATIENCE_S = 30.0
@@ -115,33 +122,6 @@ def test_a_worker_that_dies_costs_nothing_but_another_attempt(tmp_path: Path) ->
     assert (outcome.result, outcome.failure) == ({"square": 49}, "")
 
 
-@pytest.mark.parametrize("broken", [1, campaign.POOLS])
-def test_cells_of_a_pool_that_broke_are_done_in_another(
-    broken: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Pebble ends every cell of a pool if a worker dies at the wrong moment."""
-    schedule, pools = campaign._scheduled, []
-
-    def scheduled(pool: Any, one: Cell, root: Path) -> Future[None]:
-        if pool not in pools:
-            pools.append(pool)
-        if len(pools) > broken or one.label == "square 4":
-            return schedule(pool, one, root)
-        future: Future[None] = Future()
-        future.set_exception(BrokenProcessPool("All workers expired"))
-        return future
-
-    monkeypatch.setattr(campaign, "_scheduled", scheduled)
-    cells = [cell("square", number) for number in (3, 4)]
-    first, second = done(cells, tmp_path)
-    assert second.result == {"square": 16}
-    if broken < campaign.POOLS:
-        assert (first.result, first.failure) == ({"square": 9}, "")
-    else:
-        assert first.failure == "its process died, and others with it"
-        assert finished(cells[0], tmp_path) is None
-
-
 def test_a_cell_that_ended_before_its_process_died_is_not_replaced(
     tmp_path: Path,
 ) -> None:
@@ -176,13 +156,85 @@ def test_a_mark_that_cannot_be_read_is_none(tmp_path: Path, content: str) -> Non
     assert done([one], tmp_path)[0].result == {"square": 9}
 
 
-def program(root: Path, count: int, seconds: float) -> str:
+def test_a_mark_says_when_where_and_with_what(tmp_path: Path) -> None:
+    before = datetime.now(UTC).replace(microsecond=0)
+    one = cell("square", 3, seconds=0.05)
+    (outcome,) = done([one], tmp_path)
+    mark = json.loads((tmp_path / one.key / MARK).read_text())
+    assert mark["schema"] == 2
+    assert before <= datetime.fromisoformat(outcome.date) <= datetime.now(UTC)
+    assert outcome.date.endswith("+00:00")
+    assert outcome.machine == mark["machine"] == machine()
+    assert outcome.versions == mark["versions"] == versions()
+    assert outcome.load is None or list(outcome.load) == mark["load"]
+    assert outcome.cpu_s is not None and 0 <= outcome.cpu_s < outcome.seconds
+    assert outcome.was_cut is mark["was_cut"] is False
+    assert finished(one, tmp_path) == outcome
+
+
+def test_a_mark_of_the_former_version_is_computed_anew(tmp_path: Path) -> None:
+    one = cell("square", 3)
+    former = {"schema": 1, "label": "", "work": one.work, "job": dict(one.job)}
+    former |= {"failure": "", "again": False, "seconds": 1.0, "result": {"square": 8}}
+    (tmp_path / one.key).mkdir()
+    (tmp_path / one.key / MARK).write_text(json.dumps(former))
+    assert finished(one, tmp_path) is None
+    assert done([one], tmp_path)[0].result == {"square": 9}
+
+
+def test_results_are_data_or_the_cell_fails(tmp_path: Path) -> None:
+    array, infinite, noisy = done(
+        [cell("array"), cell("infinite"), cell("noisy")], tmp_path
+    )
+    assert array.failure == "TypeError: Object of type ndarray is not JSON serializable"
+    assert infinite.result == {"cost": None, "nested": [None, 1.0]}
+    assert noisy.result == {"read": ""}
+
+
+def test_cells_are_done_in_their_order(tmp_path: Path) -> None:
+    cells, told = [cell("square", number) for number in (5, 1, 4, 2)], list[str]()
+    carried_out(cells, tmp_path, workers=1, told=lambda *what: told.append(what[2]))
+    assert told[1:] == [one.label for one in cells]
+
+
+def test_code_that_was_edited_meanwhile_is_not_mixed(tmp_path: Path) -> None:
+    class Edited(Cell):
+        @property
+        def key(self) -> str:
+            return "0123456789abcdef"
+
+    one = Edited(work=f"{WORK}:square", job={"number": 3}, label="edited")
+    with pytest.raises(CodeChangedError, match="has been edited since"):
+        done([one], tmp_path)
+
+
+def test_a_full_disk_stops_the_campaign_and_loses_nothing(tmp_path: Path) -> None:
+    """RLIMIT_FSIZE refuses what a full disk would, whoever writes it."""
+    root = tmp_path / "cells"
+    small, large = cell("square", 3), cell("text_of", 10**6)
+    limited = program(root, [small, large]).replace(
+        "if __name__", "import resource, signal\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (10**5, 10**5))\nif __name__"
+    )  # fmt: skip
+    ended = subprocess.run(
+        [sys.executable, "-c", limited], env=environment(), capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert "RecordError" in ended.stderr and "File too large" in ended.stderr
+    assert finished(small, root) is not None and finished(large, root) is None
+    assert not any(files.is_temporary(file.name) for file in root.rglob("*"))
+    assert [o.failure for o in done([small, large], root)] == ["", ""]
+    assert times_done(small, root) == 1
+
+
+def program(root: Path, cells: list[Cell]) -> str:
+    """Return a program that does cells with two workers."""
     return (
         "from swarmstart.cases.campaign.cells import Cell, carried_out\n"
         "from pathlib import Path\n"
         "if __name__ == '__main__':\n"
-        f"    cells = [Cell(work='{WORK}:square', job={{'number': n, 'seconds': "
-        f"{seconds}}}, label=str(n)) for n in range({count})]\n"
+        f"    cells = {cells!r}\n"
         f"    carried_out(cells, Path({str(root)!r}), workers=2)\n"
     )
 
@@ -201,28 +253,57 @@ def alive(pid: int) -> bool:
 def test_a_killed_command_leaves_whole_cells_and_no_process(
     tmp_path: Path, after_s: float
 ) -> None:
-    count, seconds = 12, 0.2
-    script = tmp_path / "campaign.py"
-    script.write_text(program(tmp_path / "cells", count, seconds))
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    command = subprocess.Popen([sys.executable, str(script)], env=environment)
+    cells = [cell("square", number, seconds=0.2) for number in range(12)]
+    root = tmp_path / "cells"
+    command = subprocess.Popen(
+        [sys.executable, "-c", program(root, cells)], env=environment()
+    )
     time.sleep(after_s)
     command.send_signal(signal.SIGKILL)
     command.wait()
-    marks = list((tmp_path / "cells").glob(f"*/{MARK}"))
+    marks = list(root.glob(f"*/{MARK}"))
     for mark in marks:
         assert json.loads(mark.read_text())["result"]
-    workers = {
+    require_gone(root)
+    assert sum(finished(one, root) is not None for one in cells) >= len(marks)
+    outcomes = done(cells, root)
+    assert [o.result for o in outcomes] == [{"square": n**2} for n in range(12)]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system ends them on Linux")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_workers_in_native_code_end_with_the_command(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    cells = [cell("spin", number) for number in range(2)]
+    command = subprocess.Popen(
+        [sys.executable, "-c", program(tmp_path, cells)],
+        env=environment(),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + PATIENCE_S
+    while len(workers_of(tmp_path)) < 2 and time.monotonic() < deadline:
+        time.sleep(0.02)
+    command.send_signal(number)
+    _, said = command.communicate(timeout=PATIENCE_S)
+    assert ("0 of 2 runs are kept" in said) == (number == signal.SIGINT)
+    require_gone(tmp_path)
+
+
+def workers_of(root: Path) -> set[int]:
+    """Return the processes that have noted that they do a cell."""
+    return {
         int(line)
-        for file in (tmp_path / "cells").glob("*/done")
+        for file in root.glob("*/done")
         for line in file.read_text().splitlines()
     }
+
+
+def require_gone(root: Path) -> None:
+    """Wait for the workers to end."""
+    workers = workers_of(root)
     deadline = time.monotonic() + PATIENCE_S
     while any(map(alive, workers)) and time.monotonic() < deadline:
-        time.sleep(0.05)
+        time.sleep(0.02)
     assert not any(map(alive, workers))
-    cells = [cell("square", number, seconds=seconds) for number in range(count)]
-    kept = sum(finished(one, tmp_path / "cells") is not None for one in cells)
-    assert kept >= len(marks)
-    outcomes = done(cells, tmp_path / "cells")
-    assert [o.result for o in outcomes] == [{"square": n**2} for n in range(count)]
