@@ -52,9 +52,10 @@ def test_each_is_compared_with_the_first_seed_by_seed() -> None:
     dear = [20.0 + 0.3 * seed for seed in range(8)]
     found = rows(de=cheap, ga=dear, pso=cheap)
     assert found["de"].against_first == ""
-    # 2^(1 - 8) = 0.0078, times two comparisons.
+    # 2^(1 - 8) = 0.0078, times two tests that can show anything (its costs and its
+    # successes), with four fifths of the chance of a false claim.
     assert found["ga"].against_first == (
-        "dearer (cheaper in 0, dearer in 8 of 8 seeds, p = 0.016)"
+        "dearer (cheaper in 0, dearer in 8 of 8 seeds, p = 0.02)"
     )
     assert found["pso"].against_first.startswith("no difference shown (cheaper in 0, ")
 
@@ -68,9 +69,9 @@ def test_an_answer_that_is_not_feasible_is_dearer_than_any_that_is() -> None:
 
 
 def test_a_deterministic_answer_counts_for_every_seed() -> None:
-    found = rows(de=[10.0 + 0.1 * seed for seed in range(6)], ipopt=[30.0])
+    found = rows(de=[10.0 + 0.1 * seed for seed in range(7)], ipopt=[30.0])
     assert found["ipopt"].success_interval is None
-    assert found["ipopt"].against_first.startswith("dearer (cheaper in 0, dearer in 6")
+    assert found["ipopt"].against_first.startswith("dearer (cheaper in 0, dearer in 7")
 
 
 def test_the_word_is_that_of_those_that_differ() -> None:
@@ -83,7 +84,7 @@ def test_the_word_is_that_of_those_that_differ() -> None:
 
 def test_few_seeds_are_not_compared() -> None:
     found = rows(de=[10.0, 11.0], ga=[12.0, 13.0])
-    assert found["ga"].against_first == "not compared: 2 seeds, 6 are needed"
+    assert found["ga"].against_first == "not compared: 2 seeds, 7 are needed"
 
 
 def test_the_interval_is_wilsons() -> None:

@@ -1,0 +1,163 @@
+"""Sentences on what a comparison cannot say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+FEW_SEEDS = 15
+MOST_NAMED = 3
+
+Content = Mapping[str, Any]
+
+
+def limits_of(content: Content) -> list[str]:
+    """Return the known limits of a comparison, each a sentence.
+
+    Args:
+        content: As of `content_of`.
+    """
+    said = [one(content) for one in _LIMITS]
+    return [sentence for sentence in said if sentence]
+
+
+def listed(names: Sequence[str], most: int = MOST_NAMED) -> str:
+    """Return names with commas and "and"; of many the first, and how many more."""
+    if len(names) > most:
+        return f"{', '.join(names[:most])} and {len(names) - most} more"
+    if len(names) > 1:
+        return f"{', '.join(names[:-1])} and {names[-1]}"
+    return "".join(names)
+
+
+def _few_seeds(content: Content) -> str:
+    count = len(content["seeds"])
+    words = [
+        row["against_first"]["words"]
+        for scenario in content["scenarios"]
+        for row in scenario["rows"]
+    ]
+    few = next((said for said in words if said.startswith("not compared")), "")
+    if few:
+        return f"Solvers are {few}."
+    if 1 < count < FEW_SEEDS and len(content["solvers"]) > 1:
+        return (
+            f"{count} seeds are few: a difference that is not shown may still be there."
+        )
+    return ""
+
+
+def _best_known(content: Content) -> str:
+    unknown = [
+        s["name"]
+        for s in content["scenarios"]
+        if s["best_cost"] is not None and s["known_cost"] is None and s["bound"] is None
+    ]
+    if not unknown:
+        return ""
+    return (
+        "The best known cost is the least that was found here, with no proof that none "
+        f"is less: {listed(unknown)}."
+    )
+
+
+def _not_reached(content: Content) -> str:
+    missed = [
+        s["name"]
+        for s in content["scenarios"]
+        if s["best_cost"] is not None and not any(r["near"][0] for r in s["rows"])
+    ]
+    if not missed:
+        return ""
+    return (
+        f"No solver comes within {_percent(content)} of the cost known from elsewhere: "
+        f"{listed(missed)}."
+    )
+
+
+def _below_bound(content: Content) -> str:
+    wrong = []
+    for s in content["scenarios"]:
+        value = (s["bound"] or {}).get("value")
+        best = s["best_cost"]
+        if isinstance(value, int | float) and best is not None:
+            slack = content["near"][1] * max(abs(value), abs(best))
+            wrong += [s["name"]] if best < value - slack else []
+    if not wrong:
+        return ""
+    return f"A cost is below the bound that was given; one is wrong: {listed(wrong)}."
+
+
+def _unsolved(content: Content) -> str:
+    unsolved = [s["name"] for s in content["scenarios"] if s["best_cost"] is None]
+    return f"No feasible answer is known: {listed(unsolved)}." if unsolved else ""
+
+
+def _seconds(content: Content) -> str:
+    if content["is_noisy"]:
+        load = content["load_max"]
+        seen = "" if load is None else f" (highest load {load:.1f})"
+        return f"The machine was busy{seen}: nothing is claimed about seconds."
+    if not content["judges_seconds"]:
+        return "Budgets are in evaluations: seconds are shown, and not compared."
+    return ""
+
+
+def _machines(content: Content) -> str:
+    count = len(content["machines"])
+    if count > 1:
+        return f"Runs are from {count} machines: their seconds are not alike."
+    return "All runs are from one machine." if count else ""
+
+
+def _deterministic(content: Content) -> str:
+    names = [one["name"] for one in content["solvers"] if one["deterministic"]]
+    if not names or len(content["solvers"]) == 1:
+        return ""
+    return (
+        f"{listed(names)}: one run, without chance in it, which counts for every seed "
+        "in comparisons."
+    )
+
+
+def _failed(content: Content) -> str:
+    rows = [row for scenario in content["scenarios"] for row in scenario["rows"]]
+    failed, cut = sum(len(r["failed"]) for r in rows), sum(r["cut"] for r in rows)
+    parts = [f"{failed} failed"] * bool(failed) + [
+        f"{cut} were ended by the hard limit"
+    ] * bool(cut)
+    if not parts:
+        return ""
+    total = sum(row["runs"] for row in rows)
+    return f"Of {total} runs {' and '.join(parts)}; they count as they ended."
+
+
+def _false(content: Content) -> str:
+    rows = [row for scenario in content["scenarios"] for row in scenario["rows"]]
+    false = sum(row["false_successes"] for row in rows)
+    if not false:
+        return ""
+    claimed = sum(row["claimed_feasible"] for row in rows)
+    return (
+        f"{false} of {claimed} answers that a solver called feasible are not as it "
+        "said when simulated more finely; verified costs are compared."
+    )
+
+
+def _problems(content: Content) -> str:
+    if len(content["seeds"]) < 2:  # noqa: PLR2004
+        return "One seed: what another would give is not known."
+    return (
+        "Tests and intervals speak of other seeds on these scenarios, not of other "
+        "scenarios."
+    )
+
+
+def _percent(content: Content) -> str:
+    return f"{100 * content['near'][0]:g} %"
+
+
+_LIMITS: tuple[Callable[[Content], str], ...] = (
+    *(_unsolved, _few_seeds, _best_known, _not_reached, _below_bound),
+    *(_seconds, _machines, _deterministic, _failed, _false, _problems),
+)
