@@ -145,5 +145,6 @@ IPOPT_STATUS = {
     "Maximum_Iterations_Exceeded": PolishStatus.ITERATION_LIMIT,
     "Maximum_CpuTime_Exceeded": PolishStatus.ITERATION_LIMIT,
     "Maximum_WallTime_Exceeded": PolishStatus.ITERATION_LIMIT,
+    "User_Requested_Stop": PolishStatus.ITERATION_LIMIT,  # By a watch.
     "Infeasible_Problem_Detected": PolishStatus.INFEASIBLE,
 }
