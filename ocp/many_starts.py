@@ -102,6 +102,15 @@ class ManyStarts:
         except NoLanesError as error:
             self._refused = str(error)
 
+    def prepare(self) -> None:
+        """Wait for machine code that is still being made."""
+        if self._solver is None:
+            return
+        try:
+            float(self._solver.rollouts_per_iteration)
+        except NoCompilerError as error:
+            self._solver, self._refused = None, str(error)
+
     def __call__(
         self,
         guess: Start | None,

@@ -210,6 +210,13 @@ class Planner:
             other._lane_search = self._lane_search.with_search(other.search)
         return other
 
+    def prepare(self) -> None:
+        """Wait for machine code that is still being made."""
+        if self._lane_search is not None:
+            self._lane_search.prepare()
+        if self.many_starts is not None:
+            self.many_starts.prepare()
+
     @cached_property
     def tracer(self) -> Tracer:
         """Traces the paths of plans; compiled when first asked for."""

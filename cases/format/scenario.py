@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from swarmstart.cases.format.document import (
     Document,
@@ -269,6 +269,29 @@ def resolved_again(
     return replace(resolved, variant=variant, allow_python=python_in is not None)
 
 
+def search_of(
+    name: str, options: Mapping[str, str], *, told: str = "--search"
+) -> dict[str, Any]:
+    """Return the `search:` section of a scenario with some settings, complete.
+
+    Args:
+        name: The search.
+        options: Its settings -> their values as YAML text.
+        told: What messages call the place where they stand.
+
+    Raises:
+        YamlError: If a value cannot be read.
+        InvalidScenarioError: If one is not allowed: in the words for a scenario.
+    """
+    from swarmstart.cases.format.settings import Searching
+
+    document = parse_yaml(f"search: {{name: {name}}}".encode(), name=told)
+    for key, value in options.items():
+        document = assign(document, f"search.{key}", value, name=told)
+    part = _checked(document, Searching)
+    return dict(part.search.model_dump(mode="json"))
+
+
 def _claiming(scenario: Scenario, steps: object) -> Scenario:
     """Return the scenario with claims of flights as long as its file says.
 
@@ -377,19 +400,24 @@ def _is_missing(scenario: Scenario, dotted_key: str) -> bool:
 
 def _validated(document: Document, kind: Kind) -> Scenario:
     """Return the scenario that pydantic makes of the document."""
+    return cast("Scenario", _checked(document, kind.scenario))
+
+
+def _checked(document: Document, model: type[Any]) -> Any:
+    """Return what a pydantic model makes of a document."""
     import pydantic
 
     folder = document.folder
     beside = Path(document.name).parent if folder is None else Path(folder)
     try:
-        return kind.scenario.model_validate(document.data, context={"folder": beside})
+        return model.model_validate(document.data, context={"folder": beside})
     except pydantic.ValidationError as error:
         by_path = _by_path(document, error)
         # A new key is not missed where its old name is: that is said once.
         old = RENAMED.keys() & map(_dotted, by_path)
         new = {RENAMED[key].partition(" ")[0] for key in old}
         flaws = [
-            _described(document, path, together, kind.scenario)
+            _described(document, path, together, model)
             for path, together in by_path.items()
             if _dotted(path) not in new
         ]
