@@ -29,7 +29,7 @@ from swarmstart.heuristics.minimize import (
     until_stopped,
 )
 from swarmstart.heuristics.result import SearchResult, StopReason
-from swarmstart.heuristics.search import Search
+from swarmstart.heuristics.search import Individual, Search
 from swarmstart.kernel import Array
 
 GENERATIONS = 10
@@ -77,6 +77,7 @@ def run_memetic(
     *,
     budget: Budget | int,
     on_advance: Callable[[int], None] | None = None,
+    on_best: Callable[[int, Callable[[], Individual]], None] | None = None,
 ) -> SearchResult:
     """Run a search and local solves until the budget of both is used up.
 
@@ -87,6 +88,7 @@ def run_memetic(
         local: The local solves.
         budget: Of both. A local solve that has begun goes on to its end.
         on_advance: As in `minimize`.
+        on_best: As in `minimize`.
 
     Returns:
         The best point found; its evaluations count the local solves.
@@ -106,6 +108,8 @@ def run_memetic(
         stopped = running(watch.seconds, suggested) or running.ended(watch.seconds)
         if on_advance is not None:
             on_advance(search.evaluations + running.spent)
+        if on_best is not None:
+            on_best(search.evaluations + running.spent, lambda: search.best)
         return stopped
 
     return until_stopped(search, turn, running.result)

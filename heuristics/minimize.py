@@ -29,7 +29,11 @@ from swarmstart.heuristics.result import (
     StopReason,
     locked,
 )
-from swarmstart.heuristics.search import InvalidEvaluationError, Search
+from swarmstart.heuristics.search import (
+    Individual,
+    InvalidEvaluationError,
+    Search,
+)
 from swarmstart.heuristics.stopping import AT_TARGET, GOES_ON, STAGNANT, progress_of
 from swarmstart.kernel import Array, Count
 
@@ -63,6 +67,7 @@ def minimize(  # noqa: PLR0913
     radius: float = 0.1,
     on_generation: Callback | None = None,
     on_advance: Callable[[int], None] | None = None,
+    on_best: Callable[[int, Callable[[], Individual]], None] | None = None,
 ) -> SearchResult:
     """Search a box for the best point of an objective.
 
@@ -86,6 +91,7 @@ def minimize(  # noqa: PLR0913
         on_generation: Called after each generation; may raise StopIteration to stop.
         on_advance: Told the evaluations so far, now and then: compiled generations are
             not slowed down.
+        on_best: Told the same, with what returns the best point so far.
 
     Returns:
         The best point found, and how the search went.
@@ -125,6 +131,7 @@ def minimize(  # noqa: PLR0913
         budget=budget,
         on_generation=on_generation,
         on_advance=on_advance,
+        on_best=on_best,
     )
 
 
@@ -135,6 +142,7 @@ def run(
     budget: Budget | int,
     on_generation: Callback | None = None,
     on_advance: Callable[[int], None] | None = None,
+    on_best: Callable[[int, Callable[[], Individual]], None] | None = None,
 ) -> SearchResult:
     """Run a search until its budget is used up; the loop of `minimize`.
 
@@ -146,6 +154,7 @@ def run(
             this call, without what loading and compiling machine code takes.
         on_generation: As in `minimize`.
         on_advance: As in `minimize`.
+        on_best: As in `minimize`.
 
     Returns:
         The best point found, and how the search went.
@@ -166,6 +175,8 @@ def run(
         stopped = advance(watch.seconds) or advance.ended(watch.seconds)
         if on_advance is not None:
             on_advance(search.evaluations)
+        if on_best is not None:
+            on_best(search.evaluations, lambda: search.best)
         return stopped
 
     return until_stopped(search, turn, advance.result)

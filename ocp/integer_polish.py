@@ -21,6 +21,7 @@ from swarmstart.ocp.polish import Polished, Polisher, is_better, polish_basins
 from swarmstart.ocp.polish_options import PolishOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.watching import UNWATCHED, Watch, WorkAlone
 from swarmstart.ocp.whole_numbers import neighbours, sum_up_rounded, whole
 
 Array = NDArray[np.float64]
@@ -53,15 +54,27 @@ def relaxation(problem: OptimalControlProblem) -> OptimalControlProblem:
 class IntegerPolisher:
     """Rounds and polishes one problem with controls that take whole numbers."""
 
-    def __init__(self, fitness: Fitness, options: PolishOptions) -> None:
+    def __init__(
+        self,
+        fitness: Fitness,
+        options: PolishOptions,
+        *,
+        watch: Watch = UNWATCHED,
+    ) -> None:
         """Build the solver of the relaxed problem.
 
         Args:
             fitness: The problem's evaluator.
             options: What the NLP solver is told.
+            watch: Told what is done, and may stop it.
         """
         self._fitness, problem = fitness, fitness.problem
-        self.relaxed = Polisher(Fitness(relaxation(problem), backend="casadi"), options)
+        self._watch = watch
+        relaxed = Fitness(relaxation(problem), backend="casadi")
+        unwatched = watch is UNWATCHED
+        self.relaxed = Polisher(
+            relaxed, options, watch=watch if unwatched else WorkAlone(watch)
+        )
         self._integer, self._limits = problem.integer, problem.control_limits
         self._block = block_numbers(problem.blocks, problem.intervals)
         self._first = first_intervals(problem.blocks, problem.intervals)
@@ -97,6 +110,7 @@ class IntegerPolisher:
         for one in others:
             evaluations += one.evaluations
             best = one if _beats(one, best, tolerance) else best
+        self._watch.answered((best.controls, best.x0), best.cost, best.violation)
         # No bound lies above an answer: from there the relaxed problem leads down.
         again = self.relaxed(best.controls, best.x0, known, near=True)
         if _beats(again, relaxed, tolerance):
@@ -119,7 +133,7 @@ class IntegerPolisher:
                 break
             best = self._held(stepped, best.x0, known)
             evaluations += best.evaluations
-            if not self._decides_more:
+            if not self._decides_more or self._watch.is_over:
                 break
         return replace(best, evaluations=evaluations)
 
@@ -135,6 +149,7 @@ class IntegerPolisher:
             population = np.stack([fitness.decision(c, x0) for c in others], axis=1)
             cost, violation = objective(population)
             spent += cost.size
+            self._watch.counted(cost.size)
             broken = np.where(violation > tolerance, violation, 0.0)
             i = int(np.lexsort((cost, broken))[0])
             reached = float(cost[i]), float(violation[i])

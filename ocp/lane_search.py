@@ -12,6 +12,7 @@ give the same answer on a quick and on a slow machine.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -85,6 +86,7 @@ def searched(
         radius=search.radius,
         rng=task.rng,
         on_advance=task.tell,
+        on_best=task.told_best,
     )
     return Searched(result)
 
@@ -126,6 +128,21 @@ class LaneSearch:
             self._without = str(error)
             if isinstance(search.algorithm, Multistart):
                 self._require_solvable()
+
+    def with_search(self, search: SearchSettings) -> "LaneSearch":
+        """Return the same with other settings of the same algorithm; nothing is built.
+
+        Args:
+            search: The settings.
+        """
+        other = copy(self)
+        other._search = search
+        return other
+
+    def prepare(self) -> None:
+        """Wait for machine code that is still being made."""
+        if self._solver is not None:
+            float(self._solver.rollouts_per_iteration)
 
     def _require_solvable(self) -> None:
         """Refuse a multistart that nothing can solve."""
@@ -183,7 +200,12 @@ class LaneSearch:
             share=settings.share,
         )
         found = run_memetic(
-            population, task.objective, local, budget=budget, on_advance=task.tell
+            population,
+            task.objective,
+            local,
+            budget=budget,
+            on_advance=task.tell,
+            on_best=task.told_best,
         )
         result = replace(found, basins=found.basins[: task.basins])
         if lanes is None:
@@ -191,6 +213,11 @@ class LaneSearch:
         if not lanes.solves:
             return Searched(result, None, TOO_DEAR)
         return Searched(result, lanes.account())
+
+
+def _best_of(starts: RandomStarts | PolishStarts) -> Individual:
+    cost, violation = starts.best()
+    return Individual(x=starts.points(1)[0], cost=cost, violation=violation)
 
 
 def _as_they_are(members: Array) -> Improved:
@@ -220,6 +247,8 @@ def _until_spent(
                 history.append((cost, violation, evaluations))
                 if task.tell is not None:
                     task.tell(evaluations)
+                if task.told_best is not None:
+                    task.told_best(evaluations, lambda: _best_of(starts))
                 feasible = violation <= task.order.tolerance
                 reasons = {
                     StopReason.TARGET: feasible and cost <= target,

@@ -15,6 +15,7 @@ from swarmstart.compile_time import stopwatch
 from swarmstart.heuristics import Order
 from swarmstart.heuristics.interrupts import heeded
 from swarmstart.heuristics.memetic import Improved
+from swarmstart.heuristics.search import Individual
 from swarmstart.ocp.account import Lanes
 from swarmstart.ocp.fitness import Known, Objective, started
 from swarmstart.ocp.lane_settings import Multistart
@@ -31,6 +32,7 @@ from swarmstart.ocp.search_space import (
 
 Array = NDArray[np.float64]
 Told = Callable[[int], None] | None
+ToldBest = Callable[[int, Callable[[], Individual]], None] | None
 
 FIRST_ITERATIONS = {"sweeps": 150, "slopes": 1500}
 """Iterations that a lane is expected to take before any has been solved: many, so that
@@ -51,6 +53,7 @@ class Task:
         basins: Number of basins that are wanted besides the best point.
         rng: Source of all randomness.
         tell: Told the evaluations so far.
+        told_best: Told the same, with what returns the best point so far.
     """
 
     x0: ArrayLike
@@ -62,6 +65,7 @@ class Task:
     basins: int
     rng: np.random.Generator
     tell: Told
+    told_best: ToldBest = None
 
 
 class _Found:
@@ -270,7 +274,11 @@ class PolishStarts:
         self._is_encodable = isinstance(space, ControlSpace)
         self._best: tuple[float, float, Array] | None = None
         self._solves = self._evaluations = 0
-        self.ended = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether a watch says that enough is done."""
+        return self._polisher.watch.is_over
 
     @property
     def each(self) -> float:

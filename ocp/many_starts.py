@@ -102,6 +102,15 @@ class ManyStarts:
         except NoLanesError as error:
             self._refused = str(error)
 
+    def prepare(self) -> None:
+        """Wait for machine code that is still being made."""
+        if self._solver is None:
+            return
+        try:
+            float(self._solver.rollouts_per_iteration)
+        except NoCompilerError as error:
+            self._solver, self._refused = None, str(error)
+
     def __call__(
         self,
         guess: Start | None,
@@ -130,7 +139,8 @@ class ManyStarts:
         try:
             for one in cold:
                 tries.polish(one)
-            found = [Origined("the search", one) for one in search()]
+            over = self._polisher.watch.is_over
+            found = [Origined("the search", one) for one in ([] if over else search())]
             starts = [one.start for one in (*cold, *found)]
             lanes, optima = self._in_lanes(starts, x0, known, rng)
             guesses = state_guesses(fitness, x0, known, _GUESSES, rng)
@@ -139,7 +149,8 @@ class ManyStarts:
             self._several(
                 tries, [Origined("guesses of states", one) for one in guesses]
             )
-            tries.polish_again()
+            if not self._polisher.watch.is_over:
+                tries.polish_again()
         except KeyboardInterrupt:
             if not tries.answers:
                 raise
@@ -152,7 +163,7 @@ class ManyStarts:
         each = shooting.stage_without_path.n_instructions() * shooting.problem.intervals
         work = 0
         for one in starts:
-            if work > _MOST_WORK:
+            if work > _MOST_WORK or self._polisher.watch.is_over:
                 return
             work += tries.polish(one).iterations * each
 
@@ -186,7 +197,7 @@ class ManyStarts:
     ) -> tuple[Lanes | None, list[Start]]:
         """Return what lanes found, and the best optima among it."""
         solver, problem = self._solver, self._fitness.problem
-        if solver is None:
+        if solver is None or self._polisher.watch.is_over:
             return None, []
         with stopwatch() as watch:
             state = np.asarray(x0, dtype=np.float64).ravel()
@@ -199,6 +210,8 @@ class ManyStarts:
             except NoCompilerError as error:  # Known when it is first used.
                 self._solver, self._refused = None, str(error)
                 return None, []
+            taken = int(found.iterations.sum())
+            self._polisher.watch.counted(taken * solver.rollouts_per_iteration)
             optima = distinct_optima(found)
             best = [
                 Start(
@@ -212,7 +225,7 @@ class ManyStarts:
                 method=solver.method,
                 optima=tuple(optima),
                 unseen=unseen_share([one.count for one in optima]),
-                iterations=int(found.iterations.sum()),
+                iterations=taken,
                 seconds=watch.seconds,
             )
         return lanes, best

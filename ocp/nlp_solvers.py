@@ -14,8 +14,9 @@ from swarmstart.ocp.nlp_sources import last_line
 from swarmstart.ocp.polish_options import PolishOptions
 from swarmstart.ocp.shooting import Shooting
 from swarmstart.ocp.transcription import NonlinearProgram, multiple_shooting
+from swarmstart.ocp.watching import Iterates, Ratios, ratios_of
 
-_NONE: Mapping[str, ca.Function] = MappingProxyType({})
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class Solvers(NamedTuple):
@@ -26,12 +27,16 @@ class Solvers(NamedTuple):
         far: Its solver.
         near: Returns the same near an answer; built when first asked for.
         warm: Returns that which begins with multipliers; so is this.
+        iterates: Told of their iterates; None: nobody asks.
+        ratios: What derivatives cost, in rollouts.
     """
 
     program: NonlinearProgram
     far: ca.Function
     near: Callable[[], ca.Function]
     warm: Callable[[], ca.Function]
+    iterates: Iterates | None
+    ratios: Ratios
 
 
 class NlpSolvers:
@@ -41,17 +46,21 @@ class NlpSolvers:
         built: Those that are, by the steps of their NLP.
     """
 
-    def __init__(self, shooting: Shooting, options: PolishOptions) -> None:
+    def __init__(
+        self, shooting: Shooting, options: PolishOptions, *, is_watched: bool = False
+    ) -> None:
         """Build the solver, or see that there will be one.
 
         Args:
             shooting: The problem's functions.
             options: What the solver is told.
+            is_watched: Whether its iterates are looked at.
 
         Raises:
             InvalidProblemError: If the solver refuses an option.
         """
         self._shooting, self._options = shooting, options
+        self._is_watched = is_watched
         self.built: dict[FixedSteps | None, Solvers] = {}
         problem = shooting.problem
         if problem.is_adaptive and not problem.collocation:
@@ -82,7 +91,10 @@ class NlpSolvers:
         fixed = self._shooting if steps is None else steps.shooting(self._shooting)
         program = multiple_shooting(fixed)
         ipopt = self._options.plugin == "ipopt"
-        given = program.derivatives if ipopt else _NONE
+        given: Mapping[str, Any] = program.derivatives if ipopt else _NONE
+        iterates = Iterates(program.nlp) if self._is_watched else None
+        if iterates is not None:
+            given = {**given, "iteration_callback": iterates}
         far = self._solver(program.nlp, given, near=False)
 
         @cache
@@ -93,13 +105,18 @@ class NlpSolvers:
                 return self._solver(program.nlp, given, near=True, warm=warm)
 
         return Solvers(
-            program, far, partial(near, warm=False), partial(near, warm=True)
+            program,
+            far,
+            partial(near, warm=False),
+            partial(near, warm=True),
+            iterates,
+            ratios_of(program, self._shooting),
         )
 
     def _solver(
         self,
         nlp: dict[str, Any],
-        derivatives: Mapping[str, ca.Function],
+        given: Mapping[str, Any],
         *,
         near: bool,
         warm: bool = False,
@@ -110,7 +127,7 @@ class NlpSolvers:
             "show_eval_warnings": False,
             "error_on_fail": False,
             "calc_lam_p": False,
-            **derivatives,
+            **given,
             **options.settings(near=near, warm=warm),
         }
         try:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.compile_time import stopwatch
 from swarmstart.heuristics import (
+    Budget,
     SearchInterrupted,
     default_order,
 )
@@ -34,7 +35,7 @@ from swarmstart.ocp.guess import bounded_controls, zero_controls
 from swarmstart.ocp.integer_polish import IntegerPolisher
 from swarmstart.ocp.lane_search import LaneSearch, searched
 from swarmstart.ocp.lane_settings import Memetic, Multistart, population_of
-from swarmstart.ocp.lane_starts import Task
+from swarmstart.ocp.lane_starts import Task, ToldBest
 from swarmstart.ocp.many_starts import (
     Answered,
     ManyStarts,
@@ -75,6 +76,7 @@ from swarmstart.ocp.search_space import (
 from swarmstart.ocp.shooting import Shooting
 from swarmstart.ocp.state_guesses import straight_states
 from swarmstart.ocp.warm_steps import begins_warm, better_plan, is_enough
+from swarmstart.ocp.watching import UNWATCHED, Answer, Watch
 
 Array = NDArray[np.float64]
 
@@ -129,7 +131,7 @@ class Planner:
             numbers; None without a polish.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - all that planning needs
         self,
         problem: OptimalControlProblem,
         *,
@@ -138,6 +140,7 @@ class Planner:
         family: TrajectoryFamily | None = None,
         backend: str | None = None,
         lanes: int = 0,
+        watch: Watch = UNWATCHED,
     ) -> None:
         """Compile what planning needs.
 
@@ -152,6 +155,7 @@ class Planner:
             backend: What evaluates populations, as in compiled/backend.py.
             lanes: Number of random starts that are solved at once, beside the others,
                 where there is no earlier answer; see many_starts.py. 0 means none.
+            watch: Told what search and polish do, and may stop them; see watching.py.
 
         Raises:
             InvalidProblemError: If a search is asked for and a control is unbounded,
@@ -166,7 +170,7 @@ class Planner:
         search = search_settings(search)
         if search is not None and problem.maximize:
             search = _turned(search)
-        self.search, self.polish = search, polish
+        self.search, self.polish, self._watch = search, polish, watch
         self._space: SearchSpace | None = None
         if search is not None:
             self._space = space_of(self.fitness, family)
@@ -178,10 +182,10 @@ class Planner:
         self._rounding: IntegerPolisher | None = None
         self.polisher: Polisher | None = None
         if polish and self.problem.integer:
-            self._rounding = IntegerPolisher(self.fitness, polish)
+            self._rounding = IntegerPolisher(self.fitness, polish, watch=watch)
             self.polisher = self._rounding.relaxed
         elif polish:
-            self.polisher = Polisher(self.fitness, polish)
+            self.polisher = Polisher(self.fitness, polish, watch=watch)
         if lanes and self.polisher is None:
             raise InvalidProblemError("lanes need a polish, which ends what they begin")
         self._lanes = lanes
@@ -191,6 +195,27 @@ class Planner:
             self._lane_search = LaneSearch(
                 self.fitness, self._space, search, self.polisher
             )
+
+    def with_budget(self, budget: Budget) -> "Planner":
+        """Return the same planner with another budget of its search; nothing is built.
+
+        Args:
+            budget: The budget; without effect if there is no search.
+        """
+        if self.search is None:
+            return self
+        other = copy(self)
+        other.search = replace(self.search, budget=budget)
+        if self._lane_search is not None:
+            other._lane_search = self._lane_search.with_search(other.search)
+        return other
+
+    def prepare(self) -> None:
+        """Wait for machine code that is still being made."""
+        if self._lane_search is not None:
+            self._lane_search.prepare()
+        if self.many_starts is not None:
+            self.many_starts.prepare()
 
     @cached_property
     def tracer(self) -> Tracer:
@@ -495,7 +520,7 @@ class Planner:
             tolerance=tolerance,
             near=near or self.search is not None,
         )
-        if found.violation <= tolerance or near:
+        if found.violation <= tolerance or near or self._watch.is_over:
             return found, evaluations
         straight = self._straight(starts[0], x0, known)
         if straight:
@@ -583,9 +608,12 @@ class Planner:
             basins=basins,
             rng=rng,
             tell=of_budget(request.progress, search.budget, "searching"),
+            told_best=self._told_best(space, x0, known),
         )
         try:
-            found = searched(search, space, task, self._lane_search)
+            with self._watch.searching():
+                found = searched(search, space, task, self._lane_search)
+                self._watch.searched(found.result)
         except SearchInterrupted as stopped:
             start = space.decoded(stopped.partial.x, x0, known)
             plan = self.evaluated(
@@ -614,6 +642,19 @@ class Planner:
             evaluations=result.evaluations,
         )
         return plan, starts
+
+    def _told_best(self, space: SearchSpace, x0: ArrayLike, known: Known) -> ToldBest:
+        """Return what a search tells of its best point; None: nobody listens."""
+        watch = self._watch
+        if watch is UNWATCHED:
+            return None
+
+        def answer(x: Array) -> Answer:
+            start = space.decoded(x, x0, known)
+            state = x0 if start.x0 is None else start.x0
+            return start.controls, np.asarray(state, dtype=np.float64)
+
+        return lambda evaluations, best: watch.advanced(evaluations, best, answer)
 
     def outside(self, x0: ArrayLike, known: Known = NOTHING) -> list[Excess]:
         """Return what an initial state breaks that no control can keep, worst first.

@@ -20,8 +20,9 @@ archive (`heuristics/archive.py`) keeps the best points that are apart in the bo
 each is a guess for the NLP solver.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,6 +48,14 @@ from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.search_space import Start
 from swarmstart.ocp.transcription import Given, Limits, NonlinearProgram
+from swarmstart.ocp.watching import (
+    UNWATCHED,
+    Answer,
+    Ratios,
+    Watch,
+    Work,
+    work_of,
+)
 
 Array = NDArray[np.float64]
 SAME_COST = 1e-6
@@ -91,6 +100,7 @@ class _Asked:
     parameters: Array
     signals: Array
     multipliers: tuple[Array, Array] | None = None
+    x0: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,27 +170,46 @@ class Polisher:
     each guess (fixed_steps.py), and there is an NLP for each number of them.
     """
 
-    def __init__(self, fitness: Fitness, options: PolishOptions | None = None) -> None:
+    def __init__(
+        self,
+        fitness: Fitness,
+        options: PolishOptions | None = None,
+        *,
+        watch: Watch = UNWATCHED,
+    ) -> None:
         """Build the solver.
 
         Args:
             fitness: The problem's evaluator, which also judges the answer.
             options: What the solver is told; None means IPOPT's defaults.
+            watch: Told what it does, and may stop it.
 
         Raises:
             InvalidProblemError: If the solver refuses an option.
         """
         self._options = options or IpoptOptions()
-        self._fitness = fitness
+        self._fitness, self.watch = fitness, watch
         self._choice: StepChoice | None = None
         if fitness.problem.is_adaptive and not fitness.problem.collocation:
             self._choice = StepChoice(fitness.shooting)
-        self._solvers = NlpSolvers(fitness.shooting, self._options)
+        self._solvers = NlpSolvers(
+            fitness.shooting, self._options, is_watched=watch is not UNWATCHED
+        )
 
     @property
     def program(self) -> NonlinearProgram | None:
         """The NLP; None where its steps are chosen for each guess."""
         return self._solvers.program
+
+    @property
+    def ratios(self) -> Ratios | None:
+        """What its derivatives cost; None where steps are chosen for each guess."""
+        return None if self._choice is not None else self._solvers(None).ratios
+
+    def prepare(self) -> None:
+        """Build what a start near an answer needs, which else waits for the first."""
+        if self._choice is None:
+            self._solvers(None).near()
 
     def __call__(  # noqa: PLR0913 - a guess, what is known of it and what is held
         self,
@@ -238,11 +267,15 @@ class Polisher:
                 if found is None
                 else better_of(found, begun, tolerance=problem.tolerance)
             )
-        if near and found.status is not PolishStatus.CONVERGED:
+        ended = found.status is PolishStatus.CONVERGED or self.watch.is_over
+        if near and not ended:
             how = how._replace(near=False)
             again = self._tried(controls, states, x0, known, before, how)
             found = better_of(found, again, tolerance=problem.tolerance)
-        return self._with_finer_steps(found, steps, known, held)
+        if not self.watch.is_over:
+            found = self._with_finer_steps(found, steps, known, held)
+        self.watch.answered((found.controls, found.x0), found.cost, found.violation)
+        return found
 
     def _steps(
         self, controls: Array, states: Array, x0: ArrayLike, known: Known
@@ -300,6 +333,8 @@ class Polisher:
         iterations, evaluations = answer.effort
         for _ in range(MOST_CORRECTIONS if how.solvers.program.inner_guess else 0):
             if status is not PolishStatus.CONVERGED or answer.agrees(after, problem):
+                break
+            if self.watch.is_over:
                 break
             known_here = asked.sizes, asked.parameters, asked.signals
             shifted = corrected(answer.point, *known_here)
@@ -388,7 +423,7 @@ class Polisher:
         multipliers = None
         if how.carried is not None:
             multipliers = how.carried.placed(program, first, q, sizes.cost)
-        return _Asked(first, q, limits, sizes, parameters, signals, multipliers)
+        return _Asked(first, q, limits, sizes, parameters, signals, multipliers, x0)
 
     def _solve(self, asked: "_Asked", solvers: Solvers, *, near: bool) -> "_Answer":
         """Return the solver's answer.
@@ -405,6 +440,8 @@ class Polisher:
             solver = solvers.warm()
             begun = dict(zip(("lam_g0", "lam_x0"), asked.multipliers, strict=True))
         given = {"x0": asked.first, "p": asked.q, **begun, **asked.limits._asdict()}
+        if solvers.iterates is not None:
+            solvers.iterates.told = self._told(asked, solvers)
         try:
             with heeded():
                 answer = solver(**given)
@@ -424,7 +461,24 @@ class Polisher:
             lam_x=lam_x,
             limits=asked.limits,
         )
-        return _Answer(point, solver.stats(), asked.sizes)
+        stats = solver.stats()
+        self.watch.solved(work_of(stats), solvers.ratios)
+        return _Answer(point, stats, asked.sizes)
+
+    def _told(self, asked: "_Asked", solvers: Solvers) -> Callable[[Array], bool]:
+        """Return what is done with the iterates of a solve: the watch is told."""
+        problem, ratios = self._fitness.problem, solvers.ratios
+        each, iterations = Work(1, 1, 1).evaluations(ratios), count()
+
+        def told(w: Array) -> bool:
+            def answer() -> Answer:
+                x0 = np.empty(0) if asked.x0 is None else asked.x0
+                return _within(problem, x0, *solvers.program.split(w, asked.sizes))
+
+            so_far = next(iterations) * each + Work(1, 1).evaluations(ratios)
+            return self.watch.iterated(so_far, answer)
+
+        return told
 
     def _sizes(
         self,

@@ -31,6 +31,15 @@ _WARM: Mapping[str, Any] = MappingProxyType(
 
 _QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
+        **dict.fromkeys(
+            ("qrsqp", "feasiblesqpmethod"),
+            {
+                "print_header": False,
+                "print_iteration": False,
+                "print_status": False,
+                "qpsol_options": {"error_on_fail": False},
+            },
+        ),
         "sqpmethod": {
             "print_header": False,
             "print_iteration": False,
@@ -123,7 +132,10 @@ class NlpOptions:
     def settings(self, *, near: bool, warm: bool = False) -> dict[str, Any]:
         """Return the options as CasADi takes them."""
         del near, warm
-        return {**_QUIET.get(self.plugin, {}), **self.options}
+        quiet = dict(_QUIET.get(self.plugin, {}))
+        if self.options.get("qpsol", "qpoases") != "qpoases":
+            quiet["qpsol_options"] = {"error_on_fail": False}  # Each has its own names.
+        return {**quiet, **self.options}
 
 
 PolishOptions = IpoptOptions | NlpOptions
@@ -145,5 +157,6 @@ IPOPT_STATUS = {
     "Maximum_Iterations_Exceeded": PolishStatus.ITERATION_LIMIT,
     "Maximum_CpuTime_Exceeded": PolishStatus.ITERATION_LIMIT,
     "Maximum_WallTime_Exceeded": PolishStatus.ITERATION_LIMIT,
+    "User_Requested_Stop": PolishStatus.ITERATION_LIMIT,  # By a watch.
     "Infeasible_Problem_Detected": PolishStatus.INFEASIBLE,
 }

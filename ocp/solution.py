@@ -207,7 +207,7 @@ def _ranges(names: tuple[str, ...], rows: Array) -> str:
     return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 
 
-def verified(
+def verified(  # noqa: PLR0913 - a plan and how it is judged
     problem: OptimalControlProblem | Tracer,
     plan: Plan,
     x0: ArrayLike,
@@ -215,6 +215,7 @@ def verified(
     *,
     tolerance: float = TOLERANCE,
     settled: bool = False,
+    advised: bool = True,
 ) -> Solution:
     """Return a plan as a solution, integrated ten times finer.
 
@@ -226,6 +227,8 @@ def verified(
         tolerance: What counts as agreement; see the module's head.
         settled: Whether perturbed starts have led to nothing better: then a stationary
             point that is flat to second order is a local optimum, too.
+        advised: Whether the fastest mode along a path that is not confirmed is sought,
+            for advice: that is most of the time of a small problem.
     """
     trace = problem if isinstance(problem, Tracer) else Tracer(problem)
     problem = trace.problem
@@ -253,7 +256,8 @@ def verified(
     if path.outside:
         reason = f"the start is outside: {path.outside[0]}; {reason}"
     fast = None
-    if not status.is_confirmed or plan.polish_status is PolishStatus.NUMERICAL_FAILURE:
+    failed = plan.polish_status is PolishStatus.NUMERICAL_FAILURE
+    if advised and (failed or not status.is_confirmed):
         fast = fastest_mode(trace.shooting, path, state, Known(parameters, signals))
     every = (path.times.size - 1) // (problem.nodes - 1)
     stated = trace.shooting.stated

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
@@ -17,12 +18,11 @@ from swarmstart.cases.campaign.run import Run
 from swarmstart.cases.campaign.run import run as run_resolved
 from swarmstart.cases.campaign.solvers import (
     Solver,
-    Trial,
-    answered,
     budget_of,
     search_share,
-    solver_of,
+    solvers_of,
 )
+from swarmstart.cases.campaign.trial import Built, Trial, answer_of, built
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
@@ -30,7 +30,7 @@ from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
-from swarmstart.ocp import Known, OptimalControlProblem, SearchSettings
+from swarmstart.ocp import Known, OptimalControlProblem
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 from swarmstart.ocp.search_settings import search_settings
 
@@ -113,8 +113,9 @@ def compare(  # noqa: PLR0913 - the options of a command
     Args:
         problems: Scenarios; or (problem, x0) or (problem, x0, known); one, several, or
             several by names.
-        solvers: Names such as "lshade", "lshade+ipopt", "multistart-ipopt", "ipopt";
-            the others are compared with the first.
+        solvers: Names such as "lshade[size=60]+ipopt", "multistart-ipopt", "solve" or
+            "scipy-de", as `swarmstart compare --solvers` takes them, several in one
+            text with commas between; the others are compared with the first.
         seeds: Their number, from 0 on.
         budget: Of one planning problem: "4000evals", "5s" or a number of evaluations.
         repair: Whether an answer that breaks a constraint between the checks is solved
@@ -133,8 +134,9 @@ def compare(  # noqa: PLR0913 - the options of a command
         CodeNotAllowedError: If a file is to be run, and may not.
         UserCodeError: If that file gives no problem.
     """
-    names = [solvers] if isinstance(solvers, str) else solvers
-    chosen = [solver_of(name) for name in dict.fromkeys(names)]
+    given = [solvers] if isinstance(solvers, str) else solvers
+    listed = [one for text in given for one in solvers_of(text)]
+    chosen = list({solver.name: solver for solver in listed}.values())
     share = budget_of(f"{budget}evals" if isinstance(budget, int) else budget)
     named = _named(problems)
     ways = {  # All are refused here, before any is solved.
@@ -143,20 +145,15 @@ def compare(  # noqa: PLR0913 - the options of a command
         for solver in chosen
     }
     entries = [[_entry(name, solver, seeds) for solver in chosen] for name in named]
-    cells = [(e, cell) for each in entries for e in each for cell in e.cells]
-    outcomes = {}
-    for number, (entry, cell) in enumerate(cells):
-        progress(number, len(cells), cell.label)
-        posed, search, backend = ways[entry.scenario, entry.solver.name]
-        trial = Trial(
-            solver=entry.solver,
-            budget=share,
-            seed=cell.job["seed"],
-            search=search,
-            repair=repair,
-            backend=backend,
-        )
-        outcomes[cell.key] = _outcome(posed, trial)
+    every = [entry for each in entries for entry in each]
+    count, outcomes = sum(len(entry.cells) for entry in every), {}
+    for entry in every:
+        posed, first = ways[entry.scenario, entry.solver.name]
+        made = cache(partial(built, posed, first))  # Once for all seeds.
+        for cell in entry.cells:
+            progress(len(outcomes), count, cell.label)
+            trial = replace(first, seed=cell.job["seed"], repair=repair)
+            outcomes[cell.key] = _outcome(made, trial)
     return [row for each in entries for row in rows_of(each, outcomes, seeds=seeds)]
 
 
@@ -194,10 +191,11 @@ def _way(
     budget: Mapping[str, float | int],
     settings: Mapping[str, Any],
     allow_python: bool,
-) -> tuple[PlanningProblem, SearchSettings | None, str | None]:
-    """Return what is solved, the search that a solver names, and the backend."""
+) -> tuple[PlanningProblem, Trial]:
+    """Return what is solved, and the solver's trial with seed 0."""
     searched = solver.search != "none"
     share = search_share(solver, budget)
+    trial = Trial(solver=solver, budget=budget, seed=0, search=None)
     if isinstance(problem, tuple):
         ocp, x0, *known = problem
         state = np.asarray(x0, dtype=np.float64)
@@ -205,7 +203,7 @@ def _way(
             problem=ocp, x0=state, known=known[0] if known else Known()
         )
         named = search_settings(solver.search, Budget(**share)) if searched else None
-        return posed, named, None
+        return posed, replace(trial, search=named)
     resolved = _resolved(
         problem,
         {**settings, "budget": share} if searched else settings,
@@ -214,7 +212,12 @@ def _way(
     )
     scenario = resolved.scenario
     posed = first_problem(replace(resolved, allow_python=allow_python).posed())
-    return posed, scenario.search_settings(), scenario.backend
+    return posed, replace(
+        trial,
+        search=scenario.search_settings(),
+        backend=scenario.backend,
+        order=None if scenario.order is None else scenario.order.order(),
+    )
 
 
 def _entry(name: str, solver: Solver, seeds: int) -> Entry:
@@ -230,11 +233,11 @@ def _entry(name: str, solver: Solver, seeds: int) -> Entry:
     return Entry(scenario=name, solver=solver, cells=tuple(cells))
 
 
-def _outcome(posed: PlanningProblem, trial: Trial) -> Outcome:
+def _outcome(made: Callable[[], Built], trial: Trial) -> Outcome:
     """Return a solver's answer, or why it failed."""
     result, failure = None, ""
     try:
-        result = answered(posed, trial)
+        result = answer_of(made(), trial)
     except SwarmstartError as error:
         failure = str(error)
     seconds = result["seconds"] if result else 0.0

@@ -1,106 +1,83 @@
-"""Solvers of one planning problem, by name: what `compare` sets side by side.
+"""Cells of `compare` on planning problems: a solver, a budget and a seed each.
 
-    lshade             a population search (any of `swarmstart list`)
-    lshade+ipopt       the same with nine tenths of the budget, then IPOPT from there
-    multistart-ipopt   IPOPT from random starts until the budget is spent; the best
-    ipopt              IPOPT once, from zero controls: deterministic
-
-All have one budget for the planning problem. Evaluations are those of the objective,
-IPOPT's included; a limit of seconds holds for search and polish, not for compiling.
+Names of solvers are in solver_names.py, what a trial is in trial.py. What a worker has
+built for one seed serves the next ones: KEPT scenarios with solvers at most.
 """
 
 from __future__ import annotations
 
+import functools
+import json
 import re
-import time as clock
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
-import numpy as np
-
+from swarmstart.cases.campaign.solver_names import (
+    IPOPT,
+    MULTISTART,
+    NULL_HYPOTHESIS,
+    PEERS,
+    SEARCHED,
+    MissingPackageError,
+    Solver,
+    UnknownSolverError,
+    solver_of,
+    solvers_of,
+)
+from swarmstart.cases.campaign.trial import (
+    SEARCH_SHARE,
+    Built,
+    Trial,
+    answer_of,
+    answered,
+    built,
+    judged_checkpoint,
+)
 from swarmstart.cases.format.kind import PlanningProblem
-from swarmstart.cases.format.registry import SEARCHES
+from swarmstart.cases.format.registry import KINDS, SEARCHES
 from swarmstart.cases.format.scenario import resolved_again
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics import Budget
-from swarmstart.ocp import (
-    IpoptOptions,
-    Plan,
-    Planner,
-    SearchSettings,
-    multistart,
-    verified,
-)
-from swarmstart.ocp.improving import repaired
 
-IPOPT, MULTISTART = "ipopt", "multistart-ipopt"
-SEARCHED = tuple(name for name in SEARCHES if name != "none")
-SEARCH_SHARE = 0.9
-"""Of the budget, where a polish follows."""
-MOST_ITERATIONS = 300
+__all__ = [
+    "IPOPT",
+    "MULTISTART",
+    "NULL_HYPOTHESIS",
+    "SEARCHED",
+    "InvalidBudgetTextError",
+    "MissingPackageError",
+    "Solver",
+    "Trial",
+    "UnknownSolverError",
+    "answered",
+    "budget_of",
+    "judge_checkpoint",
+    "modules_of",
+    "search_share",
+    "solve_cell",
+    "solver_of",
+    "solvers_of",
+]
+
 LARGEST = 1e12
 """Budgets are below it."""
-_BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m)")
-
-
-class UnknownSolverError(SwarmstartError, LookupError):
-    """A name that is no solver."""
+KEPT = 16
+"""Of what a worker has built: the last ones used."""
+_BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m|h)")
+_UNITS = {"evals": 1, "s": 1, "m": 60, "h": 3600}
 
 
 class InvalidBudgetTextError(SwarmstartError, ValueError):
     """The text after --budget is not a budget."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Solver:
-    """A solver of one planning problem.
-
-    Attributes:
-        name: As given.
-        search: A key of SEARCHES; "none" for IPOPT without one.
-        polished: Whether IPOPT goes on from the search's answer.
-        starts: "one" or "many", of IPOPT without a search.
-    """
-
-    name: str
-    search: str
-    polished: bool
-    starts: str = "one"
-
-    @property
-    def is_deterministic(self) -> bool:
-        """Return whether every seed gives the same."""
-        return self.search == "none" and self.starts == "one"
-
-
-def solver_of(name: str) -> Solver:
-    """Return the solver of a name; see the head of this module.
-
-    Raises:
-        UnknownSolverError: If no solver has that name.
-    """
-    if name == IPOPT:
-        return Solver(name=name, search="none", polished=True)
-    if name == MULTISTART:
-        return Solver(name=name, search="none", polished=True, starts="many")
-    search, plus, polish = name.partition("+")
-    if search not in SEARCHED or (plus and polish != IPOPT):
-        known = ", ".join((*SEARCHED, IPOPT, MULTISTART))
-        raise UnknownSolverError(
-            f"expected a solver: one of {known}, or a search with +ipopt; "
-            f"found {name!r}"
-        )
-    return Solver(name=name, search=search, polished=bool(plus))
-
-
 def budget_of(text: str) -> dict[str, float | int]:
     """Return a budget as `heuristics.Budget` takes it.
 
     Args:
-        text: "4000evals", "5s", "2m", or two of them with "|" between.
+        text: "4000evals", "5s", "2m", "1h", or two of them with "|" between.
 
     Raises:
         InvalidBudgetTextError: If it is not one of these.
@@ -116,7 +93,7 @@ def budget_of(text: str) -> dict[str, float | int]:
                 "expected a budget such as 4000evals, 5s or 4000evals|5s, "
                 f"found {text!r}"
             )
-        scale = 60 if match["unit"] == "m" else 1
+        scale = _UNITS[match["unit"]]
         budget[key] = int(number) if key == "evaluations" else number * scale
     return budget
 
@@ -128,30 +105,16 @@ def _number(text: str) -> float:
         return 0.0
 
 
-Answered = tuple[Planner, Plan, float]
-"""A plan, the planner that made it, and when that began [s]."""
+def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what of a budget a scenario's search has: for its checks.
 
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Trial:
-    """A solver with a budget and a seed.
-
-    Attributes:
-        solver: The solver.
-        budget: Of one planning problem, as `heuristics.Budget` takes it.
-        seed: Seed of all randomness.
-        search: The search that the solver names; its own budget is not used.
-        repair: Whether an answer that breaks a constraint between the checks is solved
-            again with a margin, whatever the solver.
-        backend: What evaluates populations.
+    A trial gives it less where the NLP solver needs more; see trial.py.
     """
-
-    solver: Solver
-    budget: Mapping[str, Any]
-    seed: int
-    search: SearchSettings | None
-    repair: bool = False
-    backend: str | None = None
+    share = SEARCH_SHARE if solver.polished else 1.0
+    parts = {name: share * value for name, value in budget.items()}
+    if "evaluations" in parts:
+        parts["evaluations"] = max(1, int(parts["evaluations"]))
+    return parts
 
 
 def solve_cell(
@@ -160,107 +123,86 @@ def solve_cell(
     """Solve a scenario's planning problem; called in a worker.
 
     Only where the command has given `python_in` may a file of that folder be run.
+
+    Args:
+        job: "settings" and "variant" of the scenario, "solver" (its name), "budget",
+            "seed", "repair".
+        folder: Where checkpoints are kept.
+        python_in: The folder whose files may be run; None: none may.
     """
-    del folder
+    text = _common(job)
+    trial = _trial(text, python_in, job)
+    return answer_of(_built(text, python_in), trial, folder)
+
+
+def judge_checkpoint(
+    job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
+) -> dict[str, Any]:
+    """Return what a cell had found when the hard limit ended its process.
+
+    Args:
+        job: As in `solve_cell`.
+        folder: As in `solve_cell`.
+        python_in: As in `solve_cell`.
+    """
+    text = _common(job)
+    posed, _ = _posed(text, python_in)
+    return judged_checkpoint(posed, _trial(text, python_in, job), folder)
+
+
+def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return further modules whose code a cell uses: those that registries name.
+
+    Args:
+        job: As in `solve_cell`.
+    """
+    solver = solver_of(job["solver"])
+    named = [KINDS[job["settings"]["kind"]].kind]
+    if solver.peer:
+        named.append(PEERS[solver.peer].minimize)
+    modules = [name.partition(":")[0] for name in named]
+    settings = SEARCHES[solver.search].settings
+    if settings:
+        modules.append(resolve_name(settings).__module__)
+    return tuple(sorted(set(modules)))
+
+
+def _common(job: Mapping[str, Any]) -> str:
+    """Return all of a job that its seeds have in common, as text."""
+    keys = ("settings", "variant", "solver", "budget")
+    return json.dumps({key: job[key] for key in keys}, sort_keys=True)
+
+
+def _trial(text: str, python_in: str | None, job: Mapping[str, Any]) -> Trial:
+    _, first = _posed(text, python_in)
+    return Trial(
+        solver=first.solver,
+        budget=first.budget,
+        seed=job["seed"],
+        search=first.search,
+        repair=job["repair"],
+        backend=first.backend,
+        order=first.order,
+    )
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _posed(text: str, python_in: str | None) -> tuple[PlanningProblem, Trial]:
+    """Return the planning problem of jobs, and the trial with seed 0."""
+    job = json.loads(text)
     resolved = resolved_again(job["settings"], job["variant"], python_in=python_in)
-    posed = first_problem(resolved.posed())
+    scenario = resolved.scenario
     trial = Trial(
         solver=solver_of(job["solver"]),
         budget=job["budget"],
-        seed=job["seed"],
-        search=resolved.scenario.search_settings(),
-        repair=job["repair"],
-        backend=resolved.scenario.backend,
+        seed=0,
+        search=scenario.search_settings(),
+        backend=scenario.backend,
+        order=None if scenario.order is None else scenario.order.order(),
     )
-    return answered(posed, trial)
+    return first_problem(resolved.posed()), trial
 
 
-def answered(posed: PlanningProblem, trial: Trial) -> dict[str, Any]:
-    """Solve a planning problem, and return what `comparison` looks at.
-
-    The answer is simulated again ten times finer: "claimed" is what the solver says of
-    it, "verified" what the one reference says.
-    """
-    rng = np.random.default_rng(trial.seed)
-    solve = _many_starts if trial.solver.starts == "many" else _planned
-    planner, plan, began = solve(posed, trial, rng)
-    x0, known, _ = planner.posed(posed.x0, posed.known)
-    found = verified(posed.problem, plan, x0, known)
-    if trial.repair:
-        found = repaired(planner, found, x0, known, rng=rng).solution
-    seconds, plan = clock.perf_counter() - began, found.plan
-    return {
-        "claimed_cost": plan.cost,
-        "claimed_violation": plan.violation,
-        "verified_cost": found.path.cost,  # The less, the better.
-        "verified_violation": found.verified_violation,
-        "feasible": found.status.is_confirmed,
-        "status": found.status.value,
-        "evaluations": plan.evaluations,
-        "seconds": seconds,
-        "controls": found.controls.tolist(),
-    }
-
-
-def _planned(
-    posed: PlanningProblem, trial: Trial, rng: np.random.Generator
-) -> Answered:
-    """Return the plan of a search, a polish or both, its planner and when it began."""
-    solver, search = trial.solver, trial.search
-    if search is not None:
-        share = Budget(**search_share(solver, trial.budget))
-        search = SearchSettings(
-            algorithm=search.algorithm,
-            budget=share,
-            order=search.order,
-            sampling=search.sampling,
-        )
-    polish = _ipopt(trial.budget, 1.0 if search is None else 1 - SEARCH_SHARE)
-    planner = Planner(
-        posed.problem,
-        search=search,
-        polish=polish if solver.polished else None,
-        family=posed.family,
-        backend=trial.backend,
-    )
-    began = clock.perf_counter()
-    x0, known, _ = planner.posed(posed.x0, posed.known)
-    return planner, planner.plan(x0, known=known, rng=rng), began
-
-
-def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what of a budget the search has: all, or less where a polish follows."""
-    share = SEARCH_SHARE if solver.polished else 1.0
-    parts = {name: share * value for name, value in budget.items()}
-    if "evaluations" in parts:
-        parts["evaluations"] = max(1, int(parts["evaluations"]))
-    return parts
-
-
-def _ipopt(budget: Mapping[str, Any], share: float) -> IpoptOptions:
-    """Return IPOPT with a share of the budget; an iteration counts as an evaluation."""
-    evaluations, seconds = budget.get("evaluations"), budget.get("seconds")
-    most = MOST_ITERATIONS
-    if evaluations is not None:
-        most = max(1, min(most, int(share * evaluations)))
-    return IpoptOptions(
-        max_iterations=most, max_seconds=None if seconds is None else share * seconds
-    )
-
-
-def _many_starts(
-    posed: PlanningProblem, trial: Trial, rng: np.random.Generator
-) -> Answered:
-    """Return the best of IPOPT from random points until the budget is spent."""
-    polish = _ipopt(trial.budget, 1.0)
-    planner = Planner(posed.problem, search=None, polish=polish, backend=trial.backend)
-    began = clock.perf_counter()
-    plan = multistart(
-        planner,
-        posed.x0,
-        budget=Budget(**trial.budget),
-        known=posed.known,
-        family=posed.family,
-        rng=rng,
-    )
-    return planner, plan, began
+@functools.lru_cache(maxsize=KEPT)
+def _built(text: str, python_in: str | None) -> Built:
+    return built(*_posed(text, python_in))

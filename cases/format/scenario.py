@@ -271,6 +271,29 @@ def resolved_again(
     return replace(resolved, variant=variant, allow_python=python_in is not None)
 
 
+def search_of(
+    name: str, options: Mapping[str, str], *, told: str = "--search"
+) -> dict[str, Any]:
+    """Return the `search:` section of a scenario with some settings, complete.
+
+    Args:
+        name: The search.
+        options: Its settings -> their values as YAML text.
+        told: What messages call the place where they stand.
+
+    Raises:
+        YamlError: If a value cannot be read.
+        InvalidScenarioError: If one is not allowed: in the words for a scenario.
+    """
+    from swarmstart.cases.format.settings import Searching
+
+    document = parse_yaml(f"search: {{name: {name}}}".encode(), name=told)
+    for key, value in options.items():
+        document = assign(document, f"search.{key}", value, name=told)
+    part = checked(document, Searching)
+    return dict(part.search.model_dump(mode="json"))
+
+
 def _claiming(scenario: Scenario, steps: object) -> Scenario:
     """Return the scenario with claims of flights as long as its file says.
 

@@ -293,6 +293,12 @@ else:
     ]
 
 
+class Searching(Part):
+    """A search alone, checked as a scenario's is."""
+
+    search: AnySearch
+
+
 class Claim(Part):
     """A published claim, and how a run judges it.
 

@@ -1,0 +1,375 @@
+"""What a solver has found after how much work: counted, kept, and stopped in time.
+
+A meter looks on (ocp/watching.py). It knows the work so far in evaluations of one
+rollout, the time without compiling, the best answer so far, feasible before infeasible,
+then cost, both as the checks of the problem say; and when a budget is spent.
+
+The history is told at log-spaced marks of the evaluations, PER_DECADE to a decade, and
+at the end: at each mark the best so far. It is exact after each generation of a search,
+each batch of lanes, each start of a multistart and each generation of a peer; of an
+NLP solver's iterates only those at marks are looked at, which costs it next to nothing.
+Between two moments at which a search has told the time, the time is interpolated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.compile_time import Stopwatch
+from swarmstart.heuristics import SearchResult
+from swarmstart.heuristics.result import StopReason
+from swarmstart.heuristics.search import Individual
+from swarmstart.ocp.polish import is_better
+from swarmstart.ocp.watching import UNWATCHED, Answer, Ratios, Watch, Work
+
+Array = NDArray[np.float64]
+PER_DECADE = 10
+CHECKPOINT_S = 0.25
+"""Between two checkpoints, at least; the first comes after a fifth of it [s]."""
+Value = tuple[float, float]
+"""Cost and violation."""
+WORST: Value = (math.inf, math.inf)
+
+
+class Entry(NamedTuple):
+    """The best so far.
+
+    Attributes:
+        evaluations: Until then.
+        seconds: Until then [s].
+        cost: Of the best.
+        violation: Of the best.
+    """
+
+    evaluations: float
+    seconds: float
+    cost: float
+    violation: float
+
+
+class Meter:
+    """Counts the work of one trial, keeps its best, and says when to stop.
+
+    Attributes:
+        work: What NLP solvers have asked for.
+        ratios: What derivatives cost; of several NLPs those of the last.
+        stopped: Why a solver was stopped: "evaluations" or "seconds"; empty: it was
+            not.
+        best: The best answer so far; None: there is none, or it is not known.
+        value: Its cost and violation.
+    """
+
+    def __init__(
+        self,
+        watch: Stopwatch,
+        *,
+        value_of: Callable[[Array, Array], Value],
+        tolerance: float,
+        evaluations: int | None = None,
+        seconds: float | None = None,
+        kept: Callable[[Meter], None] | None = None,
+    ) -> None:
+        """Begin.
+
+        Args:
+            watch: The solver's clock.
+            value_of: Controls and initial state -> cost and violation at the checks.
+            tolerance: Largest violation that counts as none.
+            evaluations: The budget; None: no limit.
+            seconds: The same of time.
+            kept: Keeps a checkpoint, now and then; None: none is wanted.
+        """
+        self._watch, self._value_of, self._tolerance = watch, value_of, tolerance
+        self._limits = evaluations, seconds
+        self._kept, self._next_kept = kept, CHECKPOINT_S / 5
+        self.work, self.ratios = Work(), Ratios(0.0, 0.0)
+        self._spent = 0.0
+        self._search: float | None = None
+        self.stopped, self.ended = "", ""
+        self.best: Answer | None = None
+        self.value: Value = WORST
+        self._entries: list[Entry] = []
+        self._clock: list[tuple[float, float]] = []
+        self._mark = -1
+
+    @property
+    def seconds(self) -> float:
+        """Time of the solver's clock [s]."""
+        return self._watch.seconds
+
+    @property
+    def evaluations(self) -> float:
+        """Work so far, in rollouts."""
+        return self._spent
+
+    @property
+    def is_over(self) -> bool:
+        """Whether a budget is spent."""
+        return bool(self.stopped) or self._is_spent(self._spent)
+
+    def _is_spent(self, evaluations: float) -> bool:
+        most, seconds = self._limits
+        if most is not None and evaluations >= most:
+            self.stopped = self.stopped or "evaluations"
+        elif seconds is not None and self.seconds >= seconds:
+            self.stopped = self.stopped or "seconds"
+        return bool(self.stopped)
+
+    @property
+    def left(self) -> int | None:
+        """Evaluations that are left; None: no limit."""
+        most = self._limits[0]
+        return None if most is None else max(math.ceil(most - self._spent), 0)
+
+    @contextmanager
+    def searching(self) -> Iterator[None]:
+        """Count what a search says, and not what it has others do."""
+        self._search = self._spent
+        self._clock = [(self._spent, self.seconds)]
+        try:
+            yield
+        finally:
+            self._search = None
+
+    def advanced(
+        self,
+        evaluations: int,
+        best: Callable[[], Individual],
+        answer: Callable[[Array], Answer],
+    ) -> None:
+        """Note the time, and keep a checkpoint if one is due."""
+        begun = self._search or 0.0
+        self._clock.append((begun + evaluations, self.seconds))
+        if self._kept is None or self.seconds < self._next_kept:
+            return
+        found = best()
+        if self._is_new((found.cost, found.violation)):
+            self.best = answer(found.x)
+            self.value = found.cost, found.violation
+            self._keep(begun + evaluations)
+
+    def searched(self, result: SearchResult) -> None:
+        """Take in the history of a search."""
+        begun = self._search or 0.0
+        evaluations = begun + np.asarray(result.history_evaluations, dtype=np.float64)
+        if self._clock:
+            told = np.array(self._clock)
+            seconds = np.interp(evaluations, told[:, 0], told[:, 1])
+        else:
+            seconds = np.full(evaluations.shape, self.seconds)
+        values = zip(
+            evaluations.tolist(),
+            seconds.tolist(),
+            result.history_cost.tolist(),
+            result.history_violation.tolist(),
+            strict=True,
+        )
+        self._entries += _changes(values)
+        self._spent = begun + result.evaluations
+        self.ended = _ENDS.get(result.stopped, "itself")
+
+    def counted(self, evaluations: float) -> None:
+        """Add work."""
+        if self._search is None:
+            self._spent += evaluations
+
+    def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
+        """Look at an iterate if it is at a mark; return whether to go on."""
+        spent = self._spent + (0.0 if self._search is not None else evaluations)
+        mark = math.floor(PER_DECADE * math.log10(max(spent, 1.0)))
+        if answer is not None and mark > self._mark and self._search is None:
+            self._mark = mark
+            found = answer()
+            if all(np.isfinite(part).all() for part in found):
+                self._noted(spent, found, self._value_of(*found))
+        return not self._is_spent(spent)
+
+    def solved(self, work: Work, ratios: Ratios) -> None:
+        """Count a solve."""
+        self.work, self.ratios = self.work + work, ratios
+        self.counted(work.evaluations(ratios))
+        spent = self._spent  # Iterates were counted about; now it is known.
+        for place in range(len(self._entries) - 1, -1, -1):
+            one = self._entries[place]
+            if one.evaluations <= spent:
+                break
+            self._entries[place] = one._replace(evaluations=spent)
+
+    def answered(self, answer: Answer, cost: float, violation: float) -> None:
+        """Take in an answer."""
+        self._noted(self._spent, answer, (cost, violation))
+
+    def evaluated(
+        self,
+        population: Array,
+        values: tuple[Array, Array],
+        answer: Callable[[Array], Answer],
+    ) -> None:
+        """Take in a generation that a peer has asked for.
+
+        Args:
+            population: Shape (dim, size).
+            values: Cost and violation, each (size,).
+            answer: What a point means.
+        """
+        self._spent += population.shape[1]
+        cost, violation = values
+        broken = np.where(violation > self._tolerance, violation, 0.0)
+        finite = np.isfinite(cost) & np.isfinite(violation)
+        broken = np.where(finite, broken, np.inf)
+        best = int(np.lexsort((cost, broken))[0])
+        value = float(cost[best]), float(violation[best])
+        if self._is_new(value):
+            self._noted(self._spent, answer(population[:, best]), value)
+
+    def _is_new(self, value: Value) -> bool:
+        return is_better(value, self.value, tolerance=self._tolerance)
+
+    def _noted(self, spent: float, answer: Answer, value: Value) -> None:
+        if self._search is not None:  # The search has a history of its own.
+            return
+        self._entries.append(Entry(spent, self.seconds, *value))
+        if self._is_new(value):
+            self.best, self.value = answer, value
+            if self._kept is not None and self.seconds >= self._next_kept:
+                self._keep(spent)
+
+    def _keep(self, spent: float) -> None:
+        """Keep a checkpoint."""
+        entry = Entry(spent, self.seconds, *self.value)
+        self._entries.append(entry)
+        if self._kept is not None:
+            self._kept(self)
+        self._next_kept = self.seconds + CHECKPOINT_S
+
+    def history(self, final: Value | None = None) -> dict[str, list[Any]]:
+        """Return the best so far at log-spaced marks and at the end.
+
+        Args:
+            final: Value of the solver's answer: nothing before counts as better than
+                it, since that was not answered. None: the best so far.
+        """
+        best, improved = WORST, []
+        entries = sorted(self._entries, key=lambda one: one.evaluations)
+        for one in entries:
+            value = one.cost, one.violation
+            if is_better(value, best, tolerance=self._tolerance):
+                if final is not None and is_better(
+                    value, final, tolerance=self._tolerance
+                ):
+                    value = final
+                if value != best:
+                    best = value
+                    improved.append(Entry(one.evaluations, one.seconds, *value))
+        last = improved[-1] if improved else None
+        end = (last.cost, last.violation) if last and final is None else final or WORST
+        evaluations = [one.evaluations for one in entries]
+        total = max([self._spent, *evaluations])
+        told = [*_at_marks(improved, total), Entry(total, self.seconds, *end)]
+        return {
+            "evaluations": [round(one.evaluations) for one in told],
+            "seconds": [one.seconds for one in told],
+            "cost": [_finite(one.cost) for one in told],
+            "violation": [_finite(one.violation) for one in told],
+        }
+
+
+_ENDS = {StopReason.EVALUATIONS: "evaluations", StopReason.SECONDS: "seconds"}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _changes(values: Iterator[tuple[float, float, float, float]]) -> list[Entry]:
+    """Return the entries at which cost or violation changes."""
+    entries, last = [], None
+    for one in values:
+        if one[2:] != last:
+            entries.append(Entry(*one))
+            last = one[2:]
+    return entries
+
+
+def _at_marks(improved: Sequence[Entry], total: float) -> list[Entry]:
+    """Return the best so far at each mark below the end, from the first entry on."""
+    told: list[Entry] = []
+    if not improved:
+        return told
+    first = math.ceil(PER_DECADE * math.log10(max(improved[0].evaluations, 1.0)))
+    last = math.floor(PER_DECADE * math.log10(max(total, 1.0)))
+    place = 0
+    for number in range(first, last + 1):
+        mark = math.ceil(10 ** (number / PER_DECADE) - 1e-9)
+        if mark >= total or (told and mark <= told[-1].evaluations):
+            continue
+        while place + 1 < len(improved) and improved[place + 1].evaluations <= mark:
+            place += 1
+        at = improved[place]
+        told.append(Entry(mark, at.seconds, at.cost, at.violation))
+    return told
+
+
+class Relay:
+    """Tells one meter after another: what is built once is watched by each trial's.
+
+    Attributes:
+        meter: The meter that is told; until a trial begins, nobody.
+    """
+
+    def __init__(self) -> None:
+        """Tell nobody yet."""
+        self.meter: Watch = UNWATCHED
+
+    @contextmanager
+    def to(self, meter: Meter) -> Iterator[None]:
+        """Tell a meter until the context ends."""
+        self.meter = meter
+        try:
+            yield
+        finally:
+            self.meter = UNWATCHED
+
+    @property
+    def is_over(self) -> bool:
+        """As the meter says; all that follows passes on."""
+        return self.meter.is_over
+
+    def searching(self) -> AbstractContextManager[None]:
+        """Pass on."""
+        return self.meter.searching()
+
+    def advanced(
+        self,
+        evaluations: int,
+        best: Callable[[], Individual],
+        answer: Callable[[Array], Answer],
+    ) -> None:
+        """Pass on."""
+        self.meter.advanced(evaluations, best, answer)
+
+    def searched(self, result: SearchResult) -> None:
+        """Pass on."""
+        self.meter.searched(result)
+
+    def counted(self, evaluations: float) -> None:
+        """Pass on."""
+        self.meter.counted(evaluations)
+
+    def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
+        """Pass on."""
+        return self.meter.iterated(evaluations, answer)
+
+    def solved(self, work: Work, ratios: Ratios) -> None:
+        """Pass on."""
+        self.meter.solved(work, ratios)
+
+    def answered(self, answer: Answer, cost: float, violation: float) -> None:
+        """Pass on."""
+        self.meter.answered(answer, cost, violation)

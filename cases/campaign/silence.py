@@ -1,0 +1,43 @@
+"""Silence for libraries that print what nobody asked for, qpOASES and others."""
+
+import contextlib
+import ctypes
+import io
+import os
+import sys
+from collections.abc import Iterator
+
+
+@contextlib.contextmanager
+def silenced(*, is_needed: bool = True) -> Iterator[None]:
+    """Send what is printed meanwhile nowhere, by C and C++ libraries as well.
+
+    Standard output of the whole process is replaced: for one thread that solves.
+
+    Args:
+        is_needed: Whether to do anything at all.
+
+    Yields:
+        Nothing.
+    """
+    if not is_needed:
+        yield
+        return
+    _flush()
+    saved, null = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(null, 1)
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        _flush()  # Else what waits in a buffer of C would come later.
+        os.dup2(saved, 1)
+        os.close(saved)
+        os.close(null)
+
+
+def _flush() -> None:
+    with contextlib.suppress(AttributeError, OSError, ValueError):
+        sys.stdout.flush()
+    with contextlib.suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).fflush(None)
