@@ -1,0 +1,1 @@
+"""Reports of comparisons: pages of one file, Markdown, LaTeX."""

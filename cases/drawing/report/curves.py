@@ -1,0 +1,255 @@
+"""Curves of a comparison: convergence, targets reached, performance profile."""
+
+import bisect
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from swarmstart.cases.drawing.report import svg
+from swarmstart.cases.drawing.report.figure import Figure
+from swarmstart.cases.drawing.report.svg import Axis
+from swarmstart.cases.drawing.report.wording import (
+    is_number,
+    listed,
+    number,
+    percent,
+    shortened,
+    shown,
+)
+
+LEFT, RIGHT, TOP, BOTTOM = 64.0, 586.0, 30.0, 280.0
+FLOOR = 1e-6  # The least gap that is drawn; IPOPT's own tolerance is 1e-8.
+
+Curve = tuple[list[float], list[Any], list[Any], list[Any]]
+"""Places, middle, low and high of a curve; missing values are None."""
+
+
+def convergence(
+    scenario: Mapping[str, Any],
+    *,
+    numbers: Mapping[str, int],
+    identity: str,
+    budget: str,
+    near: Sequence[float],
+    points: int,
+) -> Figure | None:
+    """Return the best answer so far over evaluations; None without a history.
+
+    Drawn is the gap to the best known cost on a logarithmic axis; where that cost is
+    missing or zero, the cost itself.
+    """
+    best = scenario["best_cost"]
+    is_gap = is_number(best) and abs(best) > 0
+    sense = scenario["sense"]
+    curves = {}
+    for row in scenario["rows"]:
+        if row["history"] is None:
+            continue
+        cost = row["history"]["cost"]
+        told = [
+            [_gap(value, best) if is_gap else shown(value, sense) for value in cost[k]]
+            for k in ("median", "low", "high")
+        ]
+        if not is_gap and sense == -1:  # The band's ends change places with the sign.
+            told[1], told[2] = told[2], told[1]
+        curve = _known(row["history"]["evaluations"], *told)
+        if curve[0]:
+            curves[row["solver"]] = curve
+    if not curves:
+        return None
+    every = [value for curve in curves.values() for part in curve[1:] for value in part]
+    y = svg.axis_over(
+        every, BOTTOM, TOP, is_log=is_gap,
+        label="gap to the best known cost (relative)" if is_gap else _word(sense),
+    )  # fmt: skip
+    runs = max(row["runs"] for row in scenario["rows"])
+    caption = (
+        f"The best feasible answer so far, median (line) and middle half (band) of "
+        f"{runs} seeds at most, over evaluations worth one rollout; budget {budget}. "
+        + (
+            f"Gaps below {FLOOR:g} are drawn there; dotted: within "
+            f"{listed([percent(share) for share in near])} of the best known cost."
+            if is_gap
+            else "No cost is known that differs from zero: no gap is drawn."
+        )
+    )
+    lines = [share for share in near if is_gap and y.low < share < y.high]
+    return _curves(
+        curves, numbers, y=y, across="evaluations", points=points, targets=lines,
+        identity=identity, title=f"Convergence: {_title(scenario)}", caption=caption,
+    )  # fmt: skip
+
+
+def reached(
+    scenario: Mapping[str, Any],
+    *,
+    numbers: Mapping[str, int],
+    identity: str,
+    budget: str,
+    points: int,
+) -> Figure | None:
+    """Return the share of targets reached over evaluations; None without one."""
+    curves = {
+        row["solver"]: _known(
+            row["ecdf"]["evaluations"],
+            row["ecdf"]["share"],
+            row["ecdf"]["low"],
+            row["ecdf"]["high"],
+        )
+        for row in scenario["rows"]
+        if row["ecdf"] is not None
+    }
+    curves = {name: curve for name, curve in curves.items() if curve[0]}
+    if not curves:
+        return None
+    return _curves(
+        curves, numbers, y=_share_axis("share of targets reached"),
+        across="evaluations", points=points, identity=identity,
+        title=f"Targets reached: {_title(scenario)}",
+        caption="Share of pairs of a seed and a target (51 costs, spaced "
+        "logarithmically towards the best known one) reached after so many "
+        "evaluations, with a band from resampling the seeds (bootstrap). "
+        f"Budget {budget}. Higher and further left is better.",
+    )  # fmt: skip
+
+
+def profile(
+    content: Mapping[str, Any], *, numbers: Mapping[str, int], points: int
+) -> Figure | None:
+    """Return the performance profile over all scenarios; None if there is none."""
+    given = content["profile"]
+    if given is None or not given["curves"]:
+        return None
+    ratios = given["ratios"]
+    curves = {
+        name: _known(ratios, curve["share"], curve["low"], curve["high"])
+        for name, curve in given["curves"].items()
+    }
+    curves = {name: curve for name, curve in curves.items() if curve[0]}
+    if not curves:
+        return None
+    quantity = given["quantity"]
+    return _curves(
+        curves, numbers, y=_share_axis("share of scenarios and seeds"),
+        across=f"times the {quantity} of the quickest", points=points,
+        identity="profile", title="Performance profile",
+        caption=f"Share of pairs of a scenario and a seed that a solver brings within "
+        f"{percent(content['near'][0])} of the best known cost with at most so many "
+        f"times the {quantity} of the quickest solver there (Dolan and Moré, 2002); "
+        f"{len(content['scenarios'])} scenarios, {len(content['seeds'])} seeds, budget "
+        f"{content['budget_text']}; bands from resampling (bootstrap). At 1: how often "
+        "it is the quickest; far right: how often it gets there at all.",
+    )  # fmt: skip
+
+
+def _curves(  # noqa: PLR0913
+    curves: Mapping[str, Curve],
+    numbers: Mapping[str, int],
+    *,
+    y: Axis,
+    across: str,
+    points: int,
+    identity: str,
+    title: str,
+    caption: str,
+    targets: Sequence[float] = (),
+) -> Figure:
+    """A figure of staircases with bands, all over one logarithmic axis."""
+    places = [place for curve in curves.values() for place in curve[0]]
+    x = svg.axis_over(places, LEFT, RIGHT, label=across, is_log=True, margin=0.015)
+    bands, lines = [], []
+    for name, curve in curves.items():
+        kept = svg.thinned(len(curve[0]), points)
+        at = [x.at(curve[0][k]) for k in kept]
+        middle, low, high = (
+            [(px, y.at(part[k])) for px, k in zip(at, kept, strict=True)]
+            for part in curve[1:]
+        )
+        series = numbers[name]
+        bands.append(svg.band(low, high, series, is_step=True))
+        lines.append(svg.line(middle, series, name, is_step=True))
+        # Marks of different series at different places, or they cover each other.
+        for k in range(series % 3 + 1, len(middle), max(3, len(middle) // 4)):
+            lines.append(svg.mark(*middle[k], series))
+        lines.append(svg.mark(*middle[-1], series, name))
+    for target in targets:
+        lines.append(svg.stroke([(LEFT, y.at(target)), (RIGHT, y.at(target))], "target"))
+    names = list(curves)
+    asked = _asked(places, points)
+    rows = [
+        [number(place, digits=4), *(_told(curves[name], place) for name in names)]
+        for place in asked
+    ]
+    values: list[list[Any]] = [
+        [across, *(f"{name} {part}" for name in names for part in _PARTS)]
+    ]
+    values += [
+        [place, *(value for name in names for value in _at(curves[name], place))]
+        for place in asked
+    ]
+    return Figure(
+        identity=identity, title=title, caption=caption, columns=[across, *names],
+        chart=svg.frame(x, y) + "".join(bands + lines), rows=rows, values=values,
+        legend=[(numbers[name], name) for name in names], across=x,
+    )  # fmt: skip
+
+
+_PARTS = ("middle", "low", "high")
+
+
+def _known(
+    places: Sequence[Any], middle: Sequence[Any], low: Sequence[Any], high: Sequence[Any]
+) -> Curve:
+    """The part of a curve that has a middle; a band's missing ends lie on it."""
+    kept = [
+        (float(place), float(a), b if is_number(b) else a, c if is_number(c) else a)
+        for place, a, b, c in zip(places, middle, low, high, strict=False)
+        if is_number(place) and place > 0 and is_number(a)
+    ]
+    columns = [list(part) for part in zip(*kept, strict=True)] or [[], [], [], []]
+    return columns[0], columns[1], columns[2], columns[3]
+
+
+def _at(curve: Curve, place: float) -> list[float | None]:
+    """Middle, low and high at a place: nothing before the first, nor after the last."""
+    k = bisect.bisect_right(curve[0], place * (1 + 1e-9)) - 1
+    if k < 0 or place > curve[0][-1] * (1 + 1e-9):
+        return [None, None, None]
+    return [part[k] for part in curve[1:]]
+
+
+def _told(curve: Curve, place: float) -> str:
+    middle, low, high = _at(curve, place)
+    if middle is None:
+        return ""
+    if low == middle == high:
+        return number(middle, digits=4)
+    return f"{number(middle, digits=4)} ({_short(low)} to {_short(high)})"
+
+
+def _short(value: object) -> str:
+    return number(value, digits=3)
+
+
+def _asked(places: Sequence[float], points: int) -> list[float]:
+    """The places that the table of values has: of all curves, thinned."""
+    whole = sorted(set(places))
+    return [whole[k] for k in svg.thinned(len(whole), points)]
+
+
+def _share_axis(label: str) -> Axis:
+    return Axis(low=0.0, high=1.0, start=BOTTOM, end=TOP, label=label)
+
+
+def _gap(cost: object, best: float) -> float | None:
+    """How much dearer than the best known cost, relative, at least the floor."""
+    if not is_number(cost):
+        return None
+    return max((float(cost) - best) / abs(best), FLOOR)  # type: ignore[arg-type]
+
+
+def _word(sense: object) -> str:
+    return "value (the more, the better)" if sense == -1 else "cost"
+
+
+def _title(scenario: Mapping[str, Any]) -> str:
+    return shortened(scenario["name"], 60)

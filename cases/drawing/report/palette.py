@@ -1,0 +1,102 @@
+"""Twelve colours, dashes and marks that tell twelve solvers apart, in light and dark.
+
+The colours are the outcome of a search (simulated annealing over lightness, chroma and
+hue) for the twelve whose least distance in OKLab is greatest, as seen with full colour
+vision and with protanopia, deuteranopia and tritanopia, each at least 3:1 against the
+page; the dark page's have the hues of the light page's. The first ones differ most. Twelve colours alone cannot be
+told apart by every reader, nor in grey print: hence dashes and marks.
+
+Sources: Ottosson (2020), "A perceptual color space for image processing" (OKLab);
+Machado, Oliveira and Fernandes (2009), "A physiologically-based model for simulation of
+color vision deficiency"; WCAG 2.2, success criteria 1.4.3 and 1.4.11 (contrast).
+"""
+
+LIGHT = (
+    "#588ef6", "#f25905", "#640e93", "#3b7070", "#720300", "#914900",
+    "#1b0365", "#064753", "#bd51ae", "#9b8a7c", "#8a00ea", "#40022c",
+)  # fmt: skip
+DARK = (
+    "#70a8fc", "#cc7b40", "#a21bdd", "#ddfdf7", "#b54a44", "#ffa82f",
+    "#c2ccfb", "#327e8a", "#b4a5af", "#ffccb0", "#8e76d1", "#ec008c",
+)  # fmt: skip
+DASHES = ("", "7 3", "2 2", "8 2 2 2", "12 3", "4 2 1 2", "1 3", "10 2 2 2 2 2",
+          "5 5", "14 2 4 2", "3 2 3 5", "9 4 1 4")  # fmt: skip
+# Marks of about 7 units across, around (0, 0).
+MARKS = (
+    "M-3.2 0a3.2 3.2 0 1 0 6.4 0a3.2 3.2 0 1 0-6.4 0z",  # disc
+    "M-3-3h6v6h-6z",  # square
+    "M0-3.8l3.6 6.4h-7.2z",  # triangle
+    "M0 3.8l3.6-6.4h-7.2z",  # triangle, point down
+    "M0-4l3.4 4l-3.4 4l-3.4-4z",  # diamond
+    "M-1.2-3.6h2.4v2.4h2.4v2.4h-2.4v2.4h-2.4v-2.4h-2.4v-2.4h2.4z",  # plus
+    "M-3.8 0l6.4-3.6v7.2z",  # triangle, point left
+    "M3.8 0l-6.4-3.6v7.2z",  # triangle, point right
+    "M0-4l1.1 2.5l2.7.3l-2 1.8l.6 2.7l-2.4-1.4l-2.4 1.4l.6-2.7l-2-1.8l2.7-.3z",  # star
+    "M-3.6-1.4h7.2v2.8h-7.2z",  # bar
+    "M-1.4-3.6h2.8v7.2h-2.8z",  # bar, upright
+    "M-3.6-3.6l7.2 7.2v-7.2l-7.2 7.2z",  # hourglass
+)
+
+# Of the page: ground and text, marks of quality, lines. Contrast at least 4.5:1 where
+# it is text, 3:1 where it is a border of something to press.
+LIGHT_PAGE = {
+    "ground": "#ffffff", "raised": "#f3f5f7", "ink": "#16191d", "ink-soft": "#545c66",
+    "rule": "#d9dee3", "line": "#7d8793", "accent": "#0a58b8",
+    "good": "#17692f", "bad": "#b3211a", "mid": "#7a5000",
+}  # fmt: skip
+DARK_PAGE = {
+    "ground": "#15181d", "raised": "#20252c", "ink": "#e8eaed", "ink-soft": "#a8b0ba",
+    "rule": "#343b44", "line": "#7d8793", "accent": "#82b7ff",
+    "good": "#5fcf80", "bad": "#ff9488", "mid": "#e6b94c",
+}  # fmt: skip
+TEXT = ("ink", "ink-soft", "accent", "good", "bad", "mid")
+
+
+def style_sheet() -> str:
+    """Return the CSS of the colours: light, dark by choice or by the system, print.
+
+    A series of class `s3` has its line in `stroke`, its mark in `fill` of the fourth
+    solver; `s3 band` is its band.
+    """
+    light = _variables(LIGHT_PAGE, LIGHT)
+    dark = _variables(DARK_PAGE, DARK)
+    rules = [
+        f":root{{color-scheme:light;{light}}}",
+        "@media (prefers-color-scheme:dark){:root:not([data-theme=light])"
+        f"{{color-scheme:dark;{dark}}}}}",
+        f":root[data-theme=dark]{{color-scheme:dark;{dark}}}",
+        f"@media print{{:root:root{{color-scheme:light;{light}}}}}",
+    ]
+    for number, dash in enumerate(DASHES):
+        rules += [
+            f".s{number}{{stroke:var(--s{number});fill:var(--s{number})}}",
+            f".line.s{number}{{stroke-dasharray:{dash.replace(' ', ',') or 'none'}}}",
+        ]
+    return "\n".join(rules) + "\n"
+
+
+def contrast(first: str, second: str) -> float:
+    """Return the contrast ratio of two colours "#rrggbb", from 1 to 21.
+
+    Example:
+        >>> contrast("#000000", "#ffffff")
+        21.0
+    """
+    darker, lighter = sorted((_luminance(first), _luminance(second)))
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+def _luminance(colour: str) -> float:
+    """Relative luminance. Source: WCAG 2.2, "relative luminance"."""
+    knee = 0.04045
+    parts = [int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5)]
+    red, green, blue = (
+        part / 12.92 if part <= knee else ((part + 0.055) / 1.055) ** 2.4
+        for part in parts
+    )
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def _variables(page: dict[str, str], solvers: tuple[str, ...]) -> str:
+    named = [f"--{name}:{colour}" for name, colour in page.items()]
+    return ";".join(named + [f"--s{k}:{colour}" for k, colour in enumerate(solvers)])
