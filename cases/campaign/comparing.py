@@ -84,7 +84,12 @@ def contest_of(
     of = chosen.of if chosen.of != "auto" else _of(base)
     if of == "plan":
         first_problem(base.posed())
-        entries = [_planned(base, solver, plan, budget) for solver in solvers]
+        entries = []
+        for solver in solvers:
+            share = [f"budget={to_json(search_share(solver, budget))}"]
+            searched = share if solver.search != "none" else []
+            one = resolved(searched, search=solver.search, polish=_polish(solver))
+            entries.append(_planned(one, solver, plan, budget))
         return Contest(
             name=base.scenario.name, resolved=base, of=of, entries=tuple(entries)
         )

@@ -75,6 +75,7 @@ def entry_of(
             label=f"{resolved.scenario.name}, {solver.name}, seed {seed}",
             timeout_s=timeout_s,
             permissions=permissions,
+            rescue="swarmstart.cases.campaign.solvers:judge_checkpoint",
         )
         for seed in range(1 if solver.is_deterministic else seeds)
     ]

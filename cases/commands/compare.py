@@ -31,11 +31,7 @@ from swarmstart.cases.campaign.comparison_plan import (
 from swarmstart.cases.campaign.comparison_table import report_text
 from swarmstart.cases.campaign.content import content_of
 from swarmstart.cases.campaign.regression import read_content, regression
-from swarmstart.cases.campaign.results_table import (
-    append_rows,
-    require_table,
-    write_parquet,
-)
+from swarmstart.cases.campaign.results_table import append_rows, require_table
 from swarmstart.cases.campaign.runs import About, Asked
 from swarmstart.cases.campaign.solver_names import NULL_HYPOTHESIS, Solver, solvers_of
 from swarmstart.cases.campaign.solvers import budget_of
@@ -97,7 +93,7 @@ def compare_command(options: argparse.Namespace) -> int:
             root / CELLS,
             workers=workers,
             told=progress.update,
-            engine=options.scheduler or "local",
+            **({"engine": options.scheduler} if options.scheduler else {}),
         )
     by_key = {cell.key: one for cell, one in zip(cells, outcomes, strict=True)}
     content = _content(contests, by_key, plan, budget, options)
@@ -260,6 +256,8 @@ def _write(
         _put_aside(root / CONTENT, content)
         write_json(root / CONTENT, content)
         if parquet:
+            from swarmstart.cases.campaign.results_table import write_parquet
+
             write_parquet(root / TABLE, root / "results.parquet")
 
 
