@@ -1,0 +1,148 @@
+"""When does a swarm help? The page docs/when.md, from comparisons of the command line.
+
+    swarmstart compare benchmarks/comparisons/plans.yaml --out results/when/plans
+    swarmstart compare benchmarks/comparisons/long_plans.yaml --out results/when/long_plans
+    swarmstart compare benchmarks/comparisons/flights.yaml --out results/when/flights
+    python benchmarks/when.py results/when/* > docs/when.md
+
+The words follow from the numbers: a problem is where its success rates put it.
+"""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tables import head, row
+
+COLD, MANY = "ipopt", "multistart-ipopt"
+OWN = ("multistart+ipopt", "lshade+ipopt")
+WORDS = {
+    COLD: "IPOPT once",
+    MANY: "IPOPT, random starts",
+    "multistart+ipopt": "lanes + IPOPT",
+    "lshade+ipopt": "L-SHADE + IPOPT",
+}
+Scenario = Mapping[str, Any]
+
+
+def main(folders: Sequence[str]) -> int:
+    """Print the page."""
+    contents = [
+        json.loads((Path(folder) / "comparison.json").read_text()) for folder in folders
+    ]
+    told = [(one, c["budget_text"]) for c in contents for one in c["scenarios"]]
+    groups: dict[str, list[tuple[Scenario, str]]] = {}
+    for one, budget in told:
+        groups.setdefault(group_of(one), []).append((one, budget))
+    lines = _preface(contents, groups)
+    for name, text in GROUPS.items():
+        found = groups.get(name, [])
+        lines += [f"## {name}", "", text, ""]
+        lines += _table(found) if found else ["None of them.", ""]
+    print("\n".join(lines).rstrip())
+    return 0
+
+
+GROUPS = {
+    "IPOPT alone is the better choice": "From zero controls it finds the best cost "
+    "known (within 1 %), and no search finds more. Take `polish: ipopt` and no search.",
+    "IPOPT from random starts is enough": "Once is not enough, random starts are: "
+    "their success rate is not below that of search or lanes, as far as the seeds "
+    "tell.",
+    "Lanes or a search find more": "Their success rate is above that of IPOPT from "
+    "random starts: the intervals of the two do not overlap.",
+    "No solver comes near the best in more than half of its runs": "More time is "
+    "needed, or another start.",
+}
+
+
+def group_of(scenario: Scenario) -> str:
+    """Return where a scenario belongs, by its success rates."""
+    rows = {one["solver"]: one for one in scenario["rows"]}
+    names = list(GROUPS)
+    rates = {name: _rate(one) for name, one in rows.items()}
+    if max(rates.values(), default=0.0) <= 0.5:  # noqa: PLR2004 - half of the runs
+        return names[3]
+    if rates.get(COLD, 0.0) == 1.0:
+        return names[0]
+    many = _interval(rows[MANY])
+    better = [rows[name] for name in OWN if name in rows]
+    if any(_interval(one)[0] > many[1] for one in better):
+        return names[2]
+    return names[1]
+
+
+def _rate(one: Mapping[str, Any]) -> float:
+    return float(one["near"][0] / one["runs"]) if one["runs"] else 0.0
+
+
+def _interval(one: Mapping[str, Any]) -> tuple[float, float]:
+    if one["near_intervals"] is None:
+        return _rate(one), _rate(one)
+    low, high = one["near_intervals"][0]
+    return low, high
+
+
+def _table(found: Sequence[tuple[Scenario, str]]) -> list[str]:
+    lines = head("scenario", "budget", *[WORDS[name] for name in (COLD, MANY, *OWN)])
+    for scenario, budget in sorted(found, key=lambda one: one[0]["name"]):
+        rows = {one["solver"]: one for one in scenario["rows"]}
+        cells = [_cell(rows.get(name)) for name in (COLD, MANY, *OWN)]
+        kind = "flight" if scenario["of"] == "flight" else "plan"
+        lines.append(row(f"{scenario['name']} ({kind})", budget, *cells))
+    return [*lines, ""]
+
+
+def _cell(one: Mapping[str, Any] | None) -> str:
+    """Return success and seconds to the first one, as expected with restarts."""
+    if one is None:
+        return "-"
+    seconds = one["ert_seconds"][0]
+    if seconds is None and one["near"][0] and one["seconds_p50"] is not None:
+        seconds = one["seconds_p50"] * one["runs"] / one["near"][0]
+    said = "never" if seconds is None else f"{seconds:.2g} s"
+    return f"{one['near'][0]} of {one['runs']}, {said}"
+
+
+def _preface(
+    contents: Sequence[Mapping[str, Any]],
+    groups: Mapping[str, Sequence[object]],
+) -> list[str]:
+    counts = [len(groups.get(name, [])) for name in GROUPS]
+    names = sum(counts)
+    cores = {machine["cores"] for c in contents for machine in c["machines"]}
+    noisy = any(c["is_noisy"] for c in contents)
+    lines = [
+        "# When does a swarm help?",
+        "",
+        f"Of {names} shipped problems and flights, IPOPT alone is the better choice on "
+        f"{counts[0]}, IPOPT from random starts is enough on {counts[1]}, lanes or a "
+        f"search find more on {counts[2]}; on {counts[3]} none comes near the best in "
+        "more than half of its runs.",
+        "",
+        "Each cell: runs that end within 1 % of the best cost known, verified along the "
+        "whole path, and seconds until the first such answer as expected with restarts "
+        "(failed runs count with all their time; building and compiling do not). IPOPT "
+        "once begins at zero controls and is run once, where nothing is random. A "
+        "budget in seconds is wall time, in evaluations that of each plan of a flight; "
+        f"{_seeds(contents)}, {' and '.join(map(str, sorted(cores)))} cores"
+        + (", other work beside: seconds are rough." if noisy else "."),
+        "",
+        "The best known is the best of these runs: a basin that none of them finds is "
+        "not seen here. The problems are those that come with this package, some "
+        "chosen since they have local optima; yours may be otherwise, and "
+        "`swarmstart compare` says so ([compare.md](compare.md)).",
+        "",
+    ]
+    return lines
+
+
+def _seeds(contents: Sequence[Mapping[str, Any]]) -> str:
+    counts = sorted({len(c["seeds"]) for c in contents}, reverse=True)
+    return " or ".join(f"{count} seeds" for count in counts)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
