@@ -12,7 +12,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from swarmstart.cases.campaign.cells import Cell, Outcome, carried_out, finished
+from swarmstart.cases.campaign.cells import (
+    LOCAL,
+    Cell,
+    Outcome,
+    carried_out,
+    finished,
+)
 from swarmstart.cases.campaign.comparing import (
     Contest,
     contest_of,
@@ -20,6 +26,7 @@ from swarmstart.cases.campaign.comparing import (
     with_distinct_names,
 )
 from swarmstart.cases.campaign.comparison import rows_of
+from swarmstart.cases.campaign.comparison_file import read_comparison
 from swarmstart.cases.campaign.comparison_plan import (
     Chosen,
     ComparePart,
@@ -30,7 +37,7 @@ from swarmstart.cases.campaign.comparison_plan import (
 )
 from swarmstart.cases.campaign.comparison_table import report_text
 from swarmstart.cases.campaign.content import content_of
-from swarmstart.cases.campaign.regression import read_content, regression
+from swarmstart.cases.campaign.regression import regression
 from swarmstart.cases.campaign.results_table import append_rows, require_table
 from swarmstart.cases.campaign.runs import About, Asked
 from swarmstart.cases.campaign.solver_names import NULL_HYPOTHESIS, Solver, solvers_of
@@ -93,7 +100,7 @@ def compare_command(options: argparse.Namespace) -> int:
             root / CELLS,
             workers=workers,
             told=progress.update,
-            **({"engine": options.scheduler} if options.scheduler else {}),
+            engine=options.scheduler or LOCAL,
         )
     by_key = {cell.key: one for cell, one in zip(cells, outcomes, strict=True)}
     content = _content(contests, by_key, plan, budget, options)
@@ -165,7 +172,7 @@ def _baseline(options: argparse.Namespace) -> tuple[Mapping[str, Any], str] | No
         return None
     path = Path(options.baseline)
     file = path / CONTENT if path.is_dir() else path
-    return read_content(file), str(options.baseline)
+    return read_comparison(file), str(options.baseline)
 
 
 def _is_content(text: str) -> bool:

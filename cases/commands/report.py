@@ -146,9 +146,9 @@ def content_in(folder: Path, recorded: Recorded) -> Mapping[str, Any]:
     """
     file = folder / recorded.file
     if recorded.name == "comparison":
-        from swarmstart.cases.campaign.regression import read_content
+        from swarmstart.cases.campaign.comparison_file import read_comparison
 
-        return read_content(file)
+        return read_comparison(file)
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
