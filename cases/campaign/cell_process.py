@@ -181,7 +181,14 @@ class CellProcess:
             path = [entry or os.getcwd() for entry in sys.path]
             process = subprocess.Popen(
                 # -P: nothing of the folder one happens to be in is imported.
-                [sys.executable, "-P", "-c", PROGRAM, json.dumps(path), str(os.getpid())],
+                [
+                    sys.executable,
+                    "-P",
+                    "-c",
+                    PROGRAM,
+                    json.dumps(path),
+                    str(os.getpid()),
+                ],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 env={**os.environ, **dict.fromkeys(BLAS_THREADS, "1")},
