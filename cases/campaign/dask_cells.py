@@ -69,14 +69,15 @@ def worked_on_dask(
 @contextmanager
 def _connected(address: str) -> Iterator[Any]:
     try:
-        from distributed import Client
+        import distributed
     except ImportError as error:
         raise DaskError(
             "the engine dask needs the package distributed, found none: "
             "pip install 'swarmstart[dask]'"
         ) from error
+    make: Any = distributed.Client  # In part typed.
     try:
-        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        client = make(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise DaskError(
             f"expected a Dask scheduler at {address}, found none: "

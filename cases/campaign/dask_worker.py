@@ -84,7 +84,7 @@ def done_on_worker(plugin: str, order: str) -> str:
     """
     worker = get_worker()
     processes = worker.plugins.get(plugin)
-    if processes is None:  # It has only just joined.
+    if not isinstance(processes, CellProcesses):  # It has only just joined.
         raise Reschedule
     try:
         reply = processes.done(json.loads(order))

@@ -20,6 +20,8 @@ from swarmstart.cases.campaign import cells as campaign
 from swarmstart.cases.campaign import dask_cells
 from swarmstart.cases.campaign.cells import Cell, Outcome, carried_out, finished
 from swarmstart.cases.campaign.dask_cells import DaskError
+from swarmstart.cases.record.record import versions
+from swarmstart.errors import SwarmstartError
 from swarmstart.tests.processes import environment
 
 pytest.importorskip("distributed")
@@ -120,7 +122,7 @@ def test_a_cluster_gives_what_this_machine_gives(tmp_path: Path) -> None:
 
 
 def test_no_file_is_written_outside_of_its_cell(tmp_path: Path) -> None:
-    with pytest.raises(campaign.SwarmstartError, match="a file within its cell"):
+    with pytest.raises(SwarmstartError, match="a file within its cell"):
         campaign._write_sent(tmp_path / "cell", "../outside", b"")
     assert not (tmp_path / "outside").exists()
 
@@ -190,6 +192,4 @@ def test_workers_with_other_code_are_refused(tmp_path: Path) -> None:
     with scheduler(tmp_path) as (address, _), workers(address, tmp_path, 1):
         with pytest.raises(DaskError, match="to have the same code as this command"):
             on_dask([one], tmp_path / "cells", address)
-    assert dask_cells._other_code("w", {}).count("instead of") == len(
-        dask_cells.recorded_versions()
-    )
+    assert dask_cells._other_code("w", {}).count("instead of") == len(versions())
