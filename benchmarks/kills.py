@@ -34,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.campaign.cells import MARK
+from swarmstart.cases.campaign.cell_work import MARK
 from swarmstart.cases.commands.output import GATE, INTERRUPTED
 from swarmstart.cases.record.files import is_temporary
 from swarmstart.cases.record.partial import load_partial
@@ -195,7 +195,7 @@ def workers(group: int) -> list[int]:
             line = (Path("/proc") / str(pid) / "cmdline").read_text()
         except OSError:
             continue
-        if pid != group and "spawn_main" in line:
+        if pid != group and "cell_work" in line:
             found.append(pid)
     return found
 

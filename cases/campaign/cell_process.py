@@ -94,13 +94,13 @@ class CellProcess:
             OtherCodeError: If the process has other code than the key says.
             RecordError: If the result cannot be written.
         """
-        began = Beginning()
-        found: dict[str, Any] | Ending = Ending(how="")
+        began, ending = Beginning(), Ending(how="")
         for _ in range(ATTEMPTS):
             attempt = Beginning()
             found = self._attempted(order)
             if not isinstance(found, Ending):
                 return found
+            ending = found
             if found.limit is not None and order["rescue"] and not order.get("spent"):
                 spent = {
                     "seconds": clock.perf_counter() - attempt.seconds,
@@ -110,11 +110,11 @@ class CellProcess:
                 return self.done({**order, "spent": spent})
             if found.limit is not None or not found.how:
                 break
-        failure = _failure(found)
+        failure = _failure(ending)
         if order.get("spent"):
             failure = f"its rescue after the hard limit failed: {failure}"
         content = cell_content(
-            order, began, failure=failure, again=True, cpu_s=found.cpu_s
+            order, began, failure=failure, again=True, cpu_s=ending.cpu_s
         )
         return {"content": content, "is_lost": True}
 
@@ -181,7 +181,14 @@ class CellProcess:
             path = [entry or os.getcwd() for entry in sys.path]
             process = subprocess.Popen(
                 # -P: nothing of the folder one happens to be in is imported.
-                [sys.executable, "-P", "-c", PROGRAM, json.dumps(path), str(os.getpid())],
+                [
+                    sys.executable,
+                    "-P",
+                    "-c",
+                    PROGRAM,
+                    json.dumps(path),
+                    str(os.getpid()),
+                ],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 env={**os.environ, **dict.fromkeys(BLAS_THREADS, "1")},

@@ -35,7 +35,12 @@ from swarmstart.cases.campaign.cell_process import (
     StoppedError,
 )
 from swarmstart.cases.campaign.cell_work import MARK, SCHEMA, commit
-from swarmstart.cases.record.files import locked, remove_rests, to_json, write_atomically
+from swarmstart.cases.record.files import (
+    locked,
+    remove_rests,
+    to_json,
+    write_atomically,
+)
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.interrupts import heeded, put_off
 

@@ -51,8 +51,8 @@ def worked_on_dask(
         address: Of the scheduler, "tcp://host:8786".
 
     Raises:
-        DaskError: If Dask is not installed; the scheduler cannot be reached, or is lost;
-            there are no workers; or one has another version of the code.
+        DaskError: If Dask is not installed; the scheduler cannot be reached, or is
+            lost; there are no workers; or one has another version of the code.
         RecordError: If a worker cannot write what a cell writes.
     """
     with _quiet(), _connected(address) as client:
@@ -69,14 +69,15 @@ def worked_on_dask(
 @contextmanager
 def _connected(address: str) -> Iterator[Any]:
     try:
-        from distributed import Client
+        import distributed
     except ImportError as error:
         raise DaskError(
             "the engine dask needs the package distributed, found none: "
             "pip install 'swarmstart[dask]'"
         ) from error
+    make: Any = distributed.Client  # In part typed.
     try:
-        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        client = make(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise DaskError(
             f"expected a Dask scheduler at {address}, found none: "
@@ -111,13 +112,19 @@ def _prepare(client: Any, name: str, address: str) -> None:
         raise DaskError(_no_workers(address)) from error
     from swarmstart.cases.campaign.dask_worker import CellProcesses
 
-    try:
-        client.register_plugin(CellProcesses(), name=name)
-    except Exception as error:  # Whatever the workers' own errors are.
-        raise DaskError(
-            f"expected the workers of {address} to have this package with its extra "
-            f"dask, found {type(error).__name__}: {error}"
-        ) from error
+    for attempt in range(LOST + 1):
+        try:
+            client.register_plugin(CellProcesses(), name=name)
+        except Exception as error:  # Whatever the workers' own errors are.
+            # A worker that dies meanwhile closes its connection: an OSError.
+            if isinstance(error, OSError) and attempt < LOST:
+                clock.sleep(POLL_S)
+                continue
+            raise DaskError(
+                f"expected the workers of {address} to have this package with its "
+                f"extra dask, found {type(error).__name__}: {error}"
+            ) from error
+        return
 
 
 class _Campaign:

@@ -1,7 +1,8 @@
 """What a worker of Dask does for cells: it keeps processes, and hands orders to them.
 
-A cell that dies takes its own process with it, and not the worker; a worker's process
-may be daemonic, which has no children of `multiprocessing`. Orders and replies are JSON.
+A cell that dies takes its own process with it, and not the worker. A worker's process
+may be daemonic, and has no children of `multiprocessing` then. Orders and replies are
+JSON.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ LOOK_S = 5.0
 
 
 class CellProcesses(WorkerPlugin):
-    """The processes of a worker for the cells of one command; as many as its threads."""
+    """Processes of a worker for the cells of one command; as many as its threads."""
 
     def setup(self, worker: Worker) -> None:
         """Begin without any; called by Dask on the worker."""
@@ -83,7 +84,7 @@ def done_on_worker(plugin: str, order: str) -> str:
     """
     worker = get_worker()
     processes = worker.plugins.get(plugin)
-    if processes is None:  # It has only just joined.
+    if not isinstance(processes, CellProcesses):  # It has only just joined.
         raise Reschedule
     try:
         reply = processes.done(json.loads(order))

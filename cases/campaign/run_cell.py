@@ -15,7 +15,8 @@ def run_cell(
         resolved: The scenario.
         seed: The seed.
         figures: Whether its figures are wanted: drawn into `figures` of its folder.
-        flown_by: "module:function" that flies it: `flown.fly`, or one that measures more.
+        flown_by: "module:function" that flies it: `flown.fly`, or one that measures
+            more.
     """
     settings = dict(resolved.settings) if figures else resolved.anonymous_settings()
     variant = f" {resolved.variant}" if resolved.variant else ""

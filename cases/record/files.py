@@ -35,7 +35,7 @@ POLL_S = 0.05
 ROOM = 4096
 """Bytes that a folder must have room for before any work is done [B]."""
 _TEMPORARY = re.compile(
-    r"\.[^.].*\.(csv|gif|html|json|mp4|npz|png|py|yaml)\.[0-9]+\.tmp(\.gif|\.mp4)?"
+    r"\.[^.].*\.(csv|gif|html|json|mp4|npz|parquet|png|py|yaml)\.[0-9]+\.tmp(\.gif|\.mp4)?"
 )
 
 

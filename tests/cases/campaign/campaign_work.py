@@ -117,8 +117,9 @@ def infinite(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 def noisy(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Print as libraries do, in Python and in native code."""
-    print("said by Python", flush=True)
-    os.write(1, b"{\"content\": {}}\n")
+    sys.stdout.write("said by Python\n")
+    sys.stdout.flush()
+    os.write(1, b'{"content": {}}\n')
     return {"read": sys.stdin.read()}
 
 

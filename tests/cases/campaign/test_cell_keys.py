@@ -127,9 +127,12 @@ def test_computations_depend_on_the_shipped_scenarios(
 def test_sources_are_read_once_for_many_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
     source = fingerprint.source
-    monkeypatch.setattr(
-        fingerprint, "source", lambda name: read.append(name) or source(name)
-    )
+
+    def noted(name: str) -> bytes:
+        read.append(name)
+        return source(name)
+
+    monkeypatch.setattr(fingerprint, "source", noted)
     assert len({key_of(WORK, {"number": n}) for n in range(100)}) == 100
     assert len(read) == len(set(read)) > 0
 

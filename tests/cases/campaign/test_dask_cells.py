@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import os
 import random
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +20,8 @@ from swarmstart.cases.campaign import cells as campaign
 from swarmstart.cases.campaign import dask_cells
 from swarmstart.cases.campaign.cells import Cell, Outcome, carried_out, finished
 from swarmstart.cases.campaign.dask_cells import DaskError
+from swarmstart.cases.record.record import versions
+from swarmstart.errors import SwarmstartError
 from swarmstart.tests.processes import environment
 
 pytest.importorskip("distributed")
@@ -44,13 +47,13 @@ def cell(work: str, number: int = 0, *, rescue: str = "", **job: float) -> Cell:
 def scheduler(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """A scheduler as a user starts one; its address and its process."""
     file = folder / "scheduler.json"
-    process = dask("scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", file)
+    process = dask(
+        "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", file
+    )
     try:
         deadline = time.monotonic() + PATIENCE_S
         while not file.exists() and time.monotonic() < deadline:
             time.sleep(0.05)
-        import json
-
         yield json.loads(file.read_text())["address"], process
     finally:
         process.kill()
@@ -87,7 +90,7 @@ def test_what_is_missing_is_said_in_one_sentence(
 ) -> None:
     monkeypatch.setattr(dask_cells, "CONNECT_S", 0.3)
     for address in ("tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:x", ""):
-        with pytest.raises(DaskError, match="expected a Dask scheduler at .*, found"):
+        with pytest.raises(DaskError, match=r"expected a Dask scheduler at .*, found"):
             on_dask([cell("square", 3)], tmp_path, address)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(DaskError, match=r"pip install 'swarmstart\[dask\]'"):
@@ -119,54 +122,37 @@ def test_a_cluster_gives_what_this_machine_gives(tmp_path: Path) -> None:
 
 
 def test_no_file_is_written_outside_of_its_cell(tmp_path: Path) -> None:
-    with pytest.raises(campaign.SwarmstartError, match="a file within its cell"):
+    with pytest.raises(SwarmstartError, match="a file within its cell"):
         campaign._write_sent(tmp_path / "cell", "../outside", b"")
     assert not (tmp_path / "outside").exists()
 
 
-def killed_again_and_again(
-    command: int, over: threading.Event, seed: int, killed: list[int]
-) -> None:
-    """Kill a worker below a `dask worker` at random moments."""
-    chance = random.Random(seed)
-    while not over.wait(chance.uniform(0.6, 1.6)):
-        below = [pid for pid in children(command) if b"spawn_main" in line_of(pid)]
-        if below:
-            os.kill(chance.choice(below), signal.SIGKILL)
-            killed.append(1)
-
-
 def children(pid: int) -> list[int]:
-    try:
-        text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
-    except OSError:
-        return []
-    return [int(child) for child in text.split()]
-
-
-def line_of(pid: int) -> bytes:
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes()
-    except OSError:
-        return b""
+    """Return the children of all threads of a process."""
+    found: list[int] = []
+    for file in Path(f"/proc/{pid}/task").glob("*/children"):
+        with contextlib.suppress(OSError):
+            found += [int(child) for child in file.read_text().split()]
+    return found
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_workers_that_are_killed_lose_no_cell(tmp_path: Path) -> None:
-    cells = [cell("square", number, seconds=0.3) for number in range(30)]
-    over, killed = threading.Event(), list[int]()
+    cells = [cell("square", number, seconds=0.1) for number in range(40)]
+    chance, killed = random.Random(0), list[int]()
+
+    def kill(done: int, *_: object) -> None:
+        """Kill a worker that is doing a cell: one that only starts is not replaced."""
+        busy = [pid for pid in children(command) if children(pid)]
+        if done in (3, 12, 24, 33) and busy:
+            killed.append(chance.choice(busy))
+            os.kill(killed[-1], signal.SIGKILL)
+
     with scheduler(tmp_path) as (address, _), workers(address, tmp_path) as (command,):
-        killer = threading.Thread(
-            target=killed_again_and_again, args=(command, over, 0, killed)
-        )
-        killer.start()
-        try:
-            found = on_dask(cells, tmp_path / "cells", address)
-        finally:
-            over.set()
-            killer.join()
-    assert [o.result for o in found] == [{"square": n**2} for n in range(30)]
-    assert killed
+        root = tmp_path / "cells"
+        found = carried_out(cells, root, workers=1, told=kill, engine=address)
+    assert [o.result for o in found] == [{"square": n**2} for n in range(40)]
+    assert len(killed) >= 2
 
 
 def test_a_lost_scheduler_and_ctrl_c_keep_what_is_finished(tmp_path: Path) -> None:
@@ -206,6 +192,4 @@ def test_workers_with_other_code_are_refused(tmp_path: Path) -> None:
     with scheduler(tmp_path) as (address, _), workers(address, tmp_path, 1):
         with pytest.raises(DaskError, match="to have the same code as this command"):
             on_dask([one], tmp_path / "cells", address)
-    assert dask_cells._other_code("w", {}).count("instead of") == len(
-        dask_cells.recorded_versions()
-    )
+    assert dask_cells._other_code("w", {}).count("instead of") == len(versions())
