@@ -54,7 +54,8 @@ def made_up(
         about: Of the scenarios.
         asked: Fields of `Asked`.
     """
-    count = max(len(own) for one in costs.values() for own in one.values())
+    lengths = (len(own) for one in costs.values() for own in one.values())
+    count = max(lengths, default=0)
     fields = {"seeds": tuple(range(count)), "budget": EVALUATIONS, **asked}
     question = Asked(**fields)
     entries, outcomes = [], {}
@@ -150,7 +151,7 @@ Draw = Callable[[np.random.Generator, tuple[int, ...]], Array]
 TWO, SIX = ("de", "ga"), ("de", "ga", "pso", "cpso", "lshade", "multistart-ipopt")
 
 
-def false_claims(
+def false_claims(  # noqa: PLR0913 - each is varied
     draw: Draw,
     *,
     seeds: int,

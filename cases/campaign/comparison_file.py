@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -118,7 +118,7 @@ def _is(value: object, kind: str) -> bool:
         return False
     if kind == COUNT:
         return isinstance(value, int) and 0 <= value < 1 << 63
-    return abs(value) < math.inf and abs(value) <= 1.8e308  # noqa: PLR2004
+    return abs(value) <= sys.float_info.max
 
 
 def _miscounted(content: Mapping[str, Any]) -> str:

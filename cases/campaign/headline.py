@@ -15,6 +15,7 @@ from typing import Any
 from swarmstart.cases.campaign.judgement import (
     CHEAPER,
     DEARER,
+    FEWEST_SEEDS,
     NULL_HYPOTHESIS,
     SECONDS_SHARE,
 )
@@ -70,7 +71,8 @@ def headline(content: Content) -> str:
     if nothing and not few and not _is_gained(content, null):
         parts = [nothing, gain, *parts[2:]]
     text = "; ".join(parts)
-    return f"{text[0].upper()}{text[1:]}." if text.startswith("on ") else f"{text}."
+    is_name = any(text.startswith(f"{name} ") for name in names)
+    return f"{text}." if is_name else f"{text[0].upper()}{text[1:]}."
 
 
 def _on(some: Sequence[Content], all_of_them: Sequence[Content]) -> str:
@@ -241,7 +243,12 @@ def _plain_finds(content: Content) -> list[tuple[Content, Content]]:
 
 
 def _null_finds(content: Content, null: str) -> list[Content]:
-    """Return other scenarios whose best known the null hypothesis finds each time."""
+    """Return other scenarios whose best known the null hypothesis finds each time.
+
+    A first solver that stands in for it is held to nothing, and few seeds show nothing.
+    """
+    if null != NULL_HYPOTHESIS or len(content["seeds"]) < FEWEST_SEEDS:
+        return []
     plain = [s["name"] for s, _ in _plain_finds(content)]
     return [
         s

@@ -257,12 +257,14 @@ def _differences(costs: Array, pairs: Sequence[tuple[int, int]]) -> Array:
     tied = with_ties(costs)
     feasible = np.isfinite(tied)
     plain = np.where(feasible, tied, 0.0)
+    # By a power of two, which rounds nothing: differences of huge costs are finite.
+    plain = np.ldexp(plain, -int(np.frexp(np.abs(plain).max(initial=1.0))[1]))
     rows = []
     for i, j in pairs:
         both = feasible[i] & feasible[j]
         own = np.where(both, plain[i] - plain[j], 0.0)
         largest = np.abs(own).max(initial=0.0)
-        far = 2 * largest if 0 < largest < math.inf else 1.0
+        far = 2 * largest if largest > 0 else 1.0
         rows.append(own + far * (feasible[j] * 1.0 - feasible[i] * 1.0) * ~both)
     return np.array(rows).reshape(len(pairs), costs.shape[1])
 

@@ -13,11 +13,6 @@ The change of costs and seconds is the median of the seeds' relative differences
 and Lehmann), its interval that of the signed-rank test; the change of the success rate
 is that of paired shares. Pairs are formed by seed; if the two have few seeds in common,
 in their order, which of independent runs is as good.
-
-Source: Hodges and Lehmann (1963), Estimates of location based on rank tests, Annals of
-Mathematical Statistics 34; Hollander, Wolfe and Chicken (2014), Nonparametric
-statistical methods, section 3.3; Agresti and Min (2005), Simple improved confidence
-intervals for comparing matched proportions, Statistics in Medicine 24.
 """
 
 from __future__ import annotations
@@ -25,12 +20,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.campaign.change_intervals import (
+    median_interval,
+    share_interval,
+)
 from swarmstart.cases.campaign.ranks import SAME
 from swarmstart.cases.campaign.statistics import median, too_few
 from swarmstart.errors import SwarmstartError
@@ -39,14 +37,10 @@ Array = NDArray[np.float64]
 Content = Mapping[str, Any]
 MARGIN = 0.1
 FEWEST = 6
-CHANCE = 0.05
-"""That an interval ends short of the change, on either side."""
 BETTER, AS_BEFORE, WORSE, UNKNOWN = "better", "same", "worse", "unknown"
 SUCCESS, COST, SECONDS = "success rate", "median cost", "P50 seconds"
 _FAR = 1e6
 """Stands for the change from a feasible answer to none, in parts of the cost."""
-_MOST_EXACT = 200
-"""Pairs up to which the signed-rank distribution is counted."""
 
 
 class InvalidMarginError(SwarmstartError, ValueError):
@@ -305,27 +299,6 @@ def _success_change(both: _Both, margin: float) -> Change:
     )
 
 
-def share_interval(gained: int, lost: int, pairs: int) -> tuple[float, float]:
-    """Return the 90 percent interval of the difference of two paired shares.
-
-    Args:
-        gained: In how many pairs only the second has succeeded.
-        lost: In how many only the first.
-        pairs: Of all.
-
-    Returns:
-        Of the second share less the first.
-    """
-    from scipy.stats import norm
-
-    # Half a pair is added to each of the four kinds.
-    total, up, down = pairs + 2, gained + 0.5, lost + 0.5
-    middle = (up - down) / total
-    width = math.sqrt(up + down - (up - down) ** 2 / total) / total
-    reach = float(norm.ppf(1 - CHANCE)) * width
-    return max(-1.0, middle - reach), min(1.0, middle + reach)
-
-
 def _verdict(low: float, high: float, margin: float, less: float) -> str:
     """Return the verdict on a change of which less is better.
 
@@ -385,42 +358,6 @@ def _relative(costs: Array) -> Array | None:
     found[both] = (new[both] - old[both]) / size
     found[np.abs(found) <= SAME] = 0.0
     return found
-
-
-def median_interval(values: Array) -> tuple[float, float]:
-    """Return the 90 percent interval of the median of symmetric values.
-
-    The ends are order statistics of the means of all pairs (Walsh averages), as the
-    signed-rank test has them. Of one value it is that value.
-
-    Args:
-        values: Shape (n,).
-    """
-    if len(values) == 1:
-        return float(values[0]), float(values[0])
-    first, second = np.triu_indices(len(values))
-    walsh = np.sort((values[first] + values[second]) / 2)
-    left_out = _left_out(len(values))
-    return float(walsh[left_out]), float(walsh[len(walsh) - 1 - left_out])
-
-
-@cache
-def _left_out(count: int) -> int:
-    """Return how many Walsh averages are left out at each end, for so many values."""
-    if count > _MOST_EXACT:
-        from scipy.stats import norm
-
-        mean = count * (count + 1) / 4
-        deviation = math.sqrt(count * (count + 1) * (2 * count + 1) / 24)
-        return int(mean + float(norm.ppf(CHANCE)) * deviation)
-    # How many sets of the ranks 1 to n have each sum, in parts of all sets.
-    shares = np.zeros(count * (count + 1) // 2 + 1)
-    shares[0] = 1.0
-    for rank in range(1, count + 1):
-        moved = np.concatenate([np.zeros(rank), shares[:-rank]])
-        shares = (shares + moved) / 2
-    below = np.cumsum(shares)
-    return int((below <= CHANCE).sum())
 
 
 def _seconds_change(both: _Both, margin: float, reason: str) -> Change:

@@ -1,0 +1,143 @@
+"""The one sentence says what the numbers show, and no more."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmstart.benchmarks.false_claims import made_up
+
+INF, NAN = np.inf, np.nan
+THIRTY = np.arange(30)
+
+
+def found(count: int) -> Any:
+    """Return thirty costs of which so many are the optimum, 10, and the others 15."""
+    return np.where(THIRTY < count, 10.0, 15.0)
+
+
+BASINS = {"multistart-ipopt": found(2), "lshade+ipopt": found(27), "ipopt": [15.0]}
+EASY = {"multistart-ipopt": found(30), "lshade+ipopt": found(30), "ipopt": [10.0]}
+STARTS = {**EASY, "ipopt": [15.0]}
+NEVER = {"multistart-ipopt": [INF] * 30, "lshade+ipopt": [INF] * 30, "ipopt": [INF]}
+GAIN = "lshade+ipopt comes within 1 % of the best known in more seeds than"
+
+
+def test_a_gain_on_most_and_nothing_gained_on_one() -> None:
+    scenarios = {"a": BASINS, "b": BASINS, "c": BASINS, "van_der_pol": EASY}
+    assert made_up(scenarios)["headline"] == (
+        f"On 3 of 4 scenarios {GAIN} multistart-ipopt (30 seeds, Holm-adjusted "
+        "p <= 0.05); on van_der_pol nothing is gained: ipopt once finds the same cost "
+        "with 4000 evaluations."
+    )
+
+
+def test_seconds_are_told_only_if_something_may_be_said_of_them() -> None:
+    clocks = {name: np.full(30, 0.05) for name in BASINS}
+    content = made_up({"s": EASY}, seconds=clocks, budget={"seconds": 2.0})
+    assert content["headline"].startswith(
+        "On s nothing is gained: ipopt once finds the same cost in 0.05 s; "
+    )
+
+
+def test_one_scenario_is_told_with_its_counts() -> None:
+    assert made_up({"catalyst": BASINS})["headline"] == (
+        f"On catalyst {GAIN} multistart-ipopt (27 of 30 against 2 of 30, "
+        "Holm-adjusted p <= 0.05)."
+    )
+
+
+def test_plain_ipopt_comes_first_where_it_is_as_good_on_more() -> None:
+    said = made_up({"a": EASY, "b": EASY, "c": BASINS})["headline"]
+    assert said == (
+        "On a and b nothing is gained: ipopt once finds the same cost; on c "
+        f"{GAIN} multistart-ipopt (27 of 30 against 2 of 30, Holm-adjusted p <= 0.05)."
+    )
+
+
+def test_the_null_hypothesis_comes_first_where_it_always_succeeds() -> None:
+    assert made_up({"s": STARTS})["headline"] == (
+        "On s nothing is gained: multistart-ipopt comes within 1 % of the best known "
+        "in every run; no solver is shown to come within 1 % of the best known in more "
+        "seeds than multistart-ipopt, which does so in more than ipopt on s (30 seeds, "
+        "Holm-adjusted p <= 0.05)."
+    )
+
+
+def test_a_loss_is_told() -> None:
+    own = {"multistart-ipopt": found(27), "lshade+ipopt": found(2)}
+    assert made_up({"s": own})["headline"] == (
+        "No solver is shown to come within 1 % of the best known in more seeds than "
+        "multistart-ipopt, which does so in more than lshade+ipopt on s (30 seeds, "
+        "Holm-adjusted p <= 0.05)."
+    )
+    mixed = {"a": own, "b": BASINS | {"ipopt": [15.0]}, "c": BASINS}
+    mixed["a"] = {**own, "ipopt": [15.0]}
+    assert (
+        f"{GAIN} multistart-ipopt, and in fewer on 1 (30" in made_up(mixed)["headline"]
+    )
+
+
+def test_cheaper_without_more_successes_is_said_so() -> None:
+    own = {"multistart-ipopt": 24.0 + THIRTY / 10, "lshade+ipopt": 20.0 + THIRTY / 10}
+    said = made_up({"s": own}, near=(1e-6, 1e-9))["headline"]
+    assert said.startswith(
+        "On s lshade+ipopt finds cheaper answers than multistart-ipopt, though not "
+        "shown to come within 0.0001 % of the best known in more seeds"
+    )
+    turned = made_up(
+        {"s": {name: cost - 99 for name, cost in own.items()}},
+        near=(1e-6, 1e-9),
+        more=lambda _: {"sense": -1},
+    )
+    assert "lshade+ipopt finds better answers than" in turned["headline"]
+
+
+def test_a_difference_on_one_of_many_scenarios_may_be_chance() -> None:
+    """Shown on its own, at p = 0.02; one such in ten scenarios is to be expected."""
+    rng = np.random.default_rng(3)
+    equal = {}
+    for k in range(9):
+        costs = 10 + rng.exponential(size=30)
+        equal[f"s{k}"] = {"de": costs, "ga": costs[::-1]}
+    gain = np.random.default_rng(2).normal(-0.35, 0.85, size=30)
+    differs = {"de": np.full(30, 20.0), "ga": 20.0 + gain}
+    scenarios = {"first": differs, **equal}
+    content = made_up(scenarios)
+    row = content["scenarios"][0]["rows"][1]["against_first"]
+    assert row["verdict"] == "cheaper" and 0.005 < row["p"] <= 0.05
+    assert content["headline"].startswith("No solver is shown")
+    assert made_up({"first": differs})["headline"].startswith("On first ga finds")
+
+
+@pytest.mark.parametrize(
+    ("scenarios", "said"),
+    [
+        ({"s": NEVER}, "No solver has a feasible answer on s."),
+        ({"s": NEVER, "t": NEVER, "u": NEVER},
+         "No solver has a feasible answer on any of 3 scenarios."),
+        ({"s": {"de": [NAN] * 3}}, "No solver has a feasible answer on s."),
+        ({"s": {"de": [3.0] * 3, "ga": [4.0] * 3}},
+         "Solvers are not compared: 3 seeds, 7 are needed."),
+        ({"s": {"de": [3.0] * 6, "ipopt": [3.0]}},
+         "Solvers are not compared: 6 seeds, 7 are needed; on s nothing is gained: "
+         "ipopt once finds the same cost with 4000 evaluations."),
+        ({"s": {"ipopt": [3.0]}},
+         "ipopt has a feasible answer on s in 1 of 1 runs, 1 of them within 1 % of the "
+         "best known; one solver, so nothing is compared."),
+        ({"s": {"de": [3.0] * 2}, "t": {"de": [3.0, INF]}},
+         "de has a feasible answer in every run on 1 of 2 scenarios; one solver, so "
+         "nothing is compared."),
+        ({}, "Nothing was compared."),
+    ],
+)  # fmt: skip
+def test_little_is_told_as_little(scenarios: Any, said: str) -> None:
+    content = made_up(scenarios)
+    assert content["headline"] == said
+
+
+def test_unsolved_scenarios_are_told() -> None:
+    said = made_up({"a": BASINS, "b": NEVER})["headline"]
+    assert said.endswith("; on b no solver has a feasible answer.")
