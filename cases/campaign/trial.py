@@ -192,9 +192,9 @@ def _search_of(trial: Trial) -> SearchSettings | None:
         return None
     options = dict(solver.options)
     sampling = options.pop("sampling", trial.search.sampling)
-    algorithm = replace(trial.search.algorithm, **options)
+    algorithm: Any = trial.search.algorithm
     return SearchSettings(
-        algorithm=algorithm,
+        algorithm=replace(algorithm, **options),
         budget=given,
         order=trial.search.order,
         sampling=sampling,
@@ -322,7 +322,7 @@ def answer_of(made: Built, trial: Trial, folder: Path | None = None) -> dict[str
     stopped = meter.stopped or ("itself" if found.has_ended else meter.ended)
     return _told(
         final,
-        meter.history(own),
+        meter.history(own, seconds=seconds),
         evaluations=meter.evaluations,
         counts=_counts(meter),
         seconds=seconds,
@@ -422,9 +422,13 @@ def _solved(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -
     planner, posed = made.planner, made.posed
     x0, known, _ = planner.posed(posed.x0, posed.known)
     plan = planner.plan(x0, known=known, rng=rng)
-    for solution in improved(planner, plan, x0, known, repair=False, rng=rng):
-        if meter.is_over:
+    answers = improved(planner, plan, x0, known, repair=False, rng=rng)
+    solution = next(answers)
+    while not meter.is_over:
+        better = next(answers, None)
+        if better is None:
             break
+        solution = better
     return Found(solution.plan, solution)
 
 
