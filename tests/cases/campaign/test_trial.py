@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +81,7 @@ def test_history_improves_and_ends_at_the_answer(solver: str, tmp_path: Path) ->
         (v if v > tolerance else 0.0, c)
         for c, v in zip(history["cost"], history["violation"], strict=True)
     ]
-    assert all(b <= a for a, b in zip(values, values[1:], strict=False))
+    assert all(after <= before for before, after in pairwise(values))
     assert history["cost"][-1] == found["claimed_cost"]
     assert history["violation"][-1] == found["claimed_violation"]
     assert evaluations[-1] == found["evaluations"]
@@ -155,8 +156,9 @@ def test_the_system_ends_what_does_not_look_at_the_clock(tmp_path: Path) -> None
 
     def stuck(task):
         rng = np.random.default_rng(0)
+        low, width = task.box.lower[:, None], task.box.width[:, None]
         for _ in range(20):
-            task.objective(task.box.lower[:, None] + task.box.width[:, None] * rng.random((task.box.dim, 50)))
+            task.objective(low + width * rng.random((task.box.dim, 50)))
             time.sleep(0.01)
         while True:
             pass
