@@ -232,3 +232,15 @@ def test_modules_are_those_that_names_of_the_job_stand_for() -> None:
     peer = modules_of(job_of("double_integrator", "scipy-de"))
     assert "swarmstart.cases.campaign.peers" in peer
     assert any(module.startswith("swarmstart.cases.kinds") for module in peer)
+
+
+def test_what_a_scenario_defines_keeps_its_order(tmp_path: Path) -> None:
+    """Its definitions follow from those before them: sorted, they would not be known."""
+    found = solve_cell(job_of("stirred_tank", "de", evaluations=200), tmp_path)
+    assert found["evaluations"] == 200
+
+
+def test_whole_numbers_stop_with_the_budget_too(tmp_path: Path) -> None:
+    job = job_of("lotka_volterra_whole", "scipy-de[popsize=1]+ipopt", evaluations=1500)
+    found = solve_cell(job, tmp_path)
+    assert found["feasible"] and found["evaluations"] <= 1.2 * 1500
