@@ -105,21 +105,26 @@ class IntegerPolisher:
         )[:, self._block]
         firsts: list[tuple[Array, ArrayLike]] = [(rounded, relaxed.x0)]
         firsts += [(s.controls, x0 if s.x0 is None else s.x0) for s in starts]
-        best, *others = [self._descended(*first, known) for first in firsts]
+        best = self._descended(*firsts[0], known)
         evaluations += best.evaluations
-        for one in others:
+        for first in firsts[1:]:
+            if self._watch.is_over:
+                break
+            one = self._descended(*first, known)
             evaluations += one.evaluations
             best = one if _beats(one, best, tolerance) else best
         self._watch.answered((best.controls, best.x0), best.cost, best.violation)
         # No bound lies above an answer: from there the relaxed problem leads down.
-        again = self.relaxed(best.controls, best.x0, known, near=True)
-        if _beats(again, relaxed, tolerance):
-            relaxed = again
+        if not self._watch.is_over:
+            again = self.relaxed(best.controls, best.x0, known, near=True)
+            evaluations += again.evaluations
+            if _beats(again, relaxed, tolerance):
+                relaxed = again
         solved = relaxed.violation <= tolerance
         return WholePolished(
             polished=replace(best, status=relaxed.status, point=None),
             relaxed_cost=relaxed.cost if solved else np.nan,
-            evaluations=evaluations + again.evaluations,
+            evaluations=evaluations,
         )
 
     def _descended(self, controls: Array, x0: ArrayLike, known: Known) -> Polished:
@@ -144,6 +149,8 @@ class IntegerPolisher:
         controls, value, moved = found.controls, (found.cost, found.violation), False
         spent, tolerance = 0, fitness.problem.tolerance
         for _ in range(_ROUNDS):
+            if spent and self._watch.is_over:
+                break
             blocks = neighbours(controls[:, self._first], self._integer, self._limits)
             others = blocks[:, :, self._block]
             population = np.stack([fitness.decision(c, x0) for c in others], axis=1)

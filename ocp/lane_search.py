@@ -8,7 +8,8 @@ memetic     generations of L-SHADE; its best distinct members -> lanes -> back i
 
 An iteration of a lane counts as so many evaluations as its machine code has times as
 many instructions as a rollout's: fixed for a problem, so that the same seed and budget
-give the same answer on a quick and on a slow machine.
+give the same answer on a quick and on a slow machine. An NLP solver's derivatives count
+in the same way (watching.py).
 """
 
 from collections.abc import Sequence

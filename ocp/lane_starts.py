@@ -290,7 +290,7 @@ class PolishStarts:
         return
 
     def batch(self, most: int) -> int:
-        """Solve from one start; return what that cost, in evaluations."""
+        """Solve from one start; return what that cost, in evaluations: rollouts."""
         del most
         task, box = self._task, self._space.box
         if self._solves < len(self._given):
@@ -308,14 +308,15 @@ class PolishStarts:
                 near=not self._is_encodable,
             )
         self._solves += 1
-        self._evaluations += max(one.evaluations, 1)
+        spent = max(round(one.rollouts), 1)
+        self._evaluations += spent
         tolerance = task.order.tolerance
         value = one.cost, one.violation
         if self._best is None or is_better(value, self._best[:2], tolerance=tolerance):
             if self._is_encodable:
                 x = self._space.encoded(one.controls, one.x0)
             self._best = (*value, x)
-        return max(one.evaluations, 1)
+        return spent
 
     def best(self) -> tuple[float, float]:
         """Return cost and violation of the best answer."""

@@ -58,7 +58,7 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
         reached = best.violation <= tolerance and best.cost <= target
         return not (
             reached
-            or polish.watch.is_over
+            or planner.watch.is_over
             or evaluations >= (budget.evaluations or np.inf)
             or clock.perf_counter() - began >= (budget.seconds or np.inf)
             or since_better >= (budget.stagnation or np.inf)

@@ -129,6 +129,7 @@ class Planner:
         polish: Options of the polish; None: none.
         polisher: Its NLP solver, of the relaxed problem where controls take whole
             numbers; None without a polish.
+        watch: Told what search and polish do, and may stop them.
     """
 
     def __init__(  # noqa: PLR0913 - all that planning needs
@@ -170,7 +171,7 @@ class Planner:
         search = search_settings(search)
         if search is not None and problem.maximize:
             search = _turned(search)
-        self.search, self.polish, self._watch = search, polish, watch
+        self.search, self.polish, self.watch = search, polish, watch
         self._space: SearchSpace | None = None
         if search is not None:
             self._space = space_of(self.fitness, family)
@@ -520,7 +521,7 @@ class Planner:
             tolerance=tolerance,
             near=near or self.search is not None,
         )
-        if found.violation <= tolerance or near or self._watch.is_over:
+        if found.violation <= tolerance or near or self.watch.is_over:
             return found, evaluations
         straight = self._straight(starts[0], x0, known)
         if straight:
@@ -611,9 +612,9 @@ class Planner:
             told_best=self._told_best(space, x0, known),
         )
         try:
-            with self._watch.searching():
+            with self.watch.searching():
                 found = searched(search, space, task, self._lane_search)
-                self._watch.searched(found.result)
+                self.watch.searched(found.result)
         except SearchInterrupted as stopped:
             start = space.decoded(stopped.partial.x, x0, known)
             plan = self.evaluated(
@@ -645,7 +646,7 @@ class Planner:
 
     def _told_best(self, space: SearchSpace, x0: ArrayLike, known: Known) -> ToldBest:
         """Return what a search tells of its best point; None: nobody listens."""
-        watch = self._watch
+        watch = self.watch
         if watch is UNWATCHED:
             return None
 

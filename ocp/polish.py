@@ -110,6 +110,7 @@ class _Answer:
     point: NlpPoint
     stats: Mapping[str, Any]
     sizes: Sizes
+    rollouts: float
 
     @property
     def effort(self) -> tuple[int, int]:
@@ -143,6 +144,7 @@ class Polished:
         iterations: The solver's iterations.
         evaluations: Evaluations of the objective by the solver.
         point: The solver's answer in the NLP's numbers; None if it did not converge.
+        rollouts: What all of it cost, derivatives too, in rollouts; see watching.py.
     """
 
     controls: Array
@@ -154,6 +156,7 @@ class Polished:
     iterations: int
     evaluations: int
     point: NlpPoint | None = None
+    rollouts: float = 0.0
 
     def __repr__(self) -> str:
         """Return status, cost and effort in one line."""
@@ -312,6 +315,7 @@ class Polisher:
             improved=found.improved or again.improved,
             iterations=found.iterations + again.iterations,
             evaluations=found.evaluations + again.evaluations,
+            rollouts=found.rollouts + again.rollouts,
         )
 
     def _tried(
@@ -331,6 +335,7 @@ class Polisher:
         better, start, after = self._evaluated(answer, controls, given, known, how)
         status = self._judged(answer)
         iterations, evaluations = answer.effort
+        rollouts = answer.rollouts
         for _ in range(MOST_CORRECTIONS if how.solvers.program.inner_guess else 0):
             if status is not PolishStatus.CONVERGED or answer.agrees(after, problem):
                 break
@@ -348,6 +353,7 @@ class Polisher:
             status = self._judged(answer)
             iterations += answer.effort[0]
             evaluations += answer.effort[1]
+            rollouts += answer.rollouts
         point = answer.point
         ended = status is PolishStatus.CONVERGED
         improved = is_better(after, before, tolerance=problem.tolerance) or (
@@ -367,6 +373,7 @@ class Polisher:
             iterations=iterations,
             evaluations=evaluations,
             point=point if status is PolishStatus.CONVERGED else None,
+            rollouts=rollouts,
         )
 
     def _evaluated(
@@ -462,8 +469,9 @@ class Polisher:
             limits=asked.limits,
         )
         stats = solver.stats()
-        self.watch.solved(work_of(stats), solvers.ratios)
-        return _Answer(point, stats, asked.sizes)
+        work = work_of(stats)
+        self.watch.solved(work, solvers.ratios)
+        return _Answer(point, stats, asked.sizes, work.evaluations(solvers.ratios))
 
     def _told(self, asked: "_Asked", solvers: Solvers) -> Callable[[Array], bool]:
         """Return what is done with the iterates of a solve: the watch is told."""
@@ -552,6 +560,7 @@ def better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
         improved=one.improved or other.improved,
         iterations=one.iterations + other.iterations,
         evaluations=one.evaluations + other.evaluations,
+        rollouts=one.rollouts + other.rollouts,
     )
 
 

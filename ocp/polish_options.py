@@ -29,23 +29,15 @@ _WARM: Mapping[str, Any] = MappingProxyType(
 """From a point with multipliers: the barrier follows from how well they fit it."""
 
 
+_SILENT = {"print_header": False, "print_iteration": False, "print_status": False}
 _QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
-        **dict.fromkeys(
-            ("qrsqp", "feasiblesqpmethod"),
-            {
-                "print_header": False,
-                "print_iteration": False,
-                "print_status": False,
-                "qpsol_options": {"error_on_fail": False},
-            },
-        ),
         "sqpmethod": {
-            "print_header": False,
-            "print_iteration": False,
-            "print_status": False,
+            **_SILENT,
             "qpsol_options": {"printLevel": "none", "error_on_fail": False},
         },
+        "qrsqp": {**_SILENT, "qpsol_options": {"error_on_fail": False}},
+        "feasiblesqpmethod": {**_SILENT, "qpsol_options": {"error_on_fail": False}},
         "fatrop": {"fatrop.print_level": 0},
     }
 )

@@ -18,7 +18,7 @@ and on a slow machine. CasADi tells the counts only at a solve's end: while it r
 iteration counts as one of each, trial steps of a line search come at the end.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -282,6 +282,6 @@ class Iterates(ca.Callback):
         """Return the shape of an output of the solver."""
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
 
-    def eval(self, arguments: list[ca.DM]) -> list[int]:
+    def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
         """Return 0 to go on, 1 to stop."""
         return [0 if self.told(np.array(arguments[0]).ravel()) else 1]

@@ -31,7 +31,7 @@ from swarmstart.ocp.watching import UNWATCHED, Answer, Ratios, Watch, Work
 Array = NDArray[np.float64]
 PER_DECADE = 10
 CHECKPOINT_S = 0.25
-"""Between two checkpoints, at least; the first comes after a fifth of it [s]."""
+"""Between two checkpoints, at least; the first comes at once [s]."""
 Value = tuple[float, float]
 """Cost and violation."""
 WORST: Value = (math.inf, math.inf)
@@ -87,7 +87,7 @@ class Meter:
         """
         self._watch, self._value_of, self._tolerance = watch, value_of, tolerance
         self._limits = evaluations, seconds
-        self._kept, self._next_kept = kept, CHECKPOINT_S / 5
+        self._kept, self._next_kept, self._is_kept = kept, 0.0, True
         self.work, self.ratios = Work(), Ratios(0.0, 0.0)
         self._spent = 0.0
         self._search: float | None = None
@@ -95,6 +95,7 @@ class Meter:
         self.best: Answer | None = None
         self.value: Value = WORST
         self._entries: list[Entry] = []
+        self._partial: Entry | None = None
         self._clock: list[tuple[float, float]] = []
         self._mark = -1
 
@@ -150,7 +151,7 @@ class Meter:
             return
         found = best()
         if self._is_new((found.cost, found.violation)):
-            self.best = answer(found.x)
+            self.best, self._is_kept = answer(found.x), False
             self.value = found.cost, found.violation
             self._keep(begun + evaluations)
 
@@ -183,6 +184,7 @@ class Meter:
         """Look at an iterate if it is at a mark; return whether to go on."""
         spent = self._spent + (0.0 if self._search is not None else evaluations)
         mark = math.floor(PER_DECADE * math.log10(max(spent, 1.0)))
+        self._keep(spent)
         if answer is not None and mark > self._mark and self._search is None:
             self._mark = mark
             found = answer()
@@ -220,6 +222,7 @@ class Meter:
         """
         self._spent += population.shape[1]
         cost, violation = values
+        self._keep(self._spent)
         broken = np.where(violation > self._tolerance, violation, 0.0)
         finite = np.isfinite(cost) & np.isfinite(violation)
         broken = np.where(finite, broken, np.inf)
@@ -236,27 +239,33 @@ class Meter:
             return
         self._entries.append(Entry(spent, self.seconds, *value))
         if self._is_new(value):
-            self.best, self.value = answer, value
-            if self._kept is not None and self.seconds >= self._next_kept:
-                self._keep(spent)
+            self.best, self.value, self._is_kept = answer, value, False
+            self._keep(spent)
 
     def _keep(self, spent: float) -> None:
-        """Keep a checkpoint."""
-        entry = Entry(spent, self.seconds, *self.value)
-        self._entries.append(entry)
-        if self._kept is not None:
-            self._kept(self)
-        self._next_kept = self.seconds + CHECKPOINT_S
+        """Keep a checkpoint, if one is due and there is something new."""
+        if self._kept is None or self._is_kept or self.seconds < self._next_kept:
+            return
+        if self._search is not None:  # Else it is there already.
+            self._partial = Entry(spent, self.seconds, *self.value)
+        self._kept(self)
+        self._is_kept, self._next_kept = True, self.seconds + CHECKPOINT_S
 
-    def history(self, final: Value | None = None) -> dict[str, list[Any]]:
+    def history(
+        self, final: Value | None = None, *, seconds: float | None = None
+    ) -> dict[str, list[Any]]:
         """Return the best so far at log-spaced marks and at the end.
 
         Args:
+            seconds: When it ended [s]; None: now.
             final: Value of the solver's answer: nothing before counts as better than
                 it, since that was not answered. None: the best so far.
         """
         best, improved = WORST, []
-        entries = sorted(self._entries, key=lambda one: one.evaluations)
+        if seconds is None:
+            seconds = self.seconds
+        partial = [self._partial] if self._search is not None and self._partial else []
+        entries = sorted([*self._entries, *partial], key=lambda one: one.evaluations)
         for one in entries:
             value = one.cost, one.violation
             if is_better(value, best, tolerance=self._tolerance):
@@ -271,7 +280,7 @@ class Meter:
         end = (last.cost, last.violation) if last and final is None else final or WORST
         evaluations = [one.evaluations for one in entries]
         total = max([self._spent, *evaluations])
-        told = [*_at_marks(improved, total), Entry(total, self.seconds, *end)]
+        told = [*_at_marks(improved, total), Entry(total, seconds, *end)]
         return {
             "evaluations": [round(one.evaluations) for one in told],
             "seconds": [one.seconds for one in told],

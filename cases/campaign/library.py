@@ -146,7 +146,8 @@ def compare(  # noqa: PLR0913 - the options of a command
     }
     entries = [[_entry(name, solver, seeds) for solver in chosen] for name in named]
     every = [entry for each in entries for entry in each]
-    count, outcomes = sum(len(entry.cells) for entry in every), {}
+    count = sum(len(entry.cells) for entry in every)
+    outcomes: dict[str, Outcome] = {}
     for entry in every:
         posed, first = ways[entry.scenario, entry.solver.name]
         made = cache(partial(built, posed, first))  # Once for all seeds.

@@ -168,9 +168,12 @@ def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _common(job: Mapping[str, Any]) -> str:
-    """Return all of a job that its seeds have in common, as text."""
+    """Return all of a job that its seeds have in common, as text.
+
+    In its own order: what a scenario defines may follow from what it defines before.
+    """
     keys = ("settings", "variant", "solver", "budget")
-    return json.dumps({key: job[key] for key in keys}, sort_keys=True)
+    return json.dumps({key: job[key] for key in keys})
 
 
 def _trial(text: str, python_in: str | None, job: Mapping[str, Any]) -> Trial:

@@ -72,6 +72,8 @@ SEARCH_SHARE, LEAST_SHARE = 0.9, 0.5
 """Of the budget, where an NLP solver follows."""
 ITERATIONS = 50
 """Of an NLP solver that should fit into its part of the budget."""
+DEAF = {"fatrop": "fatrop.max_iter"}
+"""NLP solvers that CasADi cannot stop between iterations -> their limit of these."""
 LATE, MOMENT_S = 1.1, 0.25
 """The hard limit, in parts of the budget, and what is added [s]."""
 CHECKPOINT = "checkpoint.json"
@@ -156,15 +158,10 @@ def built(posed: PlanningProblem, trial: Trial) -> Built:
     space = None
     quiet = silenced(is_needed=solver.plugin not in ("", IPOPT))
     with quiet, stopwatch() as watch:
-        planner = Planner(
-            posed.problem,
-            search=_search_of(trial),
-            polish=_polish_of(trial),
-            family=posed.family,
-            backend=trial.backend,
-            lanes=LANES if solver.family == "solve" else 0,
-            watch=relay,
-        )
+        planner = _planner(posed, trial, relay, _polish_of(trial))
+        fewer = _limited(planner, trial)
+        if fewer is not None:
+            planner = _planner(posed, trial, relay, fewer)
         planner = planner.with_budget(Budget(**_share(planner, trial)))
         if solver.peer:
             space = space_of(planner.fitness, posed.family)
@@ -177,6 +174,37 @@ def built(posed: PlanningProblem, trial: Trial) -> Built:
         seconds=watch.seconds,
         compile_seconds=watch.compile_seconds,
     )
+
+
+def _planner(
+    posed: PlanningProblem, trial: Trial, relay: Relay, polish: PolishOptions | None
+) -> Planner:
+    return Planner(
+        posed.problem,
+        search=_search_of(trial),
+        polish=polish,
+        family=posed.family,
+        backend=trial.backend,
+        lanes=LANES if trial.solver.family == "solve" else 0,
+        watch=relay,
+    )
+
+
+def _limited(planner: Planner, trial: Trial) -> PolishOptions | None:
+    """Return options with as many iterations as the budget pays for; None: as it is.
+
+    Of an NLP solver that tells nothing of its iterations, and so cannot be stopped.
+    """
+    option = DEAF.get(trial.solver.plugin)
+    evaluations = trial.budget.get("evaluations")
+    ratios = None if planner.polisher is None else planner.polisher.ratios
+    if option is None or evaluations is None or ratios is None:
+        return None
+    most = max(int(evaluations / Work(1, 1, 1).evaluations(ratios)), 1)
+    given = dict(trial.solver.polish_options)
+    given[option] = min(most, given.get(option, most))
+    limited: PolishOptions = polish_of(trial.solver.plugin, given)
+    return limited
 
 
 def _search_of(trial: Trial) -> SearchSettings | None:
@@ -192,9 +220,9 @@ def _search_of(trial: Trial) -> SearchSettings | None:
         return None
     options = dict(solver.options)
     sampling = options.pop("sampling", trial.search.sampling)
-    algorithm = replace(trial.search.algorithm, **options)
+    algorithm: Any = trial.search.algorithm
     return SearchSettings(
-        algorithm=algorithm,
+        algorithm=replace(algorithm, **options),
         budget=given,
         order=trial.search.order,
         sampling=sampling,
@@ -238,7 +266,10 @@ def _most_searched(planner: Planner, evaluations: int) -> int:
 
 def _warm_up(planner: Planner, posed: PlanningProblem, trial: Trial) -> None:
     """Compile and load now what else would be while the clock runs."""
-    if planner.polisher is not None and trial.solver.family != "nlp":
+    if planner.polisher is not None and trial.solver.family not in (
+        "nlp",
+        "multistart",
+    ):
         planner.polisher.prepare()
     if trial.solver.peer:
         import importlib
@@ -322,7 +353,7 @@ def answer_of(made: Built, trial: Trial, folder: Path | None = None) -> dict[str
     stopped = meter.stopped or ("itself" if found.has_ended else meter.ended)
     return _told(
         final,
-        meter.history(own),
+        meter.history(own, seconds=seconds),
         evaluations=meter.evaluations,
         counts=_counts(meter),
         seconds=seconds,
@@ -422,9 +453,13 @@ def _solved(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -
     planner, posed = made.planner, made.posed
     x0, known, _ = planner.posed(posed.x0, posed.known)
     plan = planner.plan(x0, known=known, rng=rng)
-    for solution in improved(planner, plan, x0, known, repair=False, rng=rng):
-        if meter.is_over:
+    answers = improved(planner, plan, x0, known, repair=False, rng=rng)
+    solution = next(answers)
+    while not meter.is_over:
+        better = next(answers, None)
+        if better is None:
             break
+        solution = better
     return Found(solution.plan, solution)
 
 

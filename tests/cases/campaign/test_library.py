@@ -100,7 +100,7 @@ def test_solvers_of_a_users_problem_are_compared_under_one_budget() -> None:
 
 def test_problems_with_names_stand_beside_scenarios() -> None:
     problems: dict[str, Compared] = {"landing": landing(), "side": "passing_side"}
-    rows = ss.compare(problems, "ipopt", seeds=1, budget="200evals")
+    rows = ss.compare(problems, "ipopt", seeds=1, budget="2000evals")
     assert [row.entry.scenario for row in rows] == ["landing", "side"]
     # From zero controls IPOPT passes the disc on the dear side, here with a margin.
     assert rows[1].costs == pytest.approx([1802.0], abs=0.1)

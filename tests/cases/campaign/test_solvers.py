@@ -24,6 +24,7 @@ from swarmstart.cases.format.scenario import read_document, resolve
         ("4000evals", {"evaluations": 4000}),
         ("5s", {"seconds": 5.0}),
         ("2m", {"seconds": 120.0}),
+        ("1h", {"seconds": 3600.0}),
         ("4e3evals | 0.5s", {"evaluations": 4000, "seconds": 0.5}),
     ],
 )
@@ -42,7 +43,7 @@ def test_a_budget_is_read(text: str, budget: dict[str, float]) -> None:
         "1.5evals",
         "5s|6s",
         "1..2s",
-        "5 h",
+        "5 d",
         "1e400s",
         "1e30evals",
     ],
@@ -101,10 +102,13 @@ def test_searching_for_the_side_finds_the_cheap_one(solver: str) -> None:
     clear = solved("passing_side", solver, repair=True)
     assert clear["feasible"]
     assert 446.7 < clear["verified_cost"] < 1.05 * 446.7
-    assert clear["evaluations"] > found["evaluations"]
+    assert (
+        clear["evaluations"] == found["evaluations"]
+    )  # Those of the repair are apart.
+    assert clear["evaluations_repair"] > 0 and clear["repaired"]
 
 
-@pytest.mark.parametrize("solver", ["cpso", "de", "ga", "lshade+ipopt"])
+@pytest.mark.parametrize("solver", ["cpso", "de", "ga"])
 def test_evaluations_are_within_the_budget(solver: str) -> None:
     assert (
         800 <= solved("passing_side", solver, evaluations=1000)["evaluations"] <= 1000
@@ -113,7 +117,7 @@ def test_evaluations_are_within_the_budget(solver: str) -> None:
 
 def test_many_starts_stop_after_the_one_that_spends_the_budget() -> None:
     spent = solved("passing_side", "multistart-ipopt", evaluations=300)["evaluations"]
-    assert 300 <= spent <= 600
+    assert 300 <= spent <= 320  # An iteration counts as 13.
 
 
 def test_seconds_are_a_budget_too() -> None:
@@ -123,11 +127,8 @@ def test_seconds_are_a_budget_too() -> None:
 
 def test_the_same_seed_gives_the_same_bits() -> None:
     first, again = (solved("passing_side", "de", evaluations=400) for _ in range(2))
-    assert first["controls"] == again["controls"]
-    assert (
-        first["controls"]
-        != solved("passing_side", "de", 1, evaluations=400)["controls"]
-    )
+    other = solved("passing_side", "de", 1, evaluations=400)
+    assert first["plan"] == again["plan"] and first["plan"] != other["plan"]
 
 
 def test_paths_are_searched_where_a_problem_has_a_family() -> None:
