@@ -16,6 +16,7 @@ system in memory may be mounted) the disk is full again and again, and is made l
 
 import argparse
 import contextlib
+import hashlib
 import json
 import os
 import random
@@ -84,7 +85,8 @@ def campaign(folder: Path, count: int, engine: str) -> int:
     except RecordError as error:
         print(error, file=sys.stderr)
         return FULL
-    print(json.dumps([[outcome.result, outcome.failure] for outcome in found]))
+    text = json.dumps([[outcome.result, outcome.failure] for outcome in found])
+    print(hashlib.sha256(text.encode()).hexdigest())  # No more than a pipe takes.
     return 0
 
 
@@ -128,8 +130,8 @@ def besieged(
     happened, wrong = Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "cells"
-        began = time.monotonic()
-        whole = ended(started(folder, count, engine)).out
+        process, began = started(folder, count, engine), time.monotonic()
+        whole = ended(process).out
         seconds = time.monotonic() - began
         shutil.rmtree(folder)
         while happened.total() < moments:
