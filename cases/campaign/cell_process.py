@@ -200,7 +200,7 @@ class CellProcess:
             self._limit, self._is_ready = None, False
 
     def _send(self, line: bytes) -> None:
-        """Send a line; if the process has died, what it has said is read all the same."""
+        """Send a line; one that has died has perhaps said something to be read."""
         process = self._process  # None: stopped meanwhile, by another thread.
         if process is not None and process.stdin is not None:
             with suppress(OSError, ValueError):  # ValueError: closed meanwhile.
