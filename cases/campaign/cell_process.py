@@ -132,9 +132,7 @@ class CellProcess:
         if not self._is_ready and self._next(None) is None:
             return self._ended()
         self._is_ready = True
-        with suppress(OSError):  # It has died; what it has said is read all the same.
-            self._stdin.write(line)
-            self._stdin.flush()
+        self._send(line)
         timeout_s = order["timeout_s"]
         last = None if timeout_s is None else clock.monotonic() + timeout_s
         while True:
@@ -201,9 +199,13 @@ class CellProcess:
             self._process, self._lines = process, lines
             self._limit, self._is_ready = None, False
 
-    @property
-    def _stdin(self) -> Any:
-        return None if self._process is None else self._process.stdin
+    def _send(self, line: bytes) -> None:
+        """Send a line; one that has died has perhaps said something to be read."""
+        process = self._process  # None: stopped meanwhile, by another thread.
+        if process is not None and process.stdin is not None:
+            with suppress(OSError, ValueError):  # ValueError: closed meanwhile.
+                process.stdin.write(line)
+                process.stdin.flush()
 
     def _ended(self) -> Ending:
         """Return how the process died, and reap it."""
@@ -223,19 +225,21 @@ class CellProcess:
         process, self._process = self._process, None
         if process is None:
             return 0, None
-        if process.stdin is not None:
-            with suppress(OSError):
-                process.stdin.close()
-        if process.returncode is not None:
-            return process.returncode, None
-        if not hasattr(os, "wait4"):
-            process.kill()
-            return process.wait(), None
-        with suppress(ProcessLookupError):  # Changes no end that has begun.
-            os.kill(process.pid, signal.SIGKILL)
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        return process.returncode, usage.ru_utime + usage.ru_stime
+        try:
+            if process.returncode is not None:
+                return process.returncode, None
+            if not hasattr(os, "wait4"):
+                process.kill()
+                return process.wait(), None
+            with suppress(ProcessLookupError):  # Changes no end that has begun.
+                os.kill(process.pid, signal.SIGKILL)
+            _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+            return process.returncode, usage.ru_utime + usage.ru_stime
+        finally:
+            if process.stdin is not None:
+                with suppress(OSError):
+                    process.stdin.close()
 
 
 def _listen(process: subprocess.Popen[bytes], lines: queue.SimpleQueue[bytes]) -> None:

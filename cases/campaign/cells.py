@@ -257,7 +257,7 @@ def _worked_here(
     """Yield keys with replies of processes of this machine, a thread for each."""
     waiting = deque(orders)
     replies: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
-    processes = [CellProcess() for _ in range(min(workers, len(orders)))]
+    processes = [CellProcess() for _ in range(max(1, min(workers, len(orders))))]
     threads = [
         threading.Thread(target=_work, args=(process, waiting, replies), daemon=True)
         for process in processes

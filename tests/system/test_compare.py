@@ -34,7 +34,7 @@ def test_the_table_and_the_runs_are_there(folder: Path, command: Command) -> Non
     assert "1 of 1" in cold and "one run" in cold and "1802.0" in cold
     with (folder / "results.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == tuple(COLUMNS)
     assert [(row["solver"], row["seed"]) for row in rows] == [
         ("lshade+ipopt", "0"), ("lshade+ipopt", "1"), ("de", "0"), ("de", "1"),
         ("ipopt", "0"),
