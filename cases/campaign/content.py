@@ -50,8 +50,8 @@ def content_of(
     """Return a comparison as plain data; its keys are those of comparison.json.
 
     Args:
-        entries: For each scenario its solvers, in one order; the first is what the
-            others are compared with.
+        entries: For each scenario its solvers; the first is what the others are
+            compared with. Some may be missing where they cannot serve.
         outcomes: By the cells' keys.
         asked: Seeds, budget, command, how near is near.
         about: Of the scenarios by name, where something is known beside the runs.
@@ -79,7 +79,10 @@ def content_of(
         scenario_content(each[0].scenario, judged, asked, one, rng=rng)
         for each, judged, one in zip(entries, found, known, strict=True)
     ]
-    names = [entry.solver.name for entry in entries[0]] if entries else []
+    solvers = {e.solver.name: e for each in entries for e in each}
+    names = list(solvers)
+    # Only where all solvers ran can all be ranked; a missing one has not failed.
+    shared = [one for one in found if [runs.name for runs in one.runs] == names]
     content = {
         "schema": SCHEMA,
         "record": "comparison",
@@ -94,10 +97,10 @@ def content_of(
         "load_max": load,
         "is_noisy": noisy,
         "judges_seconds": judges,
-        "solvers": [_solver(entry) for entry in entries[0]] if entries else [],
+        "solvers": [_solver(entry) for entry in solvers.values()],
         "scenarios": scenarios,
-        "profile": _profile(found, names, asked, rng),
-        "ranks": _ranks(found, names, asked, rng),
+        "profile": _profile(shared, names, asked, rng),
+        "ranks": _ranks(shared, names, asked, rng),
         "limits": [],
         "regression": None,
     }
@@ -203,7 +206,7 @@ def profile_times(
     """Return what solvers spent to come near the best, shape (solvers, instances).
 
     Args:
-        found: The scenarios, each with the same solvers.
+        found: The scenarios, each with the same solvers in the same order.
         asked: The budget says whether that is in evaluations or seconds.
 
     Returns:

@@ -16,6 +16,7 @@ from swarmstart.cases.campaign.judgement import (
     CHEAPER,
     DEARER,
     FEWEST_SEEDS,
+    NOT_COMPARED,
     NULL_HYPOTHESIS,
     SECONDS_SHARE,
 )
@@ -86,8 +87,7 @@ def _on(some: Sequence[Content], all_of_them: Sequence[Content]) -> str:
 
 def _alone(content: Content) -> str:
     """Return what one solver alone has shown; nothing is compared."""
-    scenarios = content["scenarios"]
-    name = content["solvers"][0]["name"]
+    scenarios, name = content["scenarios"], content["solvers"][0]["name"]
     if len(scenarios) == 1:
         row = scenarios[0]["rows"][0]
         low = "" if row["deterministic"] else _interval_words(row)
@@ -115,13 +115,9 @@ def _near(content: Content) -> str:
 
 def _too_few(content: Content) -> str:
     """Return why nothing is compared; empty if something is."""
-    words = [
-        row["against_first"]["words"]
-        for s in content["scenarios"]
-        for row in s["rows"][1:]
-    ]
-    not_compared = [said for said in words if said.startswith("not compared")]
-    return not_compared[0] if not_compared else ""
+    pairs = [pair for s in content["scenarios"] for pair in s["pairs"]]
+    is_compared = any(pair["verdict"] != NOT_COMPARED for pair in pairs)
+    return "" if is_compared or not pairs else str(pairs[0]["words"])
 
 
 def shown_against(content: Content, null: str) -> list[Shown]:

@@ -103,6 +103,16 @@ def _seconds(content: Content) -> str:
     return ""
 
 
+def _missing(content: Content) -> str:
+    count = len(content["solvers"])
+    fewer = [s["name"] for s in content["scenarios"] if len(s["rows"]) < count]
+    if not fewer:
+        return ""
+    return (
+        f"Not every solver ran on {listed(fewer)}: ranks and profiles leave that out."
+    )
+
+
 def _machines(content: Content) -> str:
     count = len(content["machines"])
     if count > 1:
@@ -159,5 +169,5 @@ def _percent(content: Content) -> str:
 
 _LIMITS: tuple[Callable[[Content], str], ...] = (
     *(_unsolved, _few_seeds, _best_known, _not_reached, _below_bound),
-    *(_seconds, _machines, _deterministic, _failed, _false, _problems),
+    *(_seconds, _missing, _machines, _deterministic, _failed, _false, _problems),
 )

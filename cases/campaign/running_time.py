@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 TARGETS = 51
 A_DECADE = 10
 """Marks, as in the histories."""
-FEASIBLE = 1e-3
-"""A violation up to this counts as none, as where answers are verified."""
+FEASIBLE = 1e-6
+"""A violation up to this counts as none: the tolerance of a problem without one."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -53,6 +53,7 @@ def courses_of(
     *,
     ends: ArrayLike,
     final: ArrayLike,
+    tolerance: float = FEASIBLE,
 ) -> Courses:
     """Return the courses of a solver's runs.
 
@@ -61,9 +62,10 @@ def courses_of(
         quantity: "evaluations" or "seconds".
         ends: What each had spent in all.
         final: Its verified cost; infinite if it is not feasible.
+        tolerance: Violation up to which a mark is feasible.
     """
     last, costs = np.asarray(ends, dtype=float), np.asarray(final, dtype=float)
-    rows = [_marks(history, quantity) for history in histories]
+    rows = [_marks(history, quantity, tolerance) for history in histories]
     longest = 1 + max((len(spent) for spent, _ in rows), default=0)
     spent = np.repeat(last[:, None], longest, axis=1)
     cost = np.full((len(rows), longest), np.inf)
@@ -76,15 +78,16 @@ def courses_of(
     return Courses(spent=spent, cost=cost, ends=last, final=costs)
 
 
-def _marks(history: Mapping[str, Any] | None, quantity: str) -> tuple[Array, Array]:
+def _marks(
+    history: Mapping[str, Any] | None, quantity: str, tolerance: float
+) -> tuple[Array, Array]:
     """Return what was spent at the marks, and the best feasible cost there."""
     if not history or not history.get(quantity):
         return np.empty(0), np.empty(0)
-    spent, cost, violation = (
-        np.array(history[name], dtype=np.float64)  # None becomes NaN.
-        for name in (quantity, "cost", "violation")
-    )
-    good = (violation <= FEASIBLE) & np.isfinite(cost)
+    columns = [history[name] for name in (quantity, "cost", "violation")]
+    marks = list(zip(*columns, strict=False))
+    spent, cost, violation = np.array(marks, dtype=np.float64).T  # None becomes NaN.
+    good = (violation <= tolerance) & np.isfinite(cost)
     return spent, np.where(good, cost, np.inf)
 
 

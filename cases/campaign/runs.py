@@ -6,7 +6,7 @@ A run that failed, was cut or has no feasible answer stays in every count.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.cases.campaign.cells import Outcome
 from swarmstart.cases.campaign.entry import Entry
-from swarmstart.cases.campaign.running_time import Courses, courses_of
+from swarmstart.cases.campaign.running_time import FEASIBLE, Courses, courses_of
 
 Array = NDArray[np.float64]
 NEAR = (0.01, 0.0001)
@@ -139,14 +139,27 @@ def runs_of(entry: Entry, outcomes: Mapping[str, Outcome], asked: Asked) -> Runs
     # A run that failed has spent its budget; if it has none, as much as any other.
     counts = np.where(lost, _budget(asked, "evaluations", counts), counts)
     clocks = np.where(lost, np.fmax(spent, _budget(asked, "seconds", clocks)), clocks)
+    evaluations, seconds = (
+        courses_of(
+            histories, quantity, ends=ends, final=costs, tolerance=_tolerance(results)
+        )
+        for quantity, ends in (("evaluations", counts), ("seconds", clocks))
+    )
     return Runs(
         entry=entry,
         outcomes=found,
         results=results,
         costs=costs,
-        evaluations=courses_of(histories, "evaluations", ends=counts, final=costs),
-        seconds=courses_of(histories, "seconds", ends=clocks, final=costs),
+        evaluations=evaluations,
+        seconds=seconds,
     )
+
+
+def _tolerance(results: Sequence[Mapping[str, Any]]) -> float:
+    """Return the largest violation that the solver itself has called feasible."""
+    called = [r.get("claimed_violation") for r in results if r.get("claimed_feasible")]
+    known = [number(violation) for violation in called]
+    return max([FEASIBLE, *(one for one in known if math.isfinite(one))])
 
 
 def number(value: object) -> float:

@@ -225,8 +225,10 @@ def _is_false(claimed: Array, costs: Array, near: float) -> NDArray[np.bool_]:
 
 def _gaps(costs: Array, best: float) -> Array:
     """Return relative distances from the best known; NaN where there is none."""
-    off = costs - best if math.isfinite(best) else np.full(costs.shape, np.nan)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    if not math.isfinite(best):
+        return np.full(costs.shape, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        off = costs - best
         relative: Array = np.where(off == 0, 0.0, off / abs(best))
     return relative
 

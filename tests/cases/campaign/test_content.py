@@ -35,9 +35,10 @@ def with_history(cost: float) -> Mapping[str, Any]:
             "evaluations": [1, 10, 100, 1000, 4000],
             "seconds": [0.01, 0.1, 0.2, 0.5, 1.0],
             "cost": [cost + d for d in distances],
-            "violation": [1.0, 0.0, 0.0, 0.0, 0.0],
+            "violation": [1.0, 1e-5, 0.0, 0.0, 1e-4],
         },
         "plan": {"time": [0.0, 1.0], "cost": cost},
+        "claimed_violation": 1e-4,
     }
 
 
@@ -191,6 +192,23 @@ def test_plans_and_flights_stand_in_one_comparison() -> None:
                       more=more)  # fmt: skip
     assert [scenario["of"] for scenario in content["scenarios"]] == ["plan", "flight"]
     assert content["ranks"] and content["profile"]
+
+
+def test_a_solver_that_cannot_serve_a_scenario_has_not_failed_there() -> None:
+    """Ranks and profile are of the two scenarios on which all three ran."""
+    three = {"s": draws(3, 21), "t": draws(3, 21)}
+    some = made_up({"u": draws(2, 21), **three}, more=with_history)
+    assert [one["name"] for one in some["solvers"]] == list(TWELVE[:3])
+    full = made_up(three, more=with_history)
+    shares = [
+        {name: curve["share"] for name, curve in content["profile"]["curves"].items()}
+        for content in (some, full)
+    ]
+    assert shares[0] == shares[1]
+    means = [[one["mean"] for one in content["ranks"]] for content in (some, full)]
+    assert means[0] == means[1]
+    assert any("Not every solver ran on u" in said for said in some["limits"])
+    assert made_up({"t": draws(2, 8), "s": draws(3, 8)})["ranks"] == []
 
 
 def test_curves_rise_and_their_bands_hold_them() -> None:

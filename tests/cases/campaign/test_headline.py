@@ -138,6 +138,17 @@ def test_little_is_told_as_little(scenarios: Any, said: str) -> None:
     assert content["headline"] == said
 
 
+def test_few_seeds_are_said_only_if_nothing_was_compared() -> None:
+    """Eight seeds are enough for three solvers, and too few for six."""
+    eight = {name: np.arange(8.0) + 9 for name in ("de", "ga", "pso")}
+    many = {name: np.arange(8.0) + 9 for name in ("cpso", "lshade", "cma")}
+    said = made_up({"flight": eight, "plan": eight | many})["headline"]
+    assert said.startswith("No solver is shown")
+    assert made_up({"plan": eight | many})["headline"] == (
+        "Solvers are not compared: 8 seeds, 9 are needed."
+    )
+
+
 def test_unsolved_scenarios_are_told() -> None:
     said = made_up({"a": BASINS, "b": NEVER})["headline"]
     assert said.endswith("; on b no solver has a feasible answer.")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import wilcoxon
 
 from swarmstart.cases.campaign.judgement import (
     ALL_PAIRS_FROM,
@@ -83,6 +84,14 @@ def test_infeasible_is_dearer_than_any_cost_and_equal_to_itself() -> None:
         "no difference shown (cheaper in 0, dearer in 0 of 10 seeds, p = 1)"
     )
     assert pair.effect == 0.5 and pair.shift is None
+
+
+def test_one_infeasible_answer_weighs_more_than_any_difference() -> None:
+    """Cheaper by 1, ..., 9 in nine seeds, and nothing in the tenth: rank 10 of 10."""
+    first = np.full(10, 100.0)
+    (pair,) = judged(results(first, [*(100.0 - np.arange(1, 10)), INF]))
+    expected = wilcoxon([*-np.arange(1.0, 10.0), 99.0]).pvalue
+    assert pair.cost.p_alone == pytest.approx(expected)
 
 
 def test_units_of_the_cost_change_nothing() -> None:

@@ -37,6 +37,15 @@ def test_costs_that_are_as_good_as_equal_tie_and_no_others(costs: list[float]) -
                 assert (x < y) == (a < b)
 
 
+def test_a_tie_ends_at_a_millionth() -> None:
+    for sign in (1.0, -1.0):
+        near, far = sign * (1 + 0.9 * SAME), sign * (1 + 1.2 * SAME)
+        assert len(set(with_ties(np.array([sign, near])))) == 1
+        assert len(set(with_ties(np.array([sign, far])))) == 2
+    ranks = scenario_ranks(np.array([[1.0], [1.0 + 1e-9], [2.0]]))
+    np.testing.assert_allclose(ranks, [1.5, 1.5, 3.0])
+
+
 def test_infinities_stay() -> None:
     assert with_ties(np.array([INF, 1.0, INF])).tolist() == [INF, 1.0, INF]
 
