@@ -37,7 +37,7 @@ def test_the_table_and_the_runs_are_there(folder: Path, command: Command) -> Non
     assert tuple(rows[0]) == tuple(COLUMNS)
     assert [(row["solver"], row["seed"]) for row in rows] == [
         ("lshade+ipopt", "0"), ("lshade+ipopt", "1"), ("de", "0"), ("de", "1"),
-        ("ipopt", "0"),
+        ("ipopt", "0"), ("multistart-ipopt", "0"), ("multistart-ipopt", "1"),
     ]  # fmt: skip
     for row in rows:
         assert row["failure"] == ""
@@ -69,19 +69,28 @@ def test_one_worker_and_two_print_the_same(
 
 def test_json_is_one_object(folder: Path, command: Command) -> None:
     content = json.loads(command(*SMALL, "--json", "--out", folder).out)
-    assert content["schema"] == 1
-    rows = {row["solver"]: row for row in content["rows"]}
+    assert content["schema"] == 2
+    (scenario,) = content["scenarios"]
+    rows = {row["solver"]: row for row in scenario["rows"]}
     assert rows["ipopt"]["deterministic"] and rows["ipopt"]["runs"] == 1
-    assert rows["de"]["near_best_interval"][0] >= 0
-    assert rows["de"]["against_first"] == "not compared: 2 seeds, 8 are needed"
+    assert rows["de"]["near_intervals"][0][0] >= 0
+    assert rows["de"]["against_first"]["words"].startswith("not compared: 2 seeds")
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["formation_v"], "all but one agent; found 5 that plan"),
-        (["formation_100"], "all but one agent; found 99 that plan"),
+        (["formation_v", "--of", "plan"], "all but one agent; found 5 that plan"),
+        (
+            ["passing_side", "--fail-on", "regression"],
+            "expected --baseline with --fail-on regression",
+        ),
+        (["passing_side", "--engine", "dask"], "expected --engine dask and --sched"),
         (["passing_side", "--solvers", "snopt"], "expected a solver: one of default"),
+        (
+            ["passing_side", "--solvers", "lshade[sizes=4]"],
+            "did you mean 'size'?",
+        ),
         (["passing_side", "--budget", "5"], "expected a budget such as 4000evals"),
         (
             ["passing_side", "--budget", "10evals"],
@@ -120,7 +129,8 @@ def test_another_comparison_appends_to_the_table(
     assert (folder / "results.csv").read_text() == before
     assert command(*fewer, "--budget", "700evals").code == 0
     after = (folder / "results.csv").read_text()
-    assert after.startswith(before) and after.count("\n") == before.count("\n") + 1
+    # IPOPT once, and from random starts with two seeds.
+    assert after.startswith(before) and after.count("\n") == before.count("\n") + 3
 
 
 def test_no_feasible_answer_has_an_exit_code_of_its_own(
@@ -134,3 +144,55 @@ def test_no_feasible_answer_has_an_exit_code_of_its_own(
     )
     assert said.code == 4
     assert "0 of 1" in said.out
+
+
+def test_a_plan_in_yaml_is_what_the_options_say_and_an_option_comes_before_it(
+    folder: Path, command: Command, tmp_path: Path
+) -> None:
+    file = tmp_path / "plan.yaml"
+    file.write_text(
+        "schema: 1\ncompare:\n  scenarios: [passing_side]\n"
+        "  solvers: [lshade+ipopt, de, ipopt]\n  seeds: 5\n  budget: 600evals\n"
+    )
+    asked = command(*SMALL, "--out", folder)
+    planned = command("compare", str(file), "--seeds", "2", "-q", "--out", folder)
+    assert planned.out == asked.out
+    counted = command("compare", str(file), "--dry-run", "--out", folder)
+    # Of three solvers with five seeds two are kept, and that of IPOPT.
+    assert counted.out.startswith("16 runs: 7 kept, 9 to be done")
+
+
+def test_the_same_again_is_no_regression_and_a_dearer_one_fails_the_gate(
+    folder: Path, command: Command, tmp_path: Path
+) -> None:
+    command(*SMALL, "--out", folder)
+    same = command(
+        *(*SMALL, "--out", folder, "--baseline", folder, "--fail-on", "regression")
+    )
+    assert same.code == 0
+    assert "same" in same.out
+    content = json.loads((folder / "comparison.json").read_text())
+    assert not content["regression"]["is_regression"]
+
+
+def test_a_baseline_that_is_none_is_refused_before_any_work(
+    command: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "comparison.json").write_text('{"record": "comparison"}')
+    said = command(*SMALL, "--baseline", tmp_path, "--out", tmp_path / "new")
+    assert said.code == 5
+    assert "comparison.json: expected a comparison" in said.err
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_page_of_a_comparison_is_written_beside_it(
+    folder: Path, command: Command
+) -> None:
+    command(*SMALL, "--out", folder)
+    forms = ("--format", "html", "--format", "md", "--format", "latex")
+    said = command("report", folder, *forms)
+    assert said.code == 0
+    for name in ("report.html", "report.md", "report.tex"):
+        text = (folder / name).read_text(encoding="utf-8")
+        assert "multistart-ipopt" in text
+    assert command("report", folder / "cells").code == 5
