@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.cases.campaign.building import Built, Trial, built
 from swarmstart.cases.campaign.cells import Cell, Outcome
 from swarmstart.cases.campaign.comparison import Entry, Row, rows_of
 from swarmstart.cases.campaign.run import Run
@@ -22,7 +23,7 @@ from swarmstart.cases.campaign.solvers import (
     search_share,
     solvers_of,
 )
-from swarmstart.cases.campaign.trial import Built, Trial, answer_of, built
+from swarmstart.cases.campaign.trial import answer_of
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem

@@ -27,8 +27,9 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pkgutil import resolve_name
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
+from swarmstart.cases.campaign.peer_names import PEERS
 from swarmstart.cases.format.document import meant, printable
 from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.errors import SwarmstartError
@@ -56,76 +57,6 @@ class UnknownSolverError(SwarmstartError, LookupError):
 
 class MissingPackageError(SwarmstartError, ImportError):
     """A solver of another package, which is not installed."""
-
-
-class Peer(NamedTuple):
-    """A search of another package.
-
-    Attributes:
-        title: What it is, in a few words.
-        minimize: "module:function" that runs it, as in peers.py.
-        package: What has to be imported.
-        pip: What `pip install` calls that.
-        options: Its options with their defaults, by the package's own names; None: it
-            has a default of its own.
-    """
-
-    title: str
-    minimize: str
-    package: str
-    pip: str
-    options: Mapping[str, Any]
-
-
-_PEERS = "swarmstart.cases.campaign.peers:"
-PEERS = {
-    "scipy-de": Peer(
-        "differential evolution of SciPy",
-        f"{_PEERS}scipy_de",
-        "scipy",
-        "scipy",
-        {"popsize": 15, "strategy": "best1bin", "mutation": None,
-         "recombination": 0.7, "tol": 0.01, "init": "latinhypercube"},
-    ),
-    "pygmo-de": Peer(
-        "differential evolution of pagmo",
-        f"{_PEERS}pygmo_de",
-        "pygmo",
-        "pygmo",
-        {"size": 20, "F": 0.8, "CR": 0.9, "variant": 2, "ftol": 1e-6, "xtol": 1e-6},
-    ),
-    "pygmo-de1220": Peer(
-        "self-adaptive differential evolution of pagmo (de1220)",
-        f"{_PEERS}pygmo_de1220",
-        "pygmo",
-        "pygmo",
-        {"size": 20, "variant_adptv": 1, "ftol": 1e-6, "xtol": 1e-6},
-    ),
-    "pygmo-pso": Peer(
-        "particle swarm of pagmo",
-        f"{_PEERS}pygmo_pso",
-        "pygmo",
-        "pygmo",
-        {"size": 20, "omega": 0.7298, "eta1": 2.05, "eta2": 2.05, "max_vel": 0.5,
-         "variant": 5, "neighb_type": 2, "neighb_param": 4},
-    ),
-    "pygmo-cmaes": Peer(
-        "covariance matrix adaptation of pagmo",
-        f"{_PEERS}pygmo_cmaes",
-        "pygmo",
-        "pygmo",
-        {"size": 20, "sigma0": 0.5, "ftol": 1e-6, "xtol": 1e-6},
-    ),
-    "cmaes": Peer(
-        "covariance matrix adaptation of the package cmaes, restarted with twice the "
-        "population",
-        f"{_PEERS}cmaes_ipop",
-        "cmaes",
-        "cmaes",
-        {"size": None, "sigma": 0.3},
-    ),
-}  # fmt: skip
-"""Other people's searches."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -380,9 +311,7 @@ def _nlp_options(plugin: str, options: Mapping[str, str], text: str) -> Options:
 
     values = {key: _value(value) for key, value in options.items()}
     for key in values:
-        if any(key.partition(".")[2].startswith(one) for one in _FILES) or any(
-            key.startswith(one) for one in _FILES
-        ):
+        if any(part.startswith(_FILES) for part in key.split(".")):
             raise UnknownSolverError(
                 f"expected options that neither name files nor run programs, found "
                 f"{key!r} in {_quoted(text)}"

@@ -14,11 +14,12 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
+from swarmstart.cases.campaign.building import SEARCH_SHARE, Built, Trial, built
+from swarmstart.cases.campaign.peer_names import PEERS
 from swarmstart.cases.campaign.solver_names import (
     IPOPT,
     MULTISTART,
     NULL_HYPOTHESIS,
-    PEERS,
     SEARCHED,
     MissingPackageError,
     Solver,
@@ -26,15 +27,7 @@ from swarmstart.cases.campaign.solver_names import (
     solver_of,
     solvers_of,
 )
-from swarmstart.cases.campaign.trial import (
-    SEARCH_SHARE,
-    Built,
-    Trial,
-    answer_of,
-    answered,
-    built,
-    judged_checkpoint,
-)
+from swarmstart.cases.campaign.trial import answer_of, answered, judged_checkpoint
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.registry import KINDS, SEARCHES
 from swarmstart.cases.format.scenario import resolved_again

@@ -61,6 +61,10 @@ def test_what_is_not_finite_is_never_the_best(bad: float) -> None:
     generations(found, [(3.0, 0.0), (bad, 0.0)], 3)
     assert found.value == (3.0, 0.0)
     assert found.history()["cost"][-1] == 3.0
+    # Nor does it hide the others of its generation.
+    among = np.array([bad, 2.0, bad]), np.array([0.0, 0.0, math.nan])
+    found.evaluated(np.zeros((1, 3)), among, lambda x: NOWHERE)
+    assert found.value == (2.0, 0.0)
 
 
 def test_what_was_not_answered_does_not_count_as_better() -> None:
