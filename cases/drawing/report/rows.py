@@ -179,10 +179,10 @@ def regression(content: Mapping[str, Any]) -> list[list[Cell]]:
         [
             Cell(shortened(row["scenario"]), kind="name"),
             Cell(shortened(row["solver"]), kind="name"),
-            Cell(row["quantity"], kind="words"),
+            Cell(row["quantity"], kind="name"),
             _of(row["before"], NOT_MEASURED, digits=6),
             _of(row["now"], NOT_MEASURED, digits=6),
-            Cell(row["verdict"], kind=_QUALITY.get(row["verdict"], "words")),
+            Cell(row["verdict"], kind=_QUALITY.get(row["verdict"], "plain")),
             Cell(shortened(row["words"], _SENTENCE), kind="words"),
         ]
         for row in content["regression"]["rows"]
