@@ -73,9 +73,9 @@ class Figure:
     def _table(self) -> str:
         if not self.rows:
             return ""
-        head = "".join(f'<th scope="col">{text_of(words)}' for words in self.columns)
+        head = "".join(f'<th scope="col">{text_of(shortened(words))}' for words in self.columns)
         rows = "".join(
-            f'<tr><th scope="row">{text_of(first)}'
+            f'<tr><th scope="row">{text_of(shortened(first))}'
             + "".join(f"<td>{text_of(words)}" for words in rest)
             for first, *rest in self.rows
         )
@@ -130,6 +130,6 @@ def _cell(value: object) -> str:
         return ""
     if isinstance(value, float):
         return f"{value:.6g}"
-    text = cleaned(str(value))
+    text = shortened(cleaned(str(value)))
     is_formula = isinstance(value, str) and text.startswith(("=", "+", "-", "@", "\t"))
     return f"'{text}" if is_formula else text

@@ -13,7 +13,7 @@ from typing import Any
 
 from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.report.palette import MARKS
-from swarmstart.cases.drawing.report.wording import is_number, number
+from swarmstart.cases.drawing.report.wording import is_number, number, shortened
 
 SERIES = len(MARKS)
 _HUGE = 1e300  # Beyond it differences overflow.
@@ -117,7 +117,7 @@ def line(
         return ""
     return (
         f'<path class="line s{series % SERIES}" d="{_path(points, is_step)}">'
-        f"<title>{text_of(title)}</title></path>"
+        f"<title>{text_of(shortened(title))}</title></path>"
     )
 
 
@@ -139,7 +139,7 @@ def band(
 
 def mark(x: float, y: float, series: int, title: str = "") -> str:
     """Return a series' mark at a place."""
-    inner = f"<title>{text_of(title)}</title>" if title else ""
+    inner = f"<title>{text_of(shortened(title))}</title>" if title else ""
     number_ = series % SERIES
     return f'<use href="#m{number_}" class="s{number_}" x="{_n(x)}" y="{_n(y)}">{inner}</use>'
 
@@ -148,7 +148,7 @@ def dots(points: Sequence[tuple[float, float]], series: int, title: str = "") ->
     """Return dots, as one path: a page may have ten thousand."""
     if not points:
         return ""
-    inner = f"<title>{text_of(title)}</title>" if title else ""
+    inner = f"<title>{text_of(shortened(title))}</title>" if title else ""
     places = "".join(f"M{_n(x)} {_n(y)}h0" for x, y in points)
     return f'<path class="dots s{series % SERIES}" d="{places}">{inner}</path>'
 
