@@ -168,9 +168,10 @@ def _curves(  # noqa: PLR0913
         bands.append(svg.band(low, high, series, is_step=True))
         lines.append(svg.line(middle, series, name, is_step=True))
         # Marks of different series at different places, or they cover each other.
-        for k in range(series % 3 + 1, len(middle), max(3, len(middle) // 4)):
+        every = max(6, len(middle) // 4)
+        for k in range(series % 3 + 1, len(middle) - 1, every):
             lines.append(svg.mark(*middle[k], series))
-        lines.append(svg.mark(*middle[-1], series, name))
+        lines.append(svg.mark(*middle[-1], series))
     for target in targets:
         lines.append(svg.stroke([(LEFT, y.at(target)), (RIGHT, y.at(target))], "target"))
     names = list(curves)
@@ -188,11 +189,18 @@ def _curves(  # noqa: PLR0913
     ]
     return Figure(
         identity=identity, title=title, caption=caption, columns=[across, *names],
-        chart=svg.frame(x, y) + "".join(bands + lines), rows=rows, values=values,
+        chart=svg.frame(x, y) + _grouped(bands) + "".join(lines), rows=rows, values=values,
         legend=[(numbers[name], name) for name in names], across=x,
     )  # fmt: skip
 
 
+def _grouped(bands: Sequence[str]) -> str:
+    """Bands behind all lines; many of them are fainter."""
+    name = "many" if len(bands) > _MANY else "few"
+    return f'<g class="{name}">{"".join(bands)}</g>'
+
+
+_MANY = 5  # Bands; more of them, one over the other, hide the lines.
 _PARTS = ("middle", "low", "high")
 
 

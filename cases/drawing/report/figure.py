@@ -102,8 +102,7 @@ def legend(series: Sequence[tuple[int, str]]) -> str:
     if not series:
         return ""
     items = "".join(
-        f'<li class="k{place % svg.SERIES}">{svg.key(place)}'
-        f"{text_of(shortened(name, _NAME))}"
+        f"<li>{svg.key(place)}{text_of(shortened(name, _NAME))}"
         for place, name in series
     )
     return f'<ul class="legend">{items}</ul>'

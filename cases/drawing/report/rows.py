@@ -37,6 +37,12 @@ class Cell:
     is_missing: bool = False
     kind: str = "number"
 
+    @property
+    def attribute(self) -> str:
+        """The value as an attribute of the cell; empty where the words tell it."""
+        told = "" if self.value is None else f"{self.value:.6g}"
+        return "" if told == self.words else told
+
 
 def summary(content: Mapping[str, Any]) -> list[list[Cell]]:
     """Return scenario, solver, success, interval, median gap and seconds of each row."""

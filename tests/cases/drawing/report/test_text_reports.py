@@ -48,7 +48,7 @@ def test_environments_of_latex_balance_and_rows_have_as_many_cells(
 
 
 @given(st.text(max_size=60))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_escaped_latex_has_no_bare_special_character(text: str) -> None:
     told = latex.escaped(text)
     assert told.isascii() and "\n" not in told
@@ -57,9 +57,9 @@ def test_escaped_latex_has_no_bare_special_character(text: str) -> None:
 
 
 @given(st.text(max_size=60))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_escaped_markdown_has_no_bare_special_character(text: str) -> None:
     told = markdown.escaped(text)
     assert "\n" not in told
-    bare = re.sub(r"\\[^\w\s]", "", told)
+    bare = re.sub(r"\\[!-/:-@[-`{-~]", "", told)
     assert not set(bare) & set("\\`*_[]<>|~")
