@@ -172,8 +172,8 @@ def _curves(  # noqa: PLR0913
         for k in range(series % 3 + 1, len(middle) - 1, every):
             lines.append(svg.mark(*middle[k], series))
         lines.append(svg.mark(*middle[-1], series))
-    for target in targets:
-        lines.append(svg.stroke([(LEFT, y.at(target)), (RIGHT, y.at(target))], "target"))
+    for level in map(y.at, targets):
+        lines.append(svg.stroke([(LEFT, level), (RIGHT, level)], "target"))
     names = list(curves)
     asked = _asked(places, points)
     rows = [
@@ -189,7 +189,8 @@ def _curves(  # noqa: PLR0913
     ]
     return Figure(
         identity=identity, title=title, caption=caption, columns=[across, *names],
-        chart=svg.frame(x, y) + _grouped(bands) + "".join(lines), rows=rows, values=values,
+        chart=svg.frame(x, y) + _grouped(bands) + "".join(lines),
+        rows=rows, values=values,
         legend=[(numbers[name], name) for name in names], across=x,
     )  # fmt: skip
 
@@ -205,7 +206,10 @@ _PARTS = ("middle", "low", "high")
 
 
 def _known(
-    places: Sequence[Any], middle: Sequence[Any], low: Sequence[Any], high: Sequence[Any]
+    places: Sequence[Any],
+    middle: Sequence[Any],
+    low: Sequence[Any],
+    high: Sequence[Any],
 ) -> Curve:
     """The part of a curve that has a middle; a band's missing ends lie on it."""
     kept = [

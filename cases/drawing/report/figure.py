@@ -73,7 +73,8 @@ class Figure:
     def _table(self) -> str:
         if not self.rows:
             return ""
-        head = "".join(f'<th scope="col">{text_of(shortened(words))}' for words in self.columns)
+        heads = [text_of(shortened(words)) for words in self.columns]
+        head = "".join(f'<th scope="col">{words}' for words in heads)
         rows = "".join(
             f'<tr><th scope="row">{text_of(shortened(first))}'
             + "".join(f"<td>{text_of(words)}" for words in rest)
@@ -109,13 +110,13 @@ def legend(series: Sequence[tuple[int, str]]) -> str:
 
 
 def csv_of(rows: Sequence[Sequence[Any]]) -> str:
-    """Return rows as CSV; missing values are empty.
+    r"""Return rows as CSV; missing values are empty.
 
     Text that a spreadsheet would take for a formula begins with an apostrophe.
 
     Example:
         >>> csv_of([["solver", "cost"], ["=cmd()", None]])
-        "solver,cost\\n'=cmd(),\\n"
+        "solver,cost\n'=cmd(),\n"
     """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")

@@ -45,7 +45,7 @@ class Cell:
 
 
 def summary(content: Mapping[str, Any]) -> list[list[Cell]]:
-    """Return scenario, solver, success, interval, median gap and seconds of each row."""
+    """Return a row for each scenario and solver, with the columns of SUMMARY."""
     return [
         [
             Cell(shortened(scenario["name"]), kind="name"),
@@ -143,7 +143,8 @@ def measures(scenario: Mapping[str, Any]) -> tuple[list[str], list[list[Cell]]]:
     steps = any(row["step_seconds"] for row in scenario["rows"])
     if not names and not steps:
         return [], []
-    headings = ["solver", *names, *(["step P50 / P99 / max s", "dt s"] if steps else [])]
+    timed = ["step P50 / P99 / max s", "dt s"] if steps else []
+    headings = ["solver", *names, *timed]
     return headings, [
         [
             Cell(shortened(row["solver"]), kind="name"),

@@ -170,9 +170,7 @@ def ranks(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure |
     )  # fmt: skip
 
 
-def judged(
-    content: Mapping[str, Any], *, numbers: Mapping[str, int]
-) -> Figure | None:
+def judged(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure | None:
     """Return, by solver, runs confirmed, claimed in vain, and without a claim."""
     totals = claims_by_solver(content)
     if not totals:
@@ -209,7 +207,9 @@ def judged(
     )  # fmt: skip
 
 
-def claims_by_solver(content: Mapping[str, Any]) -> list[tuple[str, int, int, int, int]]:
+def claims_by_solver(
+    content: Mapping[str, Any],
+) -> list[tuple[str, int, int, int, int]]:
     """Return name, runs, feasible, claimed and false successes, over all scenarios."""
     parts = ("runs", "feasible", "claimed_feasible", "false_successes")
     totals: dict[str, list[int]] = {}
@@ -298,4 +298,3 @@ def _upright(bottom: float) -> Axis:
 
 def _title(scenario: Mapping[str, Any]) -> str:
     return shortened(scenario["name"], 60)
-

@@ -6,6 +6,7 @@ Every function returns markup; text is cleaned and escaped in `text_of`.
 """
 
 import html
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -159,7 +160,9 @@ def stroke(points: Sequence[tuple[float, float]], name: str) -> str:
     return f'<path class="{name}" d="{_path(points, is_step=False)}"/>'
 
 
-def words_at(x: float, y: float, words: str, *, anchor: str = "", name: str = "") -> str:
+def words_at(
+    x: float, y: float, words: str, *, anchor: str = "", name: str = ""
+) -> str:
     """Return text at a place."""
     return _text(x, y, words, anchor=anchor, name=name)
 
@@ -221,14 +224,12 @@ def _turning(points: Sequence[tuple[float, float]]) -> str:
 def _corners(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     """Points of a staircase: first along x, then along y."""
     whole = [points[0]]
-    for (_, before), (x, y) in zip(points, points[1:], strict=False):
+    for (_, before), (x, y) in itertools.pairwise(points):
         whole += [(x, before), (x, y)]
     return whole
 
 
-def _text(
-    x: float, y: float, words: str, *, anchor: str = "", name: str = ""
-) -> str:
+def _text(x: float, y: float, words: str, *, anchor: str = "", name: str = "") -> str:
     named = f' class="{name}"' if name else ""
     anchored = f' text-anchor="{anchor}"' if anchor else ""
     return f'<text{named}{anchored} x="{_n(x)}" y="{_n(y)}">{text_of(words)}</text>'

@@ -26,7 +26,11 @@ def test_every_line_of_a_markdown_table_has_as_many_cells(content: Any) -> None:
     text = markdown.comparison_markdown(content)
     text.encode()
     for block in re.findall(r"(?:^\|.*\n)+", text, flags=re.M):
-        bars = {len(re.findall(r"(?<!\\)(?:\\\\)*\|", line)) for line in block.split("\n") if line}
+        bars = {
+            len(re.findall(r"(?<!\\)(?:\\\\)*\|", line))
+            for line in block.split("\n")
+            if line
+        }
         assert len(bars) == 1
     assert not re.search(r"(?<!\\)<script", text.split("```")[0])
 
