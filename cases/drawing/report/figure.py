@@ -12,6 +12,7 @@ from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.svg import Axis, text_of
 from swarmstart.cases.drawing.report.wording import shortened
 
+_NARROW = 600  # Wider ones scroll on a small screen, or their text is too small.
 _NAME = 40  # Letters of a solver's name in a legend.
 
 
@@ -52,12 +53,15 @@ class Figure:
         """Return the markup."""
         name = text_of(self.title)
         return (
-            f'<figure class="chart" id="{self.identity}"><div class="scroll">'
+            f'<figure class="chart{self._wide()}" id="{self.identity}"><div class="scroll">'
             f'<svg viewBox="0 0 {self.width} {self.height}" role="img" tabindex="0" '
             f'aria-label="{name}"{self._places()}>{self.chart}</svg></div>'
             f"{legend(self.legend)}<figcaption><b>{name}.</b> {text_of(self.caption)}"
             f"</figcaption>{self._table()}</figure>\n"
         )
+
+    def _wide(self) -> str:
+        return " wide" if self.width > _NARROW else ""
 
     def _places(self) -> str:
         """Where values lie, for the script that shows those under the pointer."""

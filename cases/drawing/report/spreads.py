@@ -20,7 +20,7 @@ from swarmstart.cases.drawing.report.wording import (
     shown,
 )
 
-_NAMES = 168.0  # Where rows begin, right of the solvers' names.
+_NAMES = 180.0  # Where rows begin, right of the solvers' names.
 _ROW = 26.0
 _LETTERS = 20
 _GOLDEN = 0.6180339887  # Spreads any number of seeds evenly over a row's height.

@@ -35,12 +35,16 @@ FAULTS = """() => {
     if (Number(head.tagName[1]) > level + 1) faults.push(`skipped: ${head.outerHTML}`);
     level = Number(head.tagName[1]);
   }
-  for (const e of all("button, summary, a")) if (!e.textContent.trim()) faults.push(e.outerHTML);
+  for (const e of all("button, summary, a"))
+    if (!e.textContent.trim()) faults.push(e.outerHTML);
   for (const e of all("input")) if (!e.labels.length) faults.push(e.outerHTML);
   for (const e of all("svg")) if (e.getAttribute("role") === "img"
-    ? !e.getAttribute("aria-label") : e.getAttribute("aria-hidden") !== "true") faults.push("svg");
-  for (const e of all("a[href^='#']")) if (!document.querySelector(e.getAttribute("href"))) faults.push(e.outerHTML);
-  for (const e of all("[aria-labelledby]")) if (!document.getElementById(e.getAttribute("aria-labelledby"))) faults.push(e.outerHTML);
+    ? !e.getAttribute("aria-label")
+    : e.getAttribute("aria-hidden") !== "true") faults.push("svg");
+  for (const e of all("a[href^='#']"))
+    if (!document.querySelector(e.getAttribute("href"))) faults.push(e.outerHTML);
+  for (const e of all("[aria-labelledby]"))
+    if (!ids.includes(e.getAttribute("aria-labelledby"))) faults.push(e.outerHTML);
   for (const e of all("[tabindex]")) if (e.tabIndex > 0) faults.push("tab order");
   for (const e of all("[style], [onclick]")) faults.push(e.tagName);
   return faults;
