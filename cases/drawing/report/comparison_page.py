@@ -8,8 +8,10 @@ from swarmstart.cases.drawing.report import curves, rows, spreads, svg, wording
 from swarmstart.cases.drawing.report.figure import Figure
 from swarmstart.cases.drawing.report.trajectory import trajectory
 
-MOST_BYTES = 1_900_000
+MOST_BYTES = 1_950_000
+_MOST_DRAWN = 4000  # Points of all curves beyond which a page is surely too long.
 _POINTS = (64, 32, 16, 10, 6)  # Of a curve: as many as the page's size allows.
+_FEW = 10  # With so few, the table of all pairs is left out, too.
 
 
 def comparison_page(content: Mapping[str, Any]) -> str:
@@ -25,7 +27,10 @@ def comparison_page(content: Mapping[str, Any]) -> str:
         ...     page = comparison_page(json.loads(file.read_text()))
     """
     page = ""
+    drawn = sum(len(scenario["rows"]) for scenario in content["scenarios"])
     for points in _POINTS:
+        if points * drawn > _MOST_DRAWN and points > _POINTS[-1]:
+            continue
         page = _page(content, points)
         if len(page.encode()) <= MOST_BYTES:
             break
@@ -68,6 +73,7 @@ def _page(content: Mapping[str, Any], points: int) -> str:
             "scenarios": scenarios,
             "whole": [figure for figure in whole if figure is not None],
             "judged": spreads.judged(content, numbers=numbers),
+            "has_pairs": points > _FEW,
             "seeds": wording.counted(len(content["seeds"]), "seed"),
             "near": [wording.percent(share) for share in content["near"]],
             "machines": [rows.machine_words(found) for found in content["machines"]],

@@ -168,11 +168,12 @@ def _curves(  # noqa: PLR0913
         bands.append(svg.band(low, high, series, is_step=True))
         lines.append(svg.line(middle, series, name, is_step=True))
         # Marks of different series at different places, or they cover each other.
-        for k in range(series % 3 + 1, len(middle), max(3, len(middle) // 4)):
+        every = max(6, len(middle) // 4)
+        for k in range(series % 3 + 1, len(middle) - 1, every):
             lines.append(svg.mark(*middle[k], series))
-        lines.append(svg.mark(*middle[-1], series, name))
-    for target in targets:
-        lines.append(svg.stroke([(LEFT, y.at(target)), (RIGHT, y.at(target))], "target"))
+        lines.append(svg.mark(*middle[-1], series))
+    for level in map(y.at, targets):
+        lines.append(svg.stroke([(LEFT, level), (RIGHT, level)], "target"))
     names = list(curves)
     asked = _asked(places, points)
     rows = [
@@ -188,16 +189,27 @@ def _curves(  # noqa: PLR0913
     ]
     return Figure(
         identity=identity, title=title, caption=caption, columns=[across, *names],
-        chart=svg.frame(x, y) + "".join(bands + lines), rows=rows, values=values,
+        chart=svg.frame(x, y) + _grouped(bands) + "".join(lines),
+        rows=rows, values=values,
         legend=[(numbers[name], name) for name in names], across=x,
     )  # fmt: skip
 
 
+def _grouped(bands: Sequence[str]) -> str:
+    """Bands behind all lines; many of them are fainter."""
+    name = "many" if len(bands) > _MANY else "few"
+    return f'<g class="{name}">{"".join(bands)}</g>'
+
+
+_MANY = 5  # Bands; more of them, one over the other, hide the lines.
 _PARTS = ("middle", "low", "high")
 
 
 def _known(
-    places: Sequence[Any], middle: Sequence[Any], low: Sequence[Any], high: Sequence[Any]
+    places: Sequence[Any],
+    middle: Sequence[Any],
+    low: Sequence[Any],
+    high: Sequence[Any],
 ) -> Curve:
     """The part of a curve that has a middle; a band's missing ends lie on it."""
     kept = [

@@ -12,6 +12,7 @@ from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.svg import Axis, text_of
 from swarmstart.cases.drawing.report.wording import shortened
 
+_NARROW = 600  # Wider ones scroll on a small screen, or their text is too small.
 _NAME = 40  # Letters of a solver's name in a legend.
 
 
@@ -52,12 +53,15 @@ class Figure:
         """Return the markup."""
         name = text_of(self.title)
         return (
-            f'<figure class="chart" id="{self.identity}"><div class="scroll">'
+            f'<figure class="chart{self._wide()}" id="{self.identity}"><div class="scroll">'
             f'<svg viewBox="0 0 {self.width} {self.height}" role="img" tabindex="0" '
             f'aria-label="{name}"{self._places()}>{self.chart}</svg></div>'
             f"{legend(self.legend)}<figcaption><b>{name}.</b> {text_of(self.caption)}"
             f"</figcaption>{self._table()}</figure>\n"
         )
+
+    def _wide(self) -> str:
+        return " wide" if self.width > _NARROW else ""
 
     def _places(self) -> str:
         """Where values lie, for the script that shows those under the pointer."""
@@ -73,9 +77,10 @@ class Figure:
     def _table(self) -> str:
         if not self.rows:
             return ""
-        head = "".join(f'<th scope="col">{text_of(words)}' for words in self.columns)
+        heads = [text_of(shortened(words)) for words in self.columns]
+        head = "".join(f'<th scope="col">{words}' for words in heads)
         rows = "".join(
-            f'<tr><th scope="row">{text_of(first)}'
+            f'<tr><th scope="row">{text_of(shortened(first))}'
             + "".join(f"<td>{text_of(words)}" for words in rest)
             for first, *rest in self.rows
         )
@@ -102,21 +107,20 @@ def legend(series: Sequence[tuple[int, str]]) -> str:
     if not series:
         return ""
     items = "".join(
-        f'<li class="k{place % svg.SERIES}">{svg.key(place)}'
-        f"{text_of(shortened(name, _NAME))}"
+        f"<li>{svg.key(place)}{text_of(shortened(name, _NAME))}"
         for place, name in series
     )
     return f'<ul class="legend">{items}</ul>'
 
 
 def csv_of(rows: Sequence[Sequence[Any]]) -> str:
-    """Return rows as CSV; missing values are empty.
+    r"""Return rows as CSV; missing values are empty.
 
     Text that a spreadsheet would take for a formula begins with an apostrophe.
 
     Example:
         >>> csv_of([["solver", "cost"], ["=cmd()", None]])
-        "solver,cost\\n'=cmd(),\\n"
+        "solver,cost\n'=cmd(),\n"
     """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -130,6 +134,6 @@ def _cell(value: object) -> str:
         return ""
     if isinstance(value, float):
         return f"{value:.6g}"
-    text = cleaned(str(value))
+    text = shortened(cleaned(str(value)))
     is_formula = isinstance(value, str) and text.startswith(("=", "+", "-", "@", "\t"))
     return f"'{text}" if is_formula else text

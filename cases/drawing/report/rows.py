@@ -37,9 +37,15 @@ class Cell:
     is_missing: bool = False
     kind: str = "number"
 
+    @property
+    def attribute(self) -> str:
+        """The value as an attribute of the cell; empty where the words tell it."""
+        told = "" if self.value is None else f"{self.value:.6g}"
+        return "" if told == self.words else told
+
 
 def summary(content: Mapping[str, Any]) -> list[list[Cell]]:
-    """Return scenario, solver, success, interval, median gap and seconds of each row."""
+    """Return a row for each scenario and solver, with the columns of SUMMARY."""
     return [
         [
             Cell(shortened(scenario["name"]), kind="name"),
@@ -137,7 +143,8 @@ def measures(scenario: Mapping[str, Any]) -> tuple[list[str], list[list[Cell]]]:
     steps = any(row["step_seconds"] for row in scenario["rows"])
     if not names and not steps:
         return [], []
-    headings = ["solver", *names, *(["step P50 / P99 / max s", "dt s"] if steps else [])]
+    timed = ["step P50 / P99 / max s", "dt s"] if steps else []
+    headings = ["solver", *names, *timed]
     return headings, [
         [
             Cell(shortened(row["solver"]), kind="name"),
@@ -179,10 +186,10 @@ def regression(content: Mapping[str, Any]) -> list[list[Cell]]:
         [
             Cell(shortened(row["scenario"]), kind="name"),
             Cell(shortened(row["solver"]), kind="name"),
-            Cell(row["quantity"], kind="words"),
+            Cell(row["quantity"], kind="name"),
             _of(row["before"], NOT_MEASURED, digits=6),
             _of(row["now"], NOT_MEASURED, digits=6),
-            Cell(row["verdict"], kind=_QUALITY.get(row["verdict"], "words")),
+            Cell(row["verdict"], kind=_QUALITY.get(row["verdict"], "plain")),
             Cell(shortened(row["words"], _SENTENCE), kind="words"),
         ]
         for row in content["regression"]["rows"]

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from swarmstart.cases.drawing.report import svg
-from swarmstart.cases.drawing.report.curves import BOTTOM, RIGHT, TOP
+from swarmstart.cases.drawing.report.curves import BOTTOM, FLOOR, RIGHT, TOP
 from swarmstart.cases.drawing.report.figure import Figure
 from swarmstart.cases.drawing.report.svg import Axis
 from swarmstart.cases.drawing.report.wording import (
@@ -20,11 +20,11 @@ from swarmstart.cases.drawing.report.wording import (
     shown,
 )
 
-_NAMES = 168.0  # Where rows begin, right of the solvers' names.
+_NAMES = 180.0  # Where rows begin, right of the solvers' names.
 _ROW = 26.0
-_LETTERS = 22
+_LETTERS = 20
 _GOLDEN = 0.6180339887  # Spreads any number of seeds evenly over a row's height.
-_FAR = 30.0  # From this ratio of costs on, the axis is logarithmic.
+_FAR = 0.5  # A gap from which on costs are drawn as gaps, on a logarithmic axis.
 
 
 def costs(
@@ -41,36 +41,37 @@ def costs(
     every = [cost for part in found for cost in part if cost is not None]
     if not every:
         return None
-    is_log = min(every) > 0 and max(every) / min(every) > _FAR
+    best = shown(scenario["best_cost"], sense)
+    is_far = bool(best) and any(_away(cost, best) > _FAR for cost in every)
+    placed = [
+        [_away(c, best) if is_far and c is not None else c for c in part]
+        for part in found
+    ]
     label = "value (the more, the better)" if sense == -1 else "cost"
-    x = svg.axis_over(every, _NAMES, RIGHT - 84, label=label, is_log=is_log)
+    x = svg.axis_over(
+        [place for part in placed for place in part], _NAMES, RIGHT - 84,
+        label="gap to the best known (relative)" if is_far else label, is_log=is_far,
+    )  # fmt: skip
     levels, bottom = _levels(len(rows))
     parts = [svg.frame(x, _upright(bottom), has_y_ticks=False, tick_gap=62)]
-    best = shown(scenario["best_cost"], sense)
-    if best is not None:
+    if best is not None and not is_far:
         parts.append(svg.stroke([(x.at(best), TOP), (x.at(best), bottom)], "target"))
     table = []
-    for row, part, level in zip(rows, found, levels, strict=True):
+    for row, part, at, level in zip(rows, found, placed, levels, strict=True):
         table.append(_summary(row["solver"], part))
-        parts.append(_strip(row["solver"], part, numbers[row["solver"]], x, level))
-    values: list[list[Any]] = [["solver", "seed", "verified", "claimed"]]
-    for row, part in zip(rows, found, strict=True):
-        claims = [shown(cost, sense) for cost in row["claimed"]]
-        claims += [None] * (len(part) - len(claims))
-        values += [
-            [row["solver"], seed, cost, claim]
-            for seed, (cost, claim) in enumerate(zip(part, claims, strict=False))
-        ]
+        parts.append(_strip(row["solver"], at, numbers[row["solver"]], x, level))
     return Figure(
         identity=identity, title=f"Spread over seeds: {_title(scenario)}",
         caption=f"Verified {'value' if sense == -1 else 'cost'} of each feasible run "
         "(dots, one a seed; their height within a row means nothing), middle half "
         f"(box) and median (bar); right: feasible runs of all. Budget {budget}. "
-        f"{'Logarithmic axis. ' if is_log else ''}Dotted: the best known.",
+        + ("The axis is the gap to the best known, since costs lie far apart; gaps "
+           f"below {FLOOR:g} are drawn there." if is_far
+           else "Dotted: the best known."),
         chart="".join(parts), height=round(bottom + 50), levels=levels,
         columns=["solver", "runs", "feasible", "lowest", "quarter", "median",
                  "three quarters", "highest"],
-        rows=table, values=values,
+        rows=table, values=_by_seed(rows, found, sense),
     )  # fmt: skip
 
 
@@ -103,7 +104,7 @@ def seconds_and_success(
         ends = row["near_intervals"]
         if ends is not None and all(is_number(end) for end in ends[0]):
             whisker = [(place, y.at(end)) for end in ends[0]]
-            parts.append(svg.line(whisker, numbers[name], name, is_step=False))
+            parts.append(svg.line(whisker, numbers[name], "", is_step=False))
         told = f"{name}: {number(row['seconds_p50'], digits=4)} s, {percent(share)}"
         parts.append(svg.mark(place, y.at(share), numbers[name], told))
     noisy = (
@@ -169,9 +170,7 @@ def ranks(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure |
     )  # fmt: skip
 
 
-def judged(
-    content: Mapping[str, Any], *, numbers: Mapping[str, int]
-) -> Figure | None:
+def judged(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure | None:
     """Return, by solver, runs confirmed, claimed in vain, and without a claim."""
     totals = claims_by_solver(content)
     if not totals:
@@ -208,7 +207,9 @@ def judged(
     )  # fmt: skip
 
 
-def claims_by_solver(content: Mapping[str, Any]) -> list[tuple[str, int, int, int, int]]:
+def claims_by_solver(
+    content: Mapping[str, Any],
+) -> list[tuple[str, int, int, int, int]]:
     """Return name, runs, feasible, claimed and false successes, over all scenarios."""
     parts = ("runs", "feasible", "claimed_feasible", "false_successes")
     totals: dict[str, list[int]] = {}
@@ -253,6 +254,20 @@ def _strip(
     )
 
 
+def _by_seed(
+    rows: Sequence[Mapping[str, Any]], found: Sequence[Sequence[Any]], sense: object
+) -> list[list[Any]]:
+    """Verified and claimed costs, a row for each seed."""
+    heads = [f"{row['solver']} {k}" for row in rows for k in ("verified", "claimed")]
+    claims = [[shown(cost, sense) for cost in row["claimed"]] for row in rows]
+    columns = [part for pair in zip(found, claims, strict=True) for part in pair]
+    seeds = max(map(len, columns))
+    return [["place of the seed", *heads]] + [
+        [seed, *(part[seed] if seed < len(part) else None for part in columns)]
+        for seed in range(seeds)
+    ]
+
+
 def _summary(name: str, part: Sequence[float | None]) -> list[str]:
     known = [cost for cost in part if cost is not None]
     missing = NOT_FEASIBLE if part else NOT_MEASURED
@@ -267,6 +282,11 @@ def _name(name: str, series: int, middle: float) -> str:
     return mark + svg.words_at(_NAMES - 22, middle + 4, words, anchor="end", name="n")
 
 
+def _away(value: float, best: float | None) -> float:
+    """The gap of a cost or value, at least the least one drawn."""
+    return max(abs(value - best) / abs(best), FLOOR) if best else 0.0
+
+
 def _levels(rows: int) -> tuple[list[float], float]:
     """Tops of the rows, and the chart's bottom."""
     return [TOP + _ROW * k for k in range(rows)], TOP + _ROW * rows
@@ -278,4 +298,3 @@ def _upright(bottom: float) -> Axis:
 
 def _title(scenario: Mapping[str, Any]) -> str:
     return shortened(scenario["name"], 60)
-

@@ -6,6 +6,7 @@ Every function returns markup; text is cleaned and escaped in `text_of`.
 """
 
 import html
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from typing import Any
 
 from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.report.palette import MARKS
-from swarmstart.cases.drawing.report.wording import is_number, number
+from swarmstart.cases.drawing.report.wording import is_number, number, shortened
 
 SERIES = len(MARKS)
 _HUGE = 1e300  # Beyond it differences overflow.
@@ -115,9 +116,10 @@ def line(
     """Return a series' line through points of the view box."""
     if not points:
         return ""
+    inner = f"<title>{text_of(shortened(title))}</title>" if title else ""
     return (
         f'<path class="line s{series % SERIES}" d="{_path(points, is_step)}">'
-        f"<title>{text_of(title)}</title></path>"
+        f"{inner}</path>"
     )
 
 
@@ -133,23 +135,23 @@ def band(
         return ""
     there = _corners(low) if is_step else list(low)
     back = (_corners(high) if is_step else list(high))[::-1]
-    whole = _path([*there, *back], is_step=False)
+    whole = _turning([*there, *back])
     return f'<path class="band s{series % SERIES}" d="{whole}z"/>'
 
 
 def mark(x: float, y: float, series: int, title: str = "") -> str:
     """Return a series' mark at a place."""
-    inner = f"<title>{text_of(title)}</title>" if title else ""
-    number_ = series % SERIES
-    return f'<use href="#m{number_}" class="s{number_}" x="{_n(x)}" y="{_n(y)}">{inner}</use>'
+    inner = f"<title>{text_of(shortened(title))}</title>" if title else ""
+    k = series % SERIES
+    return f'<use href="#m{k}" class="s{k}" x="{_n(x)}" y="{_n(y)}">{inner}</use>'
 
 
 def dots(points: Sequence[tuple[float, float]], series: int, title: str = "") -> str:
     """Return dots, as one path: a page may have ten thousand."""
     if not points:
         return ""
-    inner = f"<title>{text_of(title)}</title>" if title else ""
-    places = "".join(f"M{_n(x)} {_n(y)}h0" for x, y in points)
+    inner = f"<title>{text_of(shortened(title))}</title>" if title else ""
+    places = "".join(f"M{_n(x)} {y:.0f}h0" for x, y in points)
     return f'<path class="dots s{series % SERIES}" d="{places}">{inner}</path>'
 
 
@@ -158,7 +160,9 @@ def stroke(points: Sequence[tuple[float, float]], name: str) -> str:
     return f'<path class="{name}" d="{_path(points, is_step=False)}"/>'
 
 
-def words_at(x: float, y: float, words: str, *, anchor: str = "", name: str = "") -> str:
+def words_at(
+    x: float, y: float, words: str, *, anchor: str = "", name: str = ""
+) -> str:
     """Return text at a place."""
     return _text(x, y, words, anchor=anchor, name=name)
 
@@ -166,19 +170,21 @@ def words_at(x: float, y: float, words: str, *, anchor: str = "", name: str = ""
 def marks_defined() -> str:
     """Return the marks of all series; a page with figures has them once."""
     paths = "".join(f'<path id="m{k}" d="{path}"/>' for k, path in enumerate(MARKS))
+    keys = "".join(
+        f'<g id="k{k}"><path class="line s{k}" d="M0 6H34"/>'
+        f'<use href="#m{k}" class="s{k}" x="17" y="6"/></g>'
+        for k in range(SERIES)
+    )
     return (
         '<svg width="0" height="0" class="defined" aria-hidden="true" '
-        f'focusable="false"><defs>{paths}</defs></svg>'
+        f'focusable="false"><defs>{paths}{keys}</defs></svg>'
     )
 
 
 def key(series: int) -> str:
     """Return a legend's sample of a series: line with dashes, and mark."""
-    number_ = series % SERIES
     return (
-        '<svg class="key" viewBox="0 0 34 12" aria-hidden="true">'
-        f'<path class="line s{number_}" d="M0 6H34"/>'
-        f'<use href="#m{number_}" class="s{number_}" x="17" y="6"/></svg>'
+        f'<svg class="key" aria-hidden="true"><use href="#k{series % SERIES}"/></svg>'
     )
 
 
@@ -199,17 +205,31 @@ def _path(points: Sequence[tuple[float, float]], is_step: bool) -> str:
     return "".join(parts)
 
 
+def _turning(points: Sequence[tuple[float, float]]) -> str:
+    """A path whose level and upright parts have one coordinate each."""
+    before = tuple(map(_n, points[0]))
+    parts = ["M" + " ".join(before)]
+    for point in points[1:]:
+        x, y = map(_n, point)
+        if (x, y) == before:
+            continue
+        if y == before[1]:
+            parts.append(f"H{x}")
+        else:
+            parts.append(f"V{y}" if x == before[0] else f"L{x} {y}")
+        before = (x, y)
+    return "".join(parts)
+
+
 def _corners(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     """Points of a staircase: first along x, then along y."""
     whole = [points[0]]
-    for (_, before), (x, y) in zip(points, points[1:], strict=False):
+    for (_, before), (x, y) in itertools.pairwise(points):
         whole += [(x, before), (x, y)]
     return whole
 
 
-def _text(
-    x: float, y: float, words: str, *, anchor: str = "", name: str = ""
-) -> str:
+def _text(x: float, y: float, words: str, *, anchor: str = "", name: str = "") -> str:
     named = f' class="{name}"' if name else ""
     anchored = f' text-anchor="{anchor}"' if anchor else ""
     return f'<text{named}{anchored} x="{_n(x)}" y="{_n(y)}">{text_of(words)}</text>'

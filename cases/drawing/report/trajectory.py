@@ -65,7 +65,7 @@ def trajectory(
     )
 
 
-def _panel(  # noqa: PLR0913
+def _panel(
     name: str,
     time: Sequence[Any],
     values: Sequence[Any],

@@ -1,4 +1,4 @@
-"""Contents of comparisons, made up: no numbers of a solver, but the shape of the record."""
+"""Contents of comparisons, made up: the shape of the record, no solver's numbers."""
 
 from __future__ import annotations
 
