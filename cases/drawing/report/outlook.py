@@ -1,0 +1,121 @@
+"""Plans of a recorded flight, and the bounds: what its scenario poses says of them.
+
+A record keeps the controls of plans, and where each starts; their paths are simulated
+again with the model of the planning problem. No code of a user's is run.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.drawing.panels import Labels, stacked_limits
+from swarmstart.cases.drawing.plan_figures import Flown, chosen
+from swarmstart.cases.drawing.slack import arguments_of, made_at
+from swarmstart.cases.format.kind import Posed
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.record.record import SCENARIO
+from swarmstart.cases.record.results import Record
+from swarmstart.errors import SwarmstartError
+from swarmstart.ocp import Fitness, Known, Trajectory
+from swarmstart.ocp.controller import known_at
+from swarmstart.ocp.shooting import Shooting
+
+Array = NDArray[np.float64]
+Paths = Sequence[tuple[float, Sequence[Array | None]]]
+
+MOST_VEHICLES = 20
+"""Of a flight whose plans are drawn."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Outlook:
+    """Plans and bounds.
+
+    Attributes:
+        paths: Time [s] of an instant at which plans were made -> for each vehicle the
+            states of the path planned, shape (nx of a vehicle, n), or None.
+        states: Lower and upper bounds of the states; None: not known.
+        controls: The same of the controls.
+        notes: Sentences on what is missing.
+    """
+
+    paths: Paths = ()
+    states: tuple[Array, Array] | None = None
+    controls: tuple[Array, Array] | None = None
+    notes: tuple[str, ...] = ()
+
+
+def outlook_of(record: Record, flight: Trajectory) -> Outlook:
+    """Return plans and bounds of a flight; a sentence where they cannot be had."""
+    scenario: Mapping[str, Any] = record.scenario or {}
+    try:
+        posed = _posed(record, scenario)
+    except SwarmstartError as error:
+        first = str(error).splitlines()[0]
+        return Outlook(
+            notes=(f"Plans and bounds are not drawn: {first[:200]}",),
+        )
+    problems = [agent.problem for agent in posed.agents]
+    states, controls = stacked_limits(problems)
+    vehicles = _vehicles(scenario, flight)
+    if posed.nearby is not None or vehicles > MOST_VEHICLES:
+        note = f"Plans are drawn of at most {MOST_VEHICLES} vehicles."
+        return Outlook(states=states, controls=controls, notes=(note,))
+    try:
+        paths = _paths(posed, flight, vehicles)
+    except (SwarmstartError, ValueError, LookupError, RuntimeError) as error:
+        note = f"Plans are not drawn: {type(error).__name__}: {str(error)[:160]}"
+        return Outlook(states=states, controls=controls, notes=(note,))
+    return Outlook(paths=paths, states=states, controls=controls)
+
+
+def _posed(record: Record, scenario: Mapping[str, Any]) -> Posed:
+    """Return what the recorded scenario poses; no terminal set is certified anew."""
+    document = read_document(str(record.folder.resolve() / SCENARIO))
+    quick = ["dual_mode.certify=false"] if scenario["kind"] == "formation_flight" else []
+    return resolve(document, assignments=quick).posed()
+
+
+def _vehicles(scenario: Mapping[str, Any], flight: Trajectory) -> int:
+    members = (scenario.get("vehicles") or {}).get("members") or ()
+    return len(scenario.get("uavs") or members) or 1
+
+
+def _paths(posed: Posed, flight: Trajectory, vehicles: int) -> Paths:
+    """Return the paths of the plans, by the instant at which they were made."""
+
+    def known(step: int, number: int) -> Known:
+        agent = posed.agents[number]
+        # The paths of others are in constraints alone, and do not move a vehicle.
+        nodes = agent.problem.intervals * agent.problem.checks + 1
+        seen = tuple(np.zeros((len(agent.shows), nodes)) for _ in agent.watches)
+        time = float(flight.times[step])
+        found = known_at(agent.problem, time, agent.reference, agent.parameters, seen)
+        return found._replace(previous=agent.previous)
+
+    problems = tuple(agent.problem for agent in posed.agents)
+    flown = Flown(
+        problems=problems,
+        trajectory=flight,
+        labels=Labels(states=(), controls=()),
+        known=known,
+    )
+    by_time: dict[float, list[Array | None]] = {}
+    steps = chosen(flown.fresh)
+    each = vehicles // len(problems)
+    for number, (problem, own, own_known) in enumerate(flown.parts()):
+        made, shooting = made_at(own), Shooting(problem)
+        fitness = Fitness(shooting, backend="casadi")
+        for step in steps:
+            if made[step] != step:
+                continue
+            plan = own.decisions[step].plans[0]
+            start, at = arguments_of(shooting.lowered, plan, own, int(step), own_known)
+            states = fitness.states(plan.controls, start, at)[: problem.model.nx]
+            row = by_time.setdefault(float(flight.times[step]), [None] * vehicles)
+            for place in range(each):
+                row[number * each + place] = np.array_split(states, each)[place]
+    return sorted(by_time.items(), key=lambda item: item[0])

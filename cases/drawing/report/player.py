@@ -1,0 +1,329 @@
+"""The player: a recorded flight as an animation that asks for nothing.
+
+    player(tracks) -> markup; PLAYER_STYLE and PLAYER_SCRIPT once in the page
+
+Vehicles, trails, plans and what is around them in the plane, to scale, with a clock;
+beside it the solver's time a step; below states and controls over time, each with a
+cursor that moves with the clock. A flight without positions has the panels alone.
+Nothing starts by itself.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.drawing.page import rendered
+from swarmstart.cases.drawing.report.panels_over_time import (
+    BOTTOM,
+    LEFT,
+    PANEL,
+    RIGHT,
+    TOP,
+    number,
+    series_panels,
+    solver_panel,
+    ticks,
+)
+from swarmstart.cases.drawing.report.tracks import Plane, Tracks
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+Array = NDArray[np.float64]
+
+WIDTH = 10_000
+"""Of the plane in the units of its paths: whole numbers are fine enough."""
+SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+MOST_IN_LEGEND = 12
+MOST_PLAN_NUMBERS = 60_000
+_COLOURS = 12
+_LASTS = (3.0, 30.0)
+"""Seconds that a flight may take at its own pace to be played at that."""
+_PLAYED = 15.0
+_MARKS = 8
+_MOST_MARKED = 10
+_FOLLOWED = 3.0
+"""Times the extent of the vehicles from which on of the whole way they are followed."""
+
+
+def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
+    """Return a flight as an animation; the page needs its style and its script once.
+
+    Args:
+        tracks: The flight.
+        name: A word that no other player of the page has, for ids.
+    """
+    from markupsafe import Markup
+
+    world = None if tracks.plane is None else _World(tracks.plane)
+    panels = series_panels(tracks)
+    solver = solver_panel(tracks)
+    end = float(tracks.times[-1])
+    shown = [solver, *panels] if solver else panels
+    payload: dict[str, Any] = {
+        "end": end,
+        "frames": int(tracks.times.size),
+        "digits": 3 if end < 1 else 2 if end < 10 else 1,
+        "panels": [
+            {"times": p.times, "values": p.values, "held": p.held} for p in shown
+        ],
+        "edges": [LEFT, RIGHT],
+    }
+    if world is not None:
+        payload["plane"] = world.payload(tracks)
+    return Markup(
+        rendered(
+            "player.html.j2",
+            {
+                "id": name,
+                "title": tracks.title,
+                "payload": payload,
+                "world": None if world is None else world.drawn(tracks),
+                "solver": solver,
+                "panels": panels,
+                "panel": {"width": PANEL[0], "height": PANEL[1], "left": LEFT,
+                          "right": RIGHT, "top": TOP, "bottom": BOTTOM},
+                "speeds": [(speed, f"{speed:g}×") for speed in _speeds(end)],
+                "speed": _speed(end),
+                "end": f"{end:.{payload['digits']}f}",
+                "legend": _legend(tracks),
+                "caption": caption(tracks),
+            },
+        )
+    )  # fmt: skip
+
+
+def caption(tracks: Tracks) -> list[str]:
+    """Return sentences on what is seen."""
+    said = []
+    plane = tracks.plane
+    if plane is not None:
+        around = plane.surroundings
+        parts = ["Thin lines: the whole tracks; thick: flown until now"]
+        if plane.plans:
+            parts.append("dashed: the plans made last")
+        if around.targets is not None:
+            parts.append(f"crosses: each {around.called}")
+        if around.leader is not None:
+            parts.append("ring: the leader")
+        if any(not disc.is_limit for disc in around.discs):
+            parts.append("grey discs: places to keep out of")
+        if any(disc.is_limit for disc in around.discs):
+            parts.append("dotted circles: places to stay within")
+        said.append("; ".join(parts) + ". " + plane.words)
+    if tracks.is_one_plan and tracks.step_seconds.size:
+        seconds = number(float(np.nansum(tracks.step_seconds)))
+        said.append(
+            f"One plan, made before the start in {seconds} s, is flown to its end."
+        )
+    missing = int(tracks.without_plan.sum())
+    if missing and not tracks.is_one_plan:
+        said.append(
+            f"Crosses in the panel of the solver's time: the {missing} of "
+            f"{tracks.without_plan.size} steps at which a vehicle had no feasible plan."
+        )
+    return [sentence.strip() for sentence in (*said, *tracks.notes)]
+
+
+def _speeds(end: float) -> Sequence[float]:
+    return (*SPEEDS, 100.0) if end > 60 * SPEEDS[-1] else SPEEDS
+
+
+def _speed(end: float) -> float:
+    """Return the speed to begin with: the flight's own, or one that suits the eye."""
+    if _LASTS[0] <= end <= _LASTS[1]:
+        return 1.0
+    return min(_speeds(end), key=lambda speed: abs(np.log(end / speed / _PLAYED)))
+
+
+def _legend(tracks: Tracks) -> list[tuple[int, str]]:
+    """Return number of the colour, and name, of each vehicle; none of many, or one."""
+    count = len(tracks.vehicles)
+    if not 1 < count <= MOST_IN_LEGEND:
+        return []
+    return [(place % _COLOURS, name) for place, name in enumerate(tracks.vehicles)]
+
+
+def short_name(name: str) -> str:
+    """Return what stands beside a vehicle: its number, or its name."""
+    last = name.rpartition(" ")[2]
+    return last if last.isdigit() else name[:12]
+
+
+class _World:
+    """The plane's metres (or feet) as whole numbers, y down as in SVG."""
+
+    def __init__(self, plane: Plane) -> None:
+        """Find the extent of all that is drawn."""
+        around, self.plane = plane.surroundings, plane
+        places = [plane.positions.swapaxes(0, 1).reshape(2, -1)]
+        if around.targets is not None:
+            places.append(around.targets.swapaxes(0, 1).reshape(2, -1))
+        if around.leader is not None:
+            places.append(around.leader)
+        for disc in around.discs:
+            reach = np.array([[-disc.radius, disc.radius]])
+            places.append(np.array([[disc.x], [disc.y]]) + reach)
+        every = np.hstack(places)
+        every = every[:, np.isfinite(every).all(axis=0)]
+        if not every.size:
+            every = np.zeros((2, 1))
+        low, high = every.min(axis=1), every.max(axis=1)
+        size = float((high - low).max()) or 1.0
+        middle, half = (low + high) / 2, np.maximum(high - low, size / 5) / 2
+        self.low, self.high = middle - half, middle + half
+        self.per_unit = WIDTH / float((self.high - self.low)[0])
+        self.height = round(float((self.high - self.low)[1]) * self.per_unit)
+
+    def x(self, values: Array) -> Array:
+        """Return places from left to right."""
+        return (values - self.low[0]) * self.per_unit
+
+    def y(self, values: Array) -> Array:
+        """Return places from the top down."""
+        return (self.high[1] - values) * self.per_unit
+
+    def payload(self, tracks: Tracks) -> dict[str, Any]:
+        """Return what the script draws at each instant."""
+        plane, around = self.plane, self.plane.surroundings
+        x, y = plane.positions[:, 0], plane.positions[:, 1]
+        spread = _spread(plane.positions)
+        extent = float((self.high - self.low).max())
+        window = max(spread * 1.5, extent / 12)
+        return {
+            "width": WIDTH,
+            "height": self.height,
+            "unit": plane.unit,
+            "per_unit": self.per_unit,
+            "origin": [float(self.low[0]), float(self.high[1])],
+            "x": [_whole(row) for row in self.x(x)],
+            "y": [_whole(row) for row in self.y(y)],
+            "turn": [_whole(row) for row in np.degrees(-plane.headings)],
+            "window": window * self.per_unit,
+            "follow": extent > _FOLLOWED * window,
+            "leader": None
+            if around.leader is None
+            else {
+                "x": _whole(self.x(around.leader[0])),
+                "y": _whole(self.y(around.leader[1])),
+            },
+            "targets": []
+            if around.targets is None
+            else [
+                {"x": _fixed(_whole(self.x(one[0]))), "y": _fixed(_whole(self.y(one[1])))}
+                for one in around.targets
+            ],
+            "plans": self._plans(),
+            "marks": _marks(tracks),
+        }
+
+    def _plans(self) -> list[Any]:
+        """Return time and paths of plans; every second where there are many."""
+        plans = list(self.plane.plans)
+        while sum(p.size for _, e in plans for p in e if p is not None) > (
+            MOST_PLAN_NUMBERS
+        ):
+            plans = plans[::2]
+        return [
+            [
+                round(time, 6),
+                [None if one is None else self._flat(one) for one in each],
+            ]
+            for time, each in plans
+        ]
+
+    def _flat(self, places: Array) -> list[int]:
+        both = np.stack([self.x(places[0]), self.y(places[1])], axis=1)
+        kept = both[np.isfinite(both).all(axis=1)]
+        far = 20 * WIDTH  # A plan that diverges.
+        return [int(v) for v in np.clip(kept, -far, far).round().ravel()]
+
+    def drawn(self, tracks: Tracks) -> dict[str, Any]:
+        """Return what the template draws once."""
+        plane = self.plane
+        every = 1 if len(plane.positions) <= MOST_IN_LEGEND else 3
+        marks = np.array(_marks(tracks))
+        discs = [
+            {
+                "x": round(float(self.x(np.array(disc.x)))),
+                "y": round(float(self.y(np.array(disc.y)))),
+                "r": round(disc.radius * self.per_unit),
+                "name": disc.name or ("limit" if disc.is_limit else "keep out"),
+                "limit": disc.is_limit,
+            }
+            for disc in plane.surroundings.discs
+        ]
+        vehicles = []
+        for place, (x, y) in enumerate(plane.positions):
+            thin = slice(None, None, every)
+            vehicles.append(
+                {
+                    "colour": place % _COLOURS,
+                    "name": tracks.vehicles[place] or "vehicle",
+                    "short": short_name(tracks.vehicles[place]),
+                    "track": _lines(self.x(x[thin]), self.y(y[thin])),
+                    "dots": _dots(
+                        self.x(np.interp(marks, tracks.times, x)),
+                        self.y(np.interp(marks, tracks.times, y)),
+                    )
+                    if place < _MOST_MARKED
+                    else "",
+                }
+            )
+        return {
+            "width": WIDTH,
+            "height": self.height,
+            "discs": discs,
+            "vehicles": vehicles,
+            "targets": 0
+            if plane.surroundings.targets is None
+            else len(plane.surroundings.targets),
+            "leader": plane.surroundings.leader is not None,
+            "small": len(plane.positions) > 2 * MOST_IN_LEGEND,
+            "alt": f"{tracks.title}: {len(plane.positions)} "
+            f"{'vehicles move' if len(plane.positions) > 1 else 'vehicle moves'} in "
+            f"the plane for {float(tracks.times[-1]):.4g} s.",
+        }
+
+
+def _spread(positions: Array) -> float:
+    """Return the largest extent of all vehicles at an instant."""
+    finite = np.isfinite(positions).all(axis=(0, 1))
+    if not finite.any():
+        return 0.0
+    return float(np.ptp(positions[:, :, finite], axis=0).max())
+
+
+def _marks(tracks: Tracks) -> list[float]:
+    """Return instants that are marked on the tracks."""
+    found = ticks(0.0, float(tracks.times[-1]), count=_MARKS)
+    return [tick for tick in found if tick > 0]
+
+
+def _whole(values: Array) -> list[int | None]:
+    return [round(float(v)) if np.isfinite(v) else None for v in values]
+
+
+def _fixed(values: list[int | None]) -> list[int | None]:
+    """Return the one value of what stands still, else all."""
+    return values[:1] if len(set(values)) == 1 else values
+
+
+def _lines(x: Array, y: Array) -> str:
+    parts, is_down = [], False
+    for a, b in zip(x, y, strict=True):
+        if np.isfinite(a) and np.isfinite(b):
+            parts.append(f"{'L' if is_down else 'M'}{round(a)} {round(b)}")
+            is_down = True
+        else:
+            is_down = False
+    return "".join(parts)
+
+
+def _dots(x: Array, y: Array) -> str:
+    kept = np.isfinite(x) & np.isfinite(y)
+    return "".join(
+        f"M{round(a)} {round(b)}h0" for a, b in zip(x[kept], y[kept], strict=True)
+    )

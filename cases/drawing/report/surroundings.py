@@ -1,0 +1,213 @@
+"""Discs to pass, slots and goals to reach, and leaders of recorded flights."""
+
+import itertools
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.expressions import evaluate, parse
+from swarmstart.errors import SwarmstartError
+
+Array = NDArray[np.float64]
+
+_TWO = 2
+_STRAIGHT = 1e-9
+"""Relative error up to which a distance is one from a fixed place."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Disc:
+    """A disc that vehicles keep out of, or within.
+
+    Attributes:
+        x: Centre.
+        y: Centre.
+        radius: Its radius, in the unit of the positions.
+        name: What it is called; may be empty.
+        is_limit: Whether vehicles stay within it.
+    """
+
+    x: float
+    y: float
+    radius: float
+    name: str = ""
+    is_limit: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Surroundings:
+    """What vehicles move among.
+
+    Attributes:
+        discs: Obstacles and limits.
+        targets: Where each is to be at the frames, shape (targets, 2, F).
+        called: What a target is called.
+        leader: The virtual leader at the frames, shape (2, F); None: there is none.
+        leader_heading: Its direction [rad], shape (F,); None: not known.
+    """
+
+    discs: Sequence[Disc] = ()
+    targets: Array | None = None
+    called: str = ""
+    leader: Array | None = None
+    leader_heading: Array | None = None
+
+
+def surroundings_of(
+    scenario: Mapping[str, Any], times: Array, positions: Array, headings: Array
+) -> Surroundings:
+    """Return what is around the vehicles of a planar kind.
+
+    Args:
+        scenario: As recorded.
+        times: Of the frames, shape (F,) [s].
+        positions: Of the vehicles, shape (vehicles, 2, F).
+        headings: Of the vehicles [rad], shape (vehicles, F).
+    """
+    kind = scenario["kind"]
+    if kind == "formation_flight":
+        return _formation(scenario, times)
+    if kind == "transfer":
+        goals = _points(uav["goal"] for uav in scenario["uavs"])
+        return Surroundings(targets=_standing(goals, times), called="goal")
+    if kind == "close_formation":
+        slot = scenario["slot"]
+        place = np.array([[-float(slot["y_ft"]), -float(slot["x_ft"])]])
+        return Surroundings(
+            targets=_standing(place, times),
+            called="slot",
+            leader=np.zeros((2, times.size)),
+            leader_heading=np.full(times.size, np.pi / 2),
+        )
+    leader = int(scenario["leader_uav"]) - 1
+    slots = _points(scenario["slots"])
+    psi = headings[leader] if scenario.get("frame") == "leader" else 0.0 * times
+    around = np.stack(
+        [
+            np.outer(slots[:, 0], np.cos(psi)) - np.outer(slots[:, 1], np.sin(psi)),
+            np.outer(slots[:, 0], np.sin(psi)) + np.outer(slots[:, 1], np.cos(psi)),
+        ],
+        axis=1,
+    )
+    return Surroundings(targets=around + positions[leader], called="slot")
+
+
+def _formation(scenario: Mapping[str, Any], times: Array) -> Surroundings:
+    """Return leader, slots and obstacles of a formation flight."""
+    given = scenario["leader"]
+    psi, speed = float(given["heading_rad"]), float(given["speed_m_s"])
+    start = np.array([float(given["x_m"]), float(given["y_m"])])
+    leader = start[:, None] + speed * np.array([[np.cos(psi)], [np.sin(psi)]]) * times
+    slots = _points(uav["slot"] for uav in scenario["uavs"])
+    discs = [
+        Disc(
+            x=float(disc["x_m"]), y=float(disc["y_m"]), radius=float(disc["radius_m"]),
+            name="obstacle",
+        )
+        for disc in scenario.get("obstacles") or []
+    ]  # fmt: skip
+    return Surroundings(
+        discs=discs,
+        targets=slots[:, :, None] + leader,
+        called="slot",
+        leader=leader,
+        leader_heading=np.full(times.size, psi),
+    )
+
+
+def _points(given: Iterable[Mapping[str, Any]]) -> Array:
+    return np.array([[float(one["x_m"]), float(one["y_m"])] for one in given])
+
+
+def _standing(points: Array, times: Array) -> Array:
+    return np.repeat(points[:, :, None], times.size, axis=2)
+
+
+def place_of(texts: Sequence[Any], states: Collection[str]) -> list[str]:
+    """Return the one state that each coordinate of a distance names, or nothing.
+
+    Args:
+        texts: Expressions of the coordinates.
+        states: Names of the states.
+    """
+    found = []
+    for text in texts:
+        try:
+            used = [name for name in parse(str(text)).names if name in states]
+        except SwarmstartError:
+            return []
+        if len(used) != 1:
+            return []
+        found.append(used[0])
+    return found
+
+
+def discs_of_problem(
+    scenario: Mapping[str, Any], axes: tuple[str, str]
+) -> tuple[Disc, ...]:
+    """Return the discs that a problem's distances from fixed places are.
+
+    Args:
+        scenario: As recorded.
+        axes: Names of the states that are the position.
+    """
+    constants = _constants(scenario)
+    found = []
+    for part in scenario.get("path") or []:
+        if not isinstance(part, Mapping) or len(part.get("distance") or ()) != _TWO:
+            continue
+        centre = _centre(part["distance"], axes, constants)
+        limit = part.get("at_least")
+        is_limit = limit is None
+        try:
+            radius = evaluate(str(part["at_most"] if is_limit else limit), constants)
+        except (SwarmstartError, LookupError):
+            continue
+        if centre is not None and radius > 0:
+            name = str(part.get("name") or "")
+            found.append(
+                Disc(
+                    x=centre[0], y=centre[1], radius=radius, name=name,
+                    is_limit=is_limit,
+                )
+            )  # fmt: skip
+    return tuple(found)
+
+
+def _centre(
+    texts: Sequence[Any], axes: tuple[str, str], constants: Mapping[str, float]
+) -> tuple[float, float] | None:
+    """Return c of the coordinates x - c; None if they are others."""
+    place = []
+    for text, name in zip(texts, axes, strict=True):
+        try:
+            values = [evaluate(str(text), {**constants, name: v}) for v in (0, 1, -1)]
+        except SwarmstartError:  # It needs more than the position: a moving place.
+            return None
+        size = max(map(abs, values)) + 1
+        slopes = (values[1] - values[0], values[0] - values[2])
+        if any(abs(abs(slope) - 1) > _STRAIGHT * size for slope in slopes):
+            return None
+        place.append(-values[0] * np.sign(slopes[0]))
+    return float(place[0]), float(place[1])
+
+
+def _constants(scenario: Mapping[str, Any]) -> dict[str, float]:
+    """Return the constants that are numbers, or made of those before them."""
+    found: dict[str, float] = {}
+    given = scenario.get("constants") or {}
+    for _ in range(1 + len(given)):
+        before = len(found)
+        for name, text in itertools.islice(given.items(), 1000):
+            if name in found:
+                continue
+            try:
+                found[name] = evaluate(str(text), found)
+            except SwarmstartError:
+                continue
+        if len(found) == before:
+            break
+    return found

@@ -1,0 +1,421 @@
+"""A recorded flight as tracks in the plane and lines over time, for the player.
+
+Which states are positions is read from the record: UAVs of the planar kinds have
+(v, psi, x, y); in a close formation the wingman's place is relative to its leader; in a
+problem positions are the states that its `separation` or its distances name, else `x`
+and `y`. A record without positions has lines over time alone.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.drawing.report.outlook import Outlook, outlook_of
+from swarmstart.cases.drawing.report.surroundings import (
+    Disc,
+    Surroundings,
+    discs_of_problem,
+    place_of,
+    surroundings_of,
+)
+from swarmstart.cases.drawing.report.units import label_of
+from swarmstart.cases.record.files import RecordError
+from swarmstart.cases.record.results import Record
+from swarmstart.cases.record.trajectory_arrays import held_controls
+from swarmstart.ocp import Trajectory
+from swarmstart.ocp.closed_loop import Decision
+from swarmstart.ocp.plan import Source
+
+Array = NDArray[np.float64]
+
+MOST_FRAMES = 600
+MOST_COORDINATES = 90_000
+"""Of all vehicles and frames; of many vehicles there are fewer frames."""
+MOST_NAMED = 10
+"""Vehicles up to which states and controls are drawn over time."""
+MOST_SERIES = 24
+PLANAR = ("formation_flight", "reconfiguration", "transfer")
+RELATIVE = "close_formation"
+_PLANAR_STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
+_HEADINGS = ("heading", "psi", "theta", "yaw", "course")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Plane:
+    """Vehicles that move in the plane.
+
+    Attributes:
+        unit: Of the positions.
+        positions: Of each vehicle at the frames, shape (vehicles, 2, F).
+        headings: Of each [rad], shape (vehicles, F).
+        surroundings: Discs, targets and leader.
+        plans: (time [s], path of each vehicle (2, n), or None) of each instant at which
+            plans were made.
+        words: A sentence on the axes, where they are not those of the ground.
+    """
+
+    unit: str
+    positions: Array
+    headings: Array
+    surroundings: Surroundings
+    plans: Sequence[tuple[float, Sequence[Array | None]]] = ()
+    words: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Series:
+    """One quantity of all vehicles over time.
+
+    Attributes:
+        name: In words.
+        unit: Its unit; empty: none.
+        times: Shape (n,) [s], or (n + 1,) where values are held from each to the next.
+        values: Shape (vehicles, n).
+        lower: Lower bound of all, -inf for none.
+        upper: Upper bound of all.
+    """
+
+    name: str
+    unit: str
+    times: Array
+    values: Array
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    @property
+    def is_held(self) -> bool:
+        """Return whether values are held from each time to the next."""
+        return self.times.size == self.values.shape[1] + 1
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Tracks:
+    """A flight, reduced to what is drawn of it.
+
+    Attributes:
+        title: Of the scenario.
+        times: Of the frames, evenly spaced, shape (F,) [s].
+        vehicles: Name of each; one empty name: the problem has no vehicles.
+        plane: The positions; None: the problem has none.
+        series: States and controls over time.
+        step_times: Control instants, shape (T + 1,) [s].
+        step_seconds: Wall time of each decision, shape (T,) [s].
+        without_plan: Whether no feasible plan was found at a step, shape (T,).
+        is_one_plan: Whether one plan is flown to its end.
+        notes: Sentences on what is not drawn.
+    """
+
+    title: str
+    times: Array
+    vehicles: tuple[str, ...]
+    plane: Plane | None
+    series: tuple[Series, ...]
+    step_times: Array
+    step_seconds: Array
+    without_plan: NDArray[np.bool_]
+    is_one_plan: bool = False
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Rows:
+    """Names of the states and the controls of one vehicle, and their rows.
+
+    Attributes:
+        vehicles: Name of each vehicle.
+        states: Names of the states of one vehicle, and the row of each of all vehicles.
+        controls: The same of the controls; a vehicle without it has row -1.
+        units: By name.
+    """
+
+    vehicles: tuple[str, ...]
+    states: dict[str, list[int]]
+    controls: dict[str, list[int]]
+    units: dict[str, str] = field(default_factory=dict)
+
+
+def tracks_of(record: Record) -> Tracks:
+    """Return what a record of `swarmstart run` has to be played.
+
+    Raises:
+        RecordError: If the record has no flight, or parts of it do not fit together.
+    """
+    flight, scenario = record.trajectory, record.scenario
+    if flight is None or scenario is None:
+        raise RecordError(
+            f"{record.folder}: expected the record of a run with a flight, found "
+            f"{'no flight' if flight is None else 'no scenario.yaml'}"
+        )
+    try:
+        return _tracks(record, flight, scenario)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise RecordError(
+            f"{record.folder}: expected a flight and a scenario that fit together, "
+            f"found: {type(error).__name__}: {error}"
+        ) from error
+
+
+def _tracks(record: Record, flight: Trajectory, scenario: Mapping[str, Any]) -> Tracks:
+    rows = _rows_of(flight, scenario)
+    outlook = outlook_of(record, flight)
+    notes = list(outlook.notes)
+    count = len(rows.vehicles)
+    frames = max(2, min(MOST_FRAMES, MOST_COORDINATES // (3 * count)))
+    end = float(flight.dense_times[-1])
+    times = np.linspace(0.0, end, min(frames, max(flight.dense_times.size, 2)))
+    plane = _plane(flight, scenario, rows, times, outlook)
+    series: list[Series] = []
+    if count <= MOST_NAMED:
+        series = _series(flight, rows, outlook, plane)
+        if len(series) > MOST_SERIES:
+            notes.append(
+                f"The first {MOST_SERIES} of {len(series)} states and controls are "
+                "drawn over time."
+            )
+    else:
+        notes.append(
+            f"States and controls over time are drawn of at most {MOST_NAMED} "
+            f"vehicles; there are {count}."
+        )
+    if not np.isfinite(flight.dense_states).all():
+        notes.append(
+            "The flight leaves the finite numbers; what follows is not drawn."
+        )
+    decisions = flight.decisions
+    return Tracks(
+        title=str(scenario.get("title") or scenario.get("name", "")),
+        times=times,
+        vehicles=rows.vehicles,
+        plane=plane,
+        series=tuple(series[:MOST_SERIES]),
+        step_times=flight.times,
+        step_seconds=flight.step_seconds,
+        without_plan=np.array([_is_without(d) for d in decisions], dtype=bool),
+        is_one_plan=len(decisions) > 1
+        and all(d.plans == decisions[0].plans for d in decisions),
+        notes=tuple(notes),
+    )
+
+
+def _is_without(decision: Decision) -> bool:
+    return any(p.source is Source.SHIFTED or not p.feasible for p in decision.plans)
+
+
+def _rows_of(flight: Trajectory, scenario: Mapping[str, Any]) -> _Rows:
+    """Return which rows belong to which vehicle."""
+    kind = scenario.get("kind")
+    if kind in PLANAR:
+        numbers = _numbers(scenario, flight)
+        states, _ = _by_number(flight.state_names, len(numbers))
+        controls, _ = _by_number(flight.control_names, len(numbers))
+        return _Rows(
+            vehicles=tuple(f"UAV {number}" for number in numbers),
+            states=states,
+            controls=controls,
+        )
+    states = scenario.get("states") or {}
+    members = (scenario.get("vehicles") or {}).get("members") or []
+    vehicles = tuple(str(member["name"]) for member in members) or ("",)
+    if not isinstance(states, Mapping) or not states:
+        names, held = list(flight.state_names), list(flight.control_names)
+        units: dict[str, str] = {}
+    else:
+        names, held = list(states), list(scenario.get("controls") or {})
+        parts = {**states, **(scenario.get("controls") or {})}
+        units = {name: str(part.get("unit") or "") for name, part in parts.items()}
+    if kind == RELATIVE:
+        vehicles = ("wingman",)
+    return _Rows(
+        vehicles=vehicles,
+        states=_one_after_another(names, len(vehicles), len(flight.states)),
+        controls=_one_after_another(held, len(vehicles), len(flight.controls)),
+        units=units,
+    )
+
+
+def _numbers(scenario: Mapping[str, Any], flight: Trajectory) -> list[int]:
+    """Return the number of each UAV."""
+    count = len(flight.states) // len(_PLANAR_STATES)
+    uavs = scenario.get("uavs") or []
+    given = [uav.get("number") if isinstance(uav, Mapping) else None for uav in uavs]
+    given += [None] * (count - len(given))
+    return [place if n is None else int(n) for place, n in enumerate(given[:count], 1)]
+
+
+def _by_number(
+    names: Sequence[str], count: int
+) -> tuple[dict[str, list[int]], list[str]]:
+    """Return the rows of each name that ends in the number of its vehicle."""
+    found: dict[str, list[int]] = {}
+    alone = []
+    for row, name in enumerate(names):
+        base, _, number = name.rpartition("_")
+        if not (base and number.isdigit() and int(number) < count):
+            base, number = name, "0"
+            alone.append(name)
+        found.setdefault(base, [-1] * count)[int(number)] = row
+    return found, alone
+
+
+def _one_after_another(
+    names: Sequence[str], vehicles: int, rows: int
+) -> dict[str, list[int]]:
+    """Return the rows of each name where vehicles follow one another."""
+    each = len(names)
+    if each * vehicles > rows:
+        raise ValueError(f"{each * vehicles} rows expected, found {rows}")
+    return {
+        name: [vehicle * each + place for vehicle in range(vehicles)]
+        for place, name in enumerate(names)
+    }
+
+
+def _plane(
+    flight: Trajectory,
+    scenario: Mapping[str, Any],
+    rows: _Rows,
+    times: Array,
+    outlook: Outlook,
+) -> Plane | None:
+    """Return the vehicles in the plane; None if no states are positions."""
+    axes = _axes_of(scenario, rows)
+    if axes is None:
+        return None
+    kind = scenario.get("kind")
+    x, y = (_at(flight, rows.states[name], times) for name in axes)
+    named = next((name for name in rows.states if _is_heading(name)), None)
+    turned = None if named is None else _at(flight, rows.states[named], times)
+    paths = [
+        (time, [_path(path, rows, axes, kind) for path in each])
+        for time, each in outlook.paths
+    ]
+    if kind == RELATIVE:  # The leader is x ahead and y to the right of its wingman.
+        positions = np.stack([-y, -x], axis=1)
+        turned = np.full_like(x, np.pi / 2)
+        words = "Seen from above; the leader is at (0, 0) and flies up the page."
+        return Plane(
+            unit="ft", positions=positions, headings=turned, plans=paths, words=words,
+            surroundings=surroundings_of(scenario, times, positions, turned),
+        )  # fmt: skip
+    positions = np.stack([x, y], axis=1)
+    if turned is None:
+        turned = _along(positions)
+    around = (
+        surroundings_of(scenario, times, positions, turned)
+        if kind in PLANAR
+        else Surroundings(discs=discs_of_problem(scenario, axes))
+    )
+    unit = "m" if kind in PLANAR else rows.units.get(axes[0], "")
+    return Plane(
+        unit=unit, positions=positions, headings=turned, surroundings=around,
+        plans=paths,
+    )  # fmt: skip
+
+
+def _axes_of(scenario: Mapping[str, Any], rows: _Rows) -> tuple[str, str] | None:
+    """Return the names of the states that are the position of a vehicle."""
+    kind, names = scenario.get("kind"), rows.states
+    if kind in PLANAR:
+        return ("x_m", "y_m") if {"x_m", "y_m"} <= names.keys() else None
+    if kind == RELATIVE:
+        return ("x_ft", "y_ft") if {"x_ft", "y_ft"} <= names.keys() else None
+    separation = (scenario.get("vehicles") or {}).get("separation") or {}
+    candidates = [separation.get("of") or []]
+    candidates += [
+        list(place_of(part["distance"], names))
+        for part in scenario.get("path") or []
+        if isinstance(part, Mapping) and part.get("distance")
+    ]
+    candidates.append(["x", "y"])
+    for found in candidates:
+        if len(found) in {2, 3} and all(name in names for name in found[:2]):
+            x, y = found[:2]
+            if x != y and rows.units.get(x, "") == rows.units.get(y, ""):
+                return x, y
+    return None
+
+
+def _is_heading(name: str) -> bool:
+    return name.casefold().removesuffix("_rad") in _HEADINGS
+
+
+def _at(flight: Trajectory, rows: Sequence[int], times: Array) -> Array:
+    """Return rows of the states at some times, shape (rows, n)."""
+    return np.stack(
+        [np.interp(times, flight.dense_times, flight.dense_states[r]) for r in rows]
+    )
+
+
+def _along(positions: Array) -> Array:
+    """Return the direction of the motion of each vehicle [rad], kept where it rests."""
+    steps = np.gradient(positions, axis=2)
+    angles = np.arctan2(steps[:, 1], steps[:, 0])
+    moves = np.hypot(steps[:, 0], steps[:, 1]) > 0
+    for angle, moving in zip(angles, moves, strict=True):
+        if moving.any():
+            kept = np.maximum.accumulate(np.where(moving, np.arange(moving.size), -1))
+            kept[kept < 0] = int(np.argmax(moving))
+            angle[:] = np.unwrap(angle[kept])
+    return np.asarray(angles)
+
+
+def _path(
+    path: Array | None, rows: _Rows, axes: tuple[str, str], kind: Any
+) -> Array | None:
+    """Return the places of a vehicle's path from its own states (nx, n)."""
+    if path is None:
+        return None
+    place = list(rows.states)
+    x, y = (path[place.index(name)] for name in axes)
+    return np.stack([-y, -x] if kind == RELATIVE else [x, y])
+
+
+def _series(
+    flight: Trajectory, rows: _Rows, outlook: Outlook, plane: Plane | None
+) -> list[Series]:
+    """Return controls and states over time; positions in the plane are left out."""
+    found = []
+    held_times, held = held_controls(flight)
+    for name, own in rows.controls.items():
+        found.append(_one(name, own, rows, held_times, held, outlook.controls))
+    for name, own in rows.states.items():
+        if plane is not None and re.fullmatch(r"[xy](_m|_ft)?", name):
+            if not rows.vehicles == ("wingman",):
+                continue
+        times, values = flight.dense_times, flight.dense_states
+        found.append(_one(name, own, rows, times, values, outlook.states))
+    return found
+
+
+def _one(
+    name: str,
+    own: Sequence[int],
+    rows: _Rows,
+    times: Array,
+    values: Array,
+    limits: tuple[Array, Array] | None,
+) -> Series:
+    """Return one quantity of all vehicles."""
+    known = [row for row in own if row >= 0]
+    lower, upper = -np.inf, np.inf
+    if limits is not None and known and max(known) < limits[0].size:
+        lower, upper = (float(side[known[0]]) for side in limits)
+        if any((side[known] != side[known[0]]).any() for side in limits):
+            lower, upper = -np.inf, np.inf  # Vehicles have bounds of their own.
+    label, unit = label_of(name, rows.units.get(name))
+    picked = np.stack(
+        [
+            values[row] if row >= 0 else np.full(values.shape[1], np.nan)
+            for row in own
+        ]
+    )
+    return Series(
+        name=label, unit=unit, times=times, values=picked, lower=lower, upper=upper
+    )
+
+
+__all__ = ["Disc", "Plane", "Series", "Surroundings", "Tracks", "tracks_of"]
