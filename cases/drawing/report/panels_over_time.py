@@ -15,8 +15,8 @@ from swarmstart.cases.drawing.report.tracks import Series, Tracks
 
 Array = NDArray[np.float64]
 
-PANEL = (340.0, 150.0)
-LEFT, RIGHT, TOP, BOTTOM = 48.0, 332.0, 24.0, 126.0
+PANEL = (300.0, 140.0)
+LEFT, RIGHT, TOP, BOTTOM = 44.0, 294.0, 22.0, 118.0
 MOST_POINTS = 300
 ALL_POINTS = 30_000
 """Of the lines of all panels together."""

@@ -90,6 +90,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
                 "end": f"{end:.{payload['digits']}f}",
                 "legend": _legend(tracks),
                 "caption": caption(tracks),
+                "bounded": any(text == "bound" for p in panels for _, text in p.levels),
             },
         )
     )  # fmt: skip
@@ -105,7 +106,7 @@ def caption(tracks: Tracks) -> list[str]:
         if plane.plans:
             parts.append("dashed: the plans made last")
         if around.targets is not None:
-            parts.append(f"crosses: each {around.called}")
+            parts.append(f"crosses: the {around.called}s")
         if around.leader is not None:
             parts.append("ring: the leader")
         if any(not disc.is_limit for disc in around.discs):
@@ -202,7 +203,7 @@ class _World:
             "y": [_whole(row) for row in self.y(y)],
             "turn": [_whole(row) for row in np.degrees(-plane.headings)],
             "window": window * self.per_unit,
-            "follow": extent > _FOLLOWED * window,
+            "follow": len(x) > 1 and extent > _FOLLOWED * window,
             "leader": None
             if around.leader is None
             else {

@@ -1,0 +1,110 @@
+"""Recorded PNG figures as data: addresses, small enough for one page.
+
+A page has a limit of bytes. Figures are drawn with few colours: as a palette of 64 at
+the width that a page shows they take about a third of what matplotlib writes.
+"""
+
+import base64
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from swarmstart.cases.drawing.report.captions import caption_of
+from swarmstart.cases.record.record import FIGURES
+
+PAGE_BYTES = 2_000_000
+"""Of a page."""
+MOST_FILE_BYTES = 20_000_000
+"""Of a figure that is opened."""
+MOST_PIXELS = 40_000_000
+WIDTH = 960
+"""In pixels: of twice the width at which figures are shown side by side."""
+SMALL_WIDTH = 640
+_COLOURS = 64
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Picture:
+    """A figure in a page.
+
+    Attributes:
+        caption: What it shows.
+        data: Its PNG file in base64; empty: it is left out.
+        width: Of the image in pixels.
+        height: Likewise.
+        missing: Why it is left out, a sentence; empty: it is not.
+    """
+
+    caption: str
+    data: str = ""
+    width: int = 0
+    height: int = 0
+    missing: str = ""
+
+
+def pictures_of(
+    folder: Path, names: Iterable[str], kind: str, *, room: int, width: int = WIDTH
+) -> list[Picture]:
+    """Return a record's figures, as many as there is room for.
+
+    Args:
+        folder: The record.
+        names: Of the files in its folder of figures; no other file is read.
+        kind: Of the scenario, for the captions.
+        room: Bytes that they may take in the page.
+        width: Most pixels across.
+    """
+    found = []
+    for name in names:
+        picture = _picture(folder / FIGURES / Path(name).name, kind, width)
+        if len(picture.data) > room:
+            picture = Picture(
+                caption=picture.caption,
+                missing="It is left out to keep the page small; it is among the "
+                "record's figures.",
+            )
+        room -= len(picture.data)
+        found.append(picture)
+    return found
+
+
+def _picture(file: Path, kind: str, width: int) -> Picture:
+    caption = caption_of(kind, file.name)
+    if file.suffix.casefold() != ".png":
+        return Picture(
+            caption=caption, missing=f"{file.name} is no PNG file: open it by itself."
+        )
+    try:
+        if file.stat().st_size > MOST_FILE_BYTES:
+            return Picture(caption=caption, missing="Its file is too large for a page.")
+        content, size = _shrunk(file.read_bytes(), width)
+    except (OSError, ValueError, SyntaxError, ArithmeticError, LookupError):
+        return Picture(caption=caption, missing="Its file cannot be read as an image.")
+    data = base64.b64encode(content).decode("ascii")
+    return Picture(caption=caption, data=data, width=size[0], height=size[1])
+
+
+def _shrunk(content: bytes, width: int) -> tuple[bytes, tuple[int, int]]:
+    """Return a PNG file of at most some width with few colours, and its size.
+
+    Raises:
+        ValueError: If it is too large.
+        OSError: If it is no image.
+    """
+    from PIL import Image
+
+    with Image.open(io.BytesIO(content), formats=("PNG",)) as opened:
+        if opened.width * opened.height > MOST_PIXELS:
+            raise ValueError("too many pixels")
+        image = opened.convert("RGBA")
+    # What is transparent is paper: figures are drawn in dark ink.
+    paper = Image.new("RGBA", image.size, "white")
+    image = Image.alpha_composite(paper, image).convert("RGB")
+    if image.width > width:
+        height = max(1, round(image.height * width / image.width))
+        image = image.resize((width, height), Image.Resampling.LANCZOS)
+    few = image.quantize(_COLOURS, dither=Image.Dither.NONE)
+    buffer = io.BytesIO()
+    few.save(buffer, format="PNG", optimize=True)
+    return buffer.getvalue(), few.size

@@ -1,0 +1,409 @@
+"""The content of a run's page: what a record says, in words and tables.
+
+Read are run.json, trajectory.npz, scenario.yaml and figures; nothing is run. A record
+is a user's file: what does not fit is one message, a RecordError.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+
+import numpy as np
+
+from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
+from swarmstart.cases.drawing.report.units import unit_of_measure
+from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.record.files import RecordError
+from swarmstart.cases.record.record import SCENARIO
+from swarmstart.cases.record.results import Record, load
+
+MOST_ROWS = 500
+"""Of a table: a forged record may have any number."""
+_SETTLING = {
+    "settle_time_s": "every UAV stays within 1 m of its slot",
+    "x_settle_s": "x stays within 1 ft of the slot",
+}
+"""Measures that say when a flight has settled -> what that is."""
+_COSTS = {
+    "problem": ("verified_cost", "flown_cost", "cost"),
+    "python": ("verified_cost", "flown_cost", "cost"),
+    "transfer": ("verified_cost", "cost"),
+    "formation_flight": ("plan_cost", "closed_loop_cost"),
+    "close_formation": ("cost_max",),
+}
+"""The measure that is the cost of a run, by kind: the first that is defined."""
+_COST_WORDS = {
+    "verified_cost": "cost, integrated ten times finer",
+    "flown_cost": "cost of the flown path",
+    "cost": "cost of the first plan",
+    "plan_cost": "cost of the plan",
+    "closed_loop_cost": "closed-loop cost",
+    "cost_max": "largest cost of a plan",
+}
+_ENDS = {"position_error_m": "largest distance from a slot at the end"}
+MEASURE_HEADS = ("measure", "value", "unit", "meaning")
+CLAIM_HEADS = ("claim", "verdict", "measured", "asked", "says", "source")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class MeasureRow:
+    """A measure.
+
+    Attributes:
+        name: As in run.json.
+        text: The value as it is shown.
+        value: A number to sort by; None: not defined, or a list.
+        unit: Its unit; may be empty.
+        meaning: What it is.
+    """
+
+    name: str
+    text: str
+    value: float | None
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ClaimRow:
+    """A claim of the scenario with what the run says of it.
+
+    Attributes:
+        id: Its number.
+        verdict: "holds", "does not hold" or "not judged".
+        measured: The value.
+        asked: Measure, relation and bound.
+        text: What is claimed, and what a run needs to judge it.
+        source: Where it is from.
+    """
+
+    id: str
+    verdict: str
+    measured: str
+    asked: str
+    text: str
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RunContent:
+    """What a run's page says.
+
+    Attributes:
+        record: The record.
+        kind: Of the scenario.
+        title: Of the scenario.
+        headline: The result in a sentence.
+        verdict: "good", "mid" or "bad": of the headline's colour.
+        facts: (name, words) of the settings.
+        measures: Rows of the table.
+        claims: Rows of the table.
+        limits: What this run does not show, sentences.
+        command: What runs it again.
+        versions: Of the packages.
+        figures: Names of files.
+        tracks: The flight.
+    """
+
+    record: Record
+    kind: str
+    title: str
+    headline: str
+    verdict: str
+    facts: Sequence[tuple[str, str]]
+    measures: Sequence[MeasureRow]
+    claims: Sequence[ClaimRow]
+    limits: Sequence[str]
+    command: str
+    versions: Mapping[str, str]
+    figures: Sequence[str]
+    tracks: Tracks
+
+
+def run_content(folder: Path) -> RunContent:
+    """Return what the record of `swarmstart run` says.
+
+    Raises:
+        RecordError: If there is none, or its parts do not fit together.
+        SwarmstartError: If its scenario.yaml cannot be read.
+    """
+    record = load(folder)
+    summary = record.summary
+    if "scenario" not in summary or "measures" not in summary:
+        raise RecordError(
+            f"{folder}: expected the record of `swarmstart run`, found another result"
+        )
+    tracks = tracks_of(record)
+    try:
+        return _content(record, summary, tracks)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise RecordError(
+            f"{folder}: expected a record that is whole, found: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+
+
+def _content(
+    record: Record, summary: Mapping[str, Any], tracks: Tracks
+) -> RunContent:
+    kind, measures = str(summary["kind"]), _mapping(summary["measures"])
+    scenario = record.scenario or {}
+    return RunContent(
+        record=record,
+        kind=kind,
+        title=tracks.title or str(summary["scenario"]),
+        headline=_headline(summary, kind, measures, tracks),
+        verdict=_quality(str(summary["status"])),
+        facts=_facts(summary, tracks, scenario),
+        measures=_measure_rows(kind, measures, scenario),
+        claims=[_claim_row(claim) for claim in list(summary["claims"])[:MOST_ROWS]],
+        limits=_limits(summary, measures, tracks),
+        command=_command(summary),
+        versions={str(k): str(v) for k, v in _mapping(summary["versions"]).items()},
+        figures=[str(name) for name in list(summary["figures"])[:MOST_ROWS]],
+        tracks=tracks,
+    )
+
+
+def _mapping(given: Any) -> Mapping[str, Any]:
+    if not isinstance(given, Mapping):
+        raise TypeError(f"a mapping expected, found {type(given).__name__}")
+    return given
+
+
+def _headline(
+    summary: Mapping[str, Any],
+    kind: str,
+    measures: Mapping[str, Any],
+    tracks: Tracks,
+) -> str:
+    """Return what was simulated, how it went, the cost, and the solver's time."""
+    end, steps = float(tracks.step_times[-1]), tracks.step_seconds.size
+    plural = "" if steps == 1 else "s"
+    parts = [f"Simulated for {shown(end)} s in {steps} step{plural}"]
+    settled = _settled(measures)
+    status = str(summary["status"]).removeprefix("simulated to the end; ")
+    parts.append(settled or status.partition(";")[0])
+    cost = next((n for n in _COSTS.get(kind, ()) if _is_number(measures.get(n))), None)
+    if cost is not None:
+        parts.append(f"{_COST_WORDS[cost]} {shown(measures[cost])}")
+    for name, words in _ENDS.items():
+        if _is_number(measures.get(name)):
+            parts.append(f"{words} {shown(measures[name])} m")
+    parts.append(_solver_words(tracks))
+    return "; ".join(parts) + "."
+
+
+def _settled(measures: Mapping[str, Any]) -> str:
+    for name, words in _SETTLING.items():
+        if name in measures:
+            time = measures[name]
+            if _is_number(time):
+                return f"settled after {shown(time)} s ({words})"
+            return f"never settled ({words} until the end: not reached)"
+    return ""
+
+
+def _solver_words(tracks: Tracks) -> str:
+    """Return the solver's time against the length of a step."""
+    seconds, lengths = tracks.step_seconds, np.diff(tracks.step_times)
+    if tracks.is_one_plan or seconds.size == 1:
+        return f"the solver took {duration(float(np.nansum(seconds)))} for its plan"
+    late = int((seconds > lengths).sum())
+    said = (
+        f"the solver took {duration(float(np.median(seconds)))} a step (median; at "
+        f"most {duration(float(seconds.max()))}) of {duration(float(np.median(lengths)))}"
+    )
+    return said + (f", too long in {late} steps" if late else "")
+
+
+def _quality(status: str) -> str:
+    if "no step found" in status or "not confirmed" in status:
+        return "bad"
+    doubtful = ("found no feasible plan", "not certified", "infeasible", "limit")
+    return "mid" if any(words in status for words in doubtful) else "good"
+
+
+def _facts(
+    summary: Mapping[str, Any], tracks: Tracks, scenario: Mapping[str, Any]
+) -> list[tuple[str, str]]:
+    grid = scenario.get("prediction") or {}
+    horizon = grid.get("horizon_s")
+    steps = tracks.step_seconds.size
+    facts = [
+        ("scenario", f"{summary['scenario']} ({summary['kind']})"),
+        ("variant", str(summary["variant"] or "")),
+        ("source", str(scenario.get("source") or "")),
+        ("search", str(summary["search"])),
+        ("polish", str(summary["polish"])),
+        ("seed", str(summary["seed"])),
+        (
+            "flown",
+            f"{steps} step{'' if steps == 1 else 's'}, "
+            f"{shown(float(tracks.step_times[-1]))} s",
+        ),
+        (
+            "horizon",
+            f"{shown(horizon)} s in {grid.get('intervals')} intervals"
+            if _is_number(horizon)
+            else "",
+        ),
+        ("how it ended", str(summary["status"])),
+        ("evaluations", shown(summary.get("evaluations"))),
+        (
+            "wall time",
+            f"{duration(_float(summary.get('wall_s')))}, without "
+            f"{duration(_float(summary.get('compile_seconds')))} of compiling",
+        ),
+        ("backend", str(summary.get("backend") or "")),
+    ]
+    return [(name, words) for name, words in facts if words]
+
+
+def _measure_rows(
+    kind: str, measures: Mapping[str, Any], scenario: Mapping[str, Any]
+) -> list[MeasureRow]:
+    known = dict(resolve_name(KINDS[kind].measures)) if kind in KINDS else {}
+    own = scenario.get("measures")
+    meanings = {**known, **(own if isinstance(own, Mapping) else {})}
+    rows = []
+    for name, value in list(measures.items())[:MOST_ROWS]:
+        meaning = str(meanings.get(name, ""))
+        is_own = name not in known and meaning
+        rows.append(
+            MeasureRow(
+                name=str(name),
+                text=shown(value),
+                value=float(value) if _is_number(value) else None,
+                unit="" if is_own else unit_of_measure(str(name), meaning),
+                meaning=f"of this scenario: {meaning}" if is_own else meaning,
+            )
+        )
+    return rows
+
+
+def _claim_row(claim: Mapping[str, Any]) -> ClaimRow:
+    holds = claim["holds"]
+    verdict = "not judged" if holds is None else "holds" if holds else "does not hold"
+    bound = "not defined" if claim["bound"] is None else shown(claim["bound"], digits=8)
+    if claim.get("width"):
+        bound += f" ± {shown(claim['width'])}"
+    text = str(claim["text"])
+    if claim.get("needs"):
+        text += f" It needs {claim['needs']}."
+    if claim.get("note"):
+        text += f" ({claim['note']})"
+    return ClaimRow(
+        id=str(claim["id"]),
+        verdict=verdict,
+        measured=shown(claim["measured"], digits=8) if holds is not None else "-",
+        asked=f"{claim['measure']} {claim['relation']} {bound}",
+        text=text,
+        source=str(claim["source"]),
+    )
+
+
+def _limits(
+    summary: Mapping[str, Any], measures: Mapping[str, Any], tracks: Tracks
+) -> list[str]:
+    """Return what this run does not show."""
+    status = str(summary["status"])
+    said = []
+    if "not certified" in status:
+        said.append(
+            "The terminal sets of the linear law are not certified: that it keeps "
+            "within its bounds there is not proven."
+        )
+    missing, steps = int(tracks.without_plan.sum()), tracks.without_plan.size
+    if missing and not tracks.is_one_plan:
+        said.append(
+            f"At {missing} of {steps} steps a vehicle had no feasible plan; the last "
+            "plan, shifted, was flown there."
+        )
+    elif missing:
+        said.append("The plan that was flown is not feasible.")
+    outside = measures.get("steps_starting_outside")
+    if _is_number(outside) and outside:
+        said.append(
+            f"{shown(outside)} steps start outside the bounds of the states or the "
+            "path constraints."
+        )
+    if not np.isfinite(tracks.step_seconds).all():
+        said.append("The solver's time is not known at every step.")
+    if "confirmed" in measures and measures["confirmed"] == 0:
+        said.append("The finer integration does not confirm the plan.")
+    lanes = _mapping(summary.get("starts") or {}).get("lanes") or {}
+    unseen = _mapping(lanes).get("unseen") or {}
+    if _is_number(unseen.get("most")):
+        said.append(
+            f"At most {float(unseen['most']):.0%} of random starts would end in optima "
+            "that were not seen (95 % interval); a better one may be among them."
+        )
+    resumed = summary.get("resumed_steps")
+    if _is_number(resumed) and resumed:
+        said.append(f"{shown(resumed)} steps are from a run that was interrupted.")
+    judged = [c for c in summary["claims"] if c["holds"] is None]
+    if judged:
+        said.append(
+            f"{len(judged)} of {len(summary['claims'])} claims need another run, or a "
+            "second one to compare with."
+        )
+    said.append(
+        f"This is one run with the seed {summary['seed']}; times are of one machine."
+    )
+    return said
+
+
+def _command(summary: Mapping[str, Any]) -> str:
+    """Return what runs the record's own scenario again, in its folder."""
+    code = " --allow-python" if summary["kind"] == "python" else ""
+    return (
+        f"swarmstart run ./{SCENARIO} --seed {int(summary['seed'])}{code} --out again"
+    )
+
+
+def shown(value: Any, *, digits: int = 6) -> str:
+    """Return a value as text: "-" where it is not defined.
+
+    Example:
+        >>> shown(None), shown(12.0), shown([1.5, None])
+        ('-', '12', '1.5, -')
+    """
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "-"
+    if isinstance(value, list | tuple):
+        few = [shown(one, digits=4) for one in value[:12]]
+        return ", ".join(few) + (f", ... ({len(value)})" if len(value) > len(few) else "")
+    if _is_number(value):
+        return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+    return str(value)
+
+
+def duration(seconds: float) -> str:
+    """Return a duration with its unit.
+
+    Example:
+        >>> duration(0.0123), duration(2.5), duration(600.0)
+        ('12.3 ms', '2.5 s', '10 min')
+    """
+    steps: tuple[tuple[float, float, str], ...] = (
+        (1e-3, 1e-6, "µs"), (1.0, 1e-3, "ms"), (120.0, 1.0, "s"), (7200.0, 60.0, "min"),
+    )  # fmt: skip
+    if not math.isfinite(seconds):
+        return "an unknown time"
+    size, unit = next(((s, u) for most, s, u in steps if seconds < most), (3600.0, "h"))
+    return f"{seconds / size:.3g} {unit}"
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _float(value: Any) -> float:
+    return float(value) if _is_number(value) else math.nan
+
+
+Told = Callable[[str], str]
