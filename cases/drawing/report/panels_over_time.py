@@ -29,34 +29,62 @@ _COLOURS = 12
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class PanelDrawn:
-    """A panel as its template takes it.
+class Frame:
+    """Size and edges of a panel, its name, ticks, and the panel in words.
 
     Attributes:
         label: Name and unit.
-        traces: (number of the colour, path) of each line.
         x_ticks: (place, text).
         y_ticks: (place, text).
+        alt: The panel in words.
+    """
+
+    label: str
+    x_ticks: Sequence[tuple[float, str]]
+    y_ticks: Sequence[tuple[float, str]]
+    alt: str
+    width: float = PANEL[0]
+    height: float = PANEL[1]
+    left: float = LEFT
+    right: float = RIGHT
+    top: float = TOP
+    bottom: float = BOTTOM
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BandDrawn(Frame):
+    """A band over time as its template takes it.
+
+    Attributes:
+        area: Path of the band.
+        line: Path of the median.
+    """
+
+    area: str
+    line: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PanelDrawn(Frame):
+    """A panel as its template takes it.
+
+    Attributes:
+        traces: (number of the colour, path) of each line.
         levels: (place, text) of bounds and other limits.
         crosses: Path of the marks of what failed; empty: none.
         note: A short text below the name; may be empty.
         times: Times [s] of the values to be told; empty: they are not.
         values: These.
         held: Whether they are held.
-        alt: The panel in words.
     """
 
-    label: str
     traces: Sequence[tuple[int, str]]
-    x_ticks: Sequence[tuple[float, str]]
-    y_ticks: Sequence[tuple[float, str]]
     levels: Sequence[tuple[float, str]] = ()
     crosses: str = ""
     note: str = ""
     times: Sequence[float] = ()
     values: Sequence[float | None] = ()
     held: bool = False
-    alt: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -91,7 +119,7 @@ def _series_panel(one: Series, tracks: Tracks, most: int) -> PanelDrawn:
     finite = values[np.isfinite(values)]
     near, far = _bounds_near(finite, one.lower, one.upper)
     vertical = _vertical(np.append(finite, near))
-    across = _across(tracks)
+    across = _across(float(tracks.times[-1]))
     alone = len(values) == 1
     label = f"{one.name} [{one.unit}]" if one.unit else one.name
     note = "bounds beyond the axis: " + ", ".join(map(number, far)) if far else ""
@@ -128,7 +156,7 @@ def solver_panel(tracks: Tracks) -> PanelDrawn | None:
     every = np.append(positive, each)
     is_log = every.max() > _DECADES * every.min()
     vertical = _vertical(every, is_log=is_log, from_zero=not is_log)
-    across = _across(tracks)
+    across = _across(float(tracks.times[-1]))
     x = across.at(times)
     drawn = np.where(values > 0, values, every.min())
     crosses = ""
@@ -159,9 +187,40 @@ def solver_panel(tracks: Tracks) -> PanelDrawn | None:
     )
 
 
-def _across(tracks: Tracks) -> _Axis:
-    end = float(tracks.times[-1])
-    return _Axis(least=0.0, most=end or 1.0, begin=LEFT, end=RIGHT)
+def band_panel(
+    name: str, unit: str, times: Array, band: tuple[Array, Array, Array]
+) -> BandDrawn:
+    """Return a panel of lowest, median and highest values over time.
+
+    Args:
+        name: Of the quantity.
+        unit: Its unit; may be empty.
+        times: Shape (n,) [s].
+        band: Lowest, median and highest values, each (n,).
+    """
+    times, rows = reduced(times, np.stack(band), MOST_POINTS)
+    finite = rows[np.isfinite(rows)]
+    vertical, across = _vertical(finite), _across(float(times[-1]), float(times[0]))
+    x, (low, median, high) = across.at(times), (vertical.at(row) for row in rows)
+    kept = np.isfinite(low) & np.isfinite(high)
+    outline = [*zip(x[kept], low[kept], strict=True)]
+    outline += [*zip(x[kept], high[kept], strict=True)][::-1]
+    label = f"{name} [{unit}]" if unit else name
+    return BandDrawn(
+        label=label,
+        x_ticks=_x_ticks(across),
+        y_ticks=_y_ticks(vertical),
+        alt=_told(label, finite),
+        area="M" + "L".join(f"{_n(a)} {_n(b)}" for a, b in outline) + "z"
+        if outline
+        else "",
+        line=path(x, median, held=False),
+    )
+
+
+def _across(end: float, begin: float = 0.0) -> _Axis:
+    most = end if end > begin else begin + 1.0
+    return _Axis(least=begin, most=most, begin=LEFT, end=RIGHT)
 
 
 def _vertical(values: Array, *, is_log: bool = False, from_zero: bool = False) -> _Axis:

@@ -16,11 +16,8 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.panels_over_time import (
-    BOTTOM,
     LEFT,
-    PANEL,
     RIGHT,
-    TOP,
     number,
     series_panels,
     solver_panel,
@@ -39,6 +36,8 @@ SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 MOST_IN_LEGEND = 12
 MOST_PLAN_NUMBERS = 60_000
 _COLOURS = 12
+_BESIDE = 3
+"""Panels beside the plane."""
 _LASTS = (3.0, 30.0)
 """Seconds that a flight may take at its own pace to be played at that."""
 _PLAYED = 15.0
@@ -62,6 +61,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
     solver = solver_panel(tracks)
     end = float(tracks.times[-1])
     shown = [solver, *panels] if solver else panels
+    beside = _BESIDE if world is not None else 0
     payload: dict[str, Any] = {
         "end": end,
         "frames": int(tracks.times.size),
@@ -81,10 +81,8 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
                 "title": tracks.title,
                 "payload": payload,
                 "world": None if world is None else world.drawn(tracks),
-                "solver": solver,
-                "panels": panels,
-                "panel": {"width": PANEL[0], "height": PANEL[1], "left": LEFT,
-                          "right": RIGHT, "top": TOP, "bottom": BOTTOM},
+                "side": shown[:beside],
+                "panels": shown[beside:],
                 "speeds": [(speed, f"{speed:g}×") for speed in _speeds(end)],
                 "speed": _speed(end),
                 "end": f"{end:.{payload['digits']}f}",

@@ -5,7 +5,7 @@ is a user's file: what does not fit is one message, a RecordError.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
@@ -203,7 +203,7 @@ def _settled(measures: Mapping[str, Any]) -> str:
             time = measures[name]
             if _is_number(time):
                 return f"settled after {shown(time)} s ({words})"
-            return f"never settled ({words} until the end: not reached)"
+            return f"not settled by the end (settled: {words})"
     return ""
 
 
@@ -214,8 +214,9 @@ def _solver_words(tracks: Tracks) -> str:
         return f"the solver took {duration(float(np.nansum(seconds)))} for its plan"
     late = int((seconds > lengths).sum())
     said = (
-        f"the solver took {duration(float(np.median(seconds)))} a step (median; at "
-        f"most {duration(float(seconds.max()))}) of {duration(float(np.median(lengths)))}"
+        f"the solver took {duration(float(np.median(seconds)))} of each step's "
+        f"{duration(float(np.median(lengths)))} (median; at most "
+        f"{duration(float(seconds.max()))})"
     )
     return said + (f", too long in {late} steps" if late else "")
 
@@ -404,6 +405,3 @@ def _is_number(value: Any) -> bool:
 
 def _float(value: Any) -> float:
     return float(value) if _is_number(value) else math.nan
-
-
-Told = Callable[[str], str]

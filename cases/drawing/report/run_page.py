@@ -15,12 +15,26 @@ from swarmstart.cases.drawing.report.run_content import (
     RunContent,
     run_content,
 )
+from swarmstart.cases.drawing.report.seeds_page import (
+    seeds_latex,
+    seeds_markdown,
+    seeds_page,
+)
 from swarmstart.cases.drawing.report.text_tables import (
     latex_table,
     latex_text,
     markdown_table,
     markdown_text,
 )
+
+__all__ = [
+    "run_latex",
+    "run_markdown",
+    "run_page",
+    "seeds_latex",
+    "seeds_markdown",
+    "seeds_page",
+]
 
 VERDICTS = {"holds": "good", "does not hold": "bad", "not judged": "mid"}
 

@@ -64,7 +64,7 @@
     };
 
     const lines = view => {
-      const perUnit = view.z * data.per_unit, step = nice(75 / perUnit);
+      const perUnit = view.z * data.per_unit, step = nice(52 / perUnit);
       const left = data.origin[0] - view.x / perUnit, top = data.origin[1] + view.y / perUnit;
       net.replaceChildren();
       for (let k = Math.ceil(left / step); k * step < left + width / perUnit; k += 1) {
