@@ -31,7 +31,7 @@ from swarmstart.cases.campaign.statistics import spread
 from swarmstart.cases.campaign.verdicts import Verdict
 from swarmstart.cases.commands.output import DONE, GATE, answer
 from swarmstart.cases.commands.progress import Progress
-from swarmstart.cases.drawing.page import embedded, rendered
+from swarmstart.cases.drawing.report.replication_page import replication_page
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.record.files import (
     locked,
@@ -105,7 +105,8 @@ def replicate_command(options: argparse.Namespace) -> int:
         for claim, parts in zip(plan.claims, plan.parts, strict=True)
     ]
     content = _content(plan, claims, len(cells), options)
-    page = rendered("replication.html", {**content, "figures": _figures(plan, by_key)})
+    content["figures"] = _figures(plan, by_key)
+    page = replication_page(content, root)
     with locked(root):
         _require_own(root, stem)
         write_json(
@@ -237,6 +238,7 @@ def _part(judged_part: JudgedPart) -> dict[str, Any]:
         "measure": claim.measure,
         "relation": claim.relation,
         "bound": claim.bound,
+        "width": claim.width,
         "basis": part.basis,
         "values": list(judged_part.values),
         "pairs": [list(pair) for pair in judged_part.pairs],
@@ -272,29 +274,28 @@ def _median(values: Sequence[Measure]) -> str:
 
 
 def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]]:
-    """Return the figures with their images as text."""
+    """Return the chapter's figures whose runs were done: where their files lie."""
     drawn = []
-    for figure, cell in zip(plan.chapter.figures, plan.figures, strict=False):
-        outcome = outcomes[cell.key]
-        names = outcome.result["figures"] if outcome.result else []
+    for figure, cell in zip(
+        plan.chapter.figures, figure_cells(plan.chapter), strict=True
+    ):
+        outcome = outcomes.get(cell.key)
+        if outcome is None:
+            continue
         variant = plan.chapter.variants.get(figure.scenario)
         words = ["swarmstart", "run", figure.scenario]
         words += ["--variant", variant] if variant else []
         words += ["--search", figure.search] if figure.search else []
-        images = [
-            {
-                "name": Path(name).stem,
-                "data": embedded(outcome.folder / "figures" / name),
-            }
-            for name in names
-            if (outcome.folder / "figures" / name).exists()
-        ]
         drawn.append(
             {
                 "number": figure.number,
                 "title": figure.title,
+                "scenario": figure.scenario,
+                "kind": cell.job["settings"]["kind"],
+                "search": figure.search,
                 "command": shlex.join(words),
-                "images": images,
+                "cell": outcome.folder.name,
+                "files": outcome.result["figures"] if outcome.result else [],
                 "failure": outcome.failure,
             }
         )

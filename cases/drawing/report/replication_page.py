@@ -1,0 +1,225 @@
+"""The page of a replication: every claim, its runs, its spread, and its figures.
+
+A figure stands at the first claim that is judged by its runs; other claims link to it.
+One of the flights can be played.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swarmstart.cases.drawing.page import rendered
+from swarmstart.cases.drawing.report.pictures import (
+    PAGE_BYTES,
+    SMALL_WIDTH,
+    Picture,
+    pictures_of,
+)
+from swarmstart.cases.drawing.report.player import player
+from swarmstart.cases.drawing.report.strips import strip
+from swarmstart.cases.drawing.report.tracks import tracks_of
+from swarmstart.cases.record.files import RecordError
+from swarmstart.cases.record.record import MARK
+from swarmstart.cases.record.results import load
+from swarmstart.errors import SwarmstartError
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+_GOOD = ("holds", "an assumption, met here")
+_BAD = ("does not hold", "an assumption, not met here")
+_SEARCH = re.compile(r"search=\{name: (\w+)\}|--search (\w+)")
+_KEY = re.compile(r"[0-9a-f]{8,64}")
+_PLAYED = ("formation_obstacle", "formation_v")
+"""Scenarios whose flight is played before others'."""
+BASES = {"ours": "the bound is ours", "physics": "the bound is physics"}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FigureShown:
+    """A figure of the chapter in the page.
+
+    Attributes:
+        number: In the chapter.
+        title: Its title.
+        command: What runs it.
+        failure: Why its run failed; empty: it did not.
+        pictures: Its panels.
+        key: Scenario and search.
+        anchor: Its id in the page.
+    """
+
+    number: str
+    title: str
+    command: str
+    failure: str
+    pictures: Sequence[Picture]
+    key: tuple[str, str]
+    anchor: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ClaimShown:
+    """A claim in the page.
+
+    Attributes:
+        claim: As recorded.
+        parts: Each part as recorded, with its strip.
+        figures: Those that stand here.
+        elsewhere: Figures of its runs that stand at another claim.
+        quality: "good", "mid" or "bad".
+    """
+
+    claim: Mapping[str, Any]
+    parts: Sequence[tuple[Mapping[str, Any], "Markup"]]
+    figures: list[FigureShown] = field(default_factory=list)
+    elsewhere: list[FigureShown] = field(default_factory=list)
+    quality: str = "mid"
+
+
+def replication_page(content: Mapping[str, Any], folder: Path) -> str:
+    """Return the page of a replication: one file that asks for nothing, below 2 MB.
+
+    Args:
+        content: As replication.json holds it.
+        folder: Where that lies: the runs' folders are in its `cells`.
+
+    Raises:
+        RecordError: If the content is something else.
+    """
+    try:
+        return _page(content, folder)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise RecordError(
+            f"{folder}: expected the content of replication.json, found: "
+            f"{type(error).__name__}: {str(error)[:200]}"
+        ) from error
+
+
+def _page(content: Mapping[str, Any], folder: Path) -> str:
+    recorded = list(content.get("figures") or [])
+    flight, played = _flight(recorded, folder)
+    claims = [
+        ClaimShown(
+            claim=claim,
+            parts=[(part, _strip(part)) for part in claim["parts"]],
+            quality=quality(claim["verdict"]),
+        )
+        for claim in content["claims"]
+    ]
+    parts = {
+        "content": content,
+        "claims": claims,
+        "quality": quality,
+        "bases": BASES,
+        "flight": flight,
+        "played": played,
+        "others": [],
+        "unexpected": [c for c in content["claims"] if not c["as_expected"]],
+    }
+    room = PAGE_BYTES - len(rendered("replication_page.html.j2", parts).encode()) - 60_000
+    figures = _figures(recorded, folder, room)
+    others = _placed(figures, claims)
+    return rendered("replication_page.html.j2", {**parts, "others": others})
+
+
+def quality(verdict: str) -> str:
+    """Return the class of a verdict's colour."""
+    if verdict in _GOOD:
+        return "good"
+    return "bad" if verdict in _BAD else "mid"
+
+
+def _strip(part: Mapping[str, Any]) -> "Markup":
+    """Return the values of a part as a strip; nothing where none is a number."""
+    return strip(
+        part["values"],
+        bound=part["bound"],
+        relation=str(part["relation"]),
+        width=float(part.get("width") or 0.0),
+    )
+
+
+def _figures(recorded: Sequence[Any], folder: Path, room: int) -> list[FigureShown]:
+    found = []
+    for number, figure in enumerate(recorded):
+        place, kind = _cell(figure, folder), str(figure.get("kind") or "")
+        names = [str(name) for name in figure.get("files") or []]
+        share = max(0, room // max(1, len(recorded) - number))
+        pictures = (
+            []
+            if place is None
+            else pictures_of(place, names, kind, room=share, width=SMALL_WIDTH)
+        )
+        room -= sum(len(picture.data) for picture in pictures)
+        found.append(
+            FigureShown(
+                number=str(figure["number"]),
+                title=str(figure["title"]),
+                command=str(figure["command"]),
+                failure=str(figure.get("failure") or ""),
+                pictures=pictures,
+                key=(str(figure["scenario"]), str(figure.get("search") or "")),
+                anchor=f"figure-{number + 1}",
+            )
+        )
+    return found
+
+
+def _cell(figure: Mapping[str, Any], folder: Path) -> Path | None:
+    """Return the folder of a figure's run; None: it is not one of the replication's."""
+    key = str(figure.get("cell") or "")
+    return folder / "cells" / key if _KEY.fullmatch(key) else None
+
+
+def _placed(
+    figures: Sequence[FigureShown], claims: Sequence[ClaimShown]
+) -> list[FigureShown]:
+    """Put each figure at the first claim of its runs; return those of no claim."""
+    shown: set[str] = set()
+    for claim in claims:
+        keys = {key for part in claim.claim["parts"] for key in _keys(part)}
+        scenarios = {scenario for scenario, _ in keys}
+        exact = [figure for figure in figures if figure.key in keys]
+        related = exact or [f for f in figures if f.key[0] in scenarios]
+        for figure in related:
+            if figure.anchor in shown:
+                claim.elsewhere.append(figure)
+            else:
+                shown.add(figure.anchor)
+                claim.figures.append(figure)
+    return [figure for figure in figures if figure.anchor not in shown]
+
+
+def _keys(part: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return scenario and search of each run of a part; "": the scenario's own."""
+    if not part["scenario"]:
+        return []
+    commands = [part["command"], part.get("against") or ""]
+    keys = []
+    for command in filter(None, commands):
+        found = _SEARCH.search(command)
+        search = "" if found is None else found.group(1) or found.group(2)
+        keys.append((str(part["scenario"]), search))
+    return keys
+
+
+def _flight(recorded: Sequence[Any], folder: Path) -> "tuple[Markup | None, str]":
+    """Return one flight to play, and what runs it; None where no run is kept."""
+
+    def rank(figure: Mapping[str, Any]) -> tuple[bool, int]:
+        name = figure.get("scenario")
+        place = _PLAYED.index(name) if name in _PLAYED else len(_PLAYED)
+        return bool(figure.get("search")), place
+
+    for figure in sorted(recorded, key=rank):
+        place = _cell(figure, folder)
+        if place is None or figure.get("failure") or not (place / MARK).is_file():
+            continue
+        try:
+            return player(tracks_of(load(place))), str(figure["command"])
+        except SwarmstartError:
+            continue
+    return None, ""
