@@ -49,7 +49,11 @@ def run_page(folder: Path) -> str:
         RecordError: If there is none, or it is damaged.
         SwarmstartError: If its scenario cannot be read.
     """
-    content = run_content(folder)
+    return page_of(run_content(folder))
+
+
+def page_of(content: RunContent) -> str:
+    """Return the page of what a run's record says."""
     parts = {
         "content": content,
         "flight": player(content.tracks),
@@ -57,7 +61,8 @@ def run_page(folder: Path) -> str:
         "pictures": [],
     }
     room = PAGE_BYTES - len(rendered("run_page.html.j2", parts).encode()) - 20_000
-    pictures = pictures_of(folder, content.figures, content.kind, room=room)
+    pictures = pictures_of(
+        content.record.folder, content.figures, content.kind, room=room)
     return rendered("run_page.html.j2", {**parts, "pictures": pictures})
 
 

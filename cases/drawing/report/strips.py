@@ -18,6 +18,8 @@ MOST_DOTS = 200
 _DECADES = 1000.0
 """Of positive values, largest to smallest, from which on the line is logarithmic."""
 _ROWS = 3
+_APART = 80.0
+"""Places that are nearer to each other share a text."""
 _BELOW, _ABOVE = ("<", "<="), (">", ">=")
 
 
@@ -68,14 +70,28 @@ def strip(
                 "median": at(median),
                 "bound": None if limit is None else at(float(limit)),
                 "asked": _asked(relation, limit, width, at),
-                "ends": (number(min(known)), number(max(known))),
-                "single": len(set(known)) == 1,
+                "ends": _ends(known, at),
                 "limit": "" if limit is None else number(float(limit)),
                 "alt": _told(known, median, missing, limit, relation),
                 "size": (WIDTH, LEFT, RIGHT),
             },
         )
     )
+
+
+def _ends(known: Sequence[float], at: Any) -> list[tuple[float, str, str]]:
+    """Return place, anchor and text of lowest and highest; one text if they are near."""
+    low, high = min(known), max(known)
+    if at(high) - at(low) < _APART:
+        text = number(low) if low == high else f"{number(low)} to {number(high)}"
+        middle = (at(low) + at(high)) / 2
+        anchor = "start" if middle < WIDTH / 3 else "end"
+        anchor = "middle" if WIDTH / 3 <= middle <= 2 * WIDTH / 3 else anchor
+        return [(middle, anchor, text)]
+    return [
+        (at(low), "start" if at(low) < 2 * LEFT else "middle", number(low)),
+        (at(high), "end" if at(high) > WIDTH - 2 * LEFT else "middle", number(high)),
+    ]
 
 
 def is_number(value: Any) -> bool:

@@ -189,7 +189,8 @@ def _centre(
             return None
         size = max(map(abs, values)) + 1
         slopes = (values[1] - values[0], values[0] - values[2])
-        if any(abs(abs(slope) - 1) > _STRAIGHT * size for slope in slopes):
+        is_straight = abs(slopes[0] - slopes[1]) <= _STRAIGHT * size
+        if not is_straight or abs(abs(slopes[0]) - 1) > _STRAIGHT * size:
             return None
         place.append(-values[0] * np.sign(slopes[0]))
     return float(place[0]), float(place[1])
