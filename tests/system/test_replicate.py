@@ -13,6 +13,7 @@ import pytest
 
 from swarmstart.cases.commands.cli import main
 from swarmstart.cases.commands.replicate import markdown
+from swarmstart.cases.drawing.report.pictures import PAGE_BYTES
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
@@ -104,11 +105,12 @@ def test_the_page_holds_every_claim_and_every_figure(folder: Path) -> None:
     page = (folder / "replication.html").read_text(encoding="utf-8")
     for number in range(1, CLAIMS + 1):
         assert f'id="claim-{number}"' in page
-    assert page.count("<h3>Fig. ") == FIGURES
+    assert len(re.findall(r"<h4 [^>]*>Fig\. ", page)) == FIGURES
     # 8 panels a formation flight, 7 a close formation, 6 a reconfiguration.
     assert page.count('src="data:image/png;base64,') == 4 * 8 + 2 * 7 + 2 * 6
     assert not re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page)
     assert "url(" not in page and "@import" not in page
+    assert len(page.encode()) < PAGE_BYTES and "left out" not in page
 
 
 def browser() -> str:

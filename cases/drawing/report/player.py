@@ -40,7 +40,7 @@ _BESIDE = 3
 """Panels beside the plane."""
 _LASTS = (3.0, 30.0)
 """Seconds that a flight may take at its own pace to be played at that."""
-_PLAYED = 15.0
+_PLAYED = 8.0
 _MARKS = 8
 _MOST_MARKED = 10
 _FOLLOWED = 3.0

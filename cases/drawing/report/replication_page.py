@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _GOOD = ("holds", "an assumption, met here")
 _BAD = ("does not hold", "an assumption, not met here")
-_SEARCH = re.compile(r"search=\{name: (\w+)\}|--search (\w+)")
+_SEARCH = re.compile(r'search=\{"?name"?: "?(\w+)|--search (\w+)')
 _KEY = re.compile(r"[0-9a-f]{8,64}")
 _PLAYED = ("formation_obstacle", "formation_v")
 """Scenarios whose flight is played before others'."""
@@ -89,9 +89,12 @@ def replication_page(content: Mapping[str, Any], folder: Path) -> str:
     Raises:
         RecordError: If the content is something else.
     """
+    import jinja2
+
+    wrong = (LookupError, TypeError, ValueError, AttributeError, jinja2.UndefinedError)
     try:
         return _page(content, folder)
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
+    except wrong as error:
         raise RecordError(
             f"{folder}: expected the content of replication.json, found: "
             f"{type(error).__name__}: {str(error)[:200]}"
@@ -147,11 +150,10 @@ def _figures(recorded: Sequence[Any], folder: Path, room: int) -> list[FigureSho
     for number, figure in enumerate(recorded):
         place, kind = _cell(figure, folder), str(figure.get("kind") or "")
         names = [str(name) for name in figure.get("files") or []]
-        share = max(0, room // max(1, len(recorded) - number))
         pictures = (
             []
             if place is None
-            else pictures_of(place, names, kind, room=share, width=SMALL_WIDTH)
+            else pictures_of(place, names, kind, room=room, width=SMALL_WIDTH)
         )
         room -= sum(len(picture.data) for picture in pictures)
         found.append(

@@ -89,7 +89,7 @@ def test_a_figure_stands_once_at_the_first_claim_of_its_runs(folder: Path) -> No
     claims = [
         claim(1, part("a")),
         claim(2, part("a", search="ga")),
-        claim(3, part("a", against="swarmstart run a --set 'search={name: ga}'")),
+        claim(3, part("a", against="swarmstart run a --set 'search={\"name\": \"ga\"}'")),
         claim(4, part("b")),
     ]
     figures = [figure("5.9", "a", search="ga"), figure("5.10", "a"), figure("5.30", "c")]
