@@ -34,7 +34,8 @@ _JOINT = {
     "they end; crosses: the slots around the leader at the end.",
     "b_evolution": "Cost J of the search's best point after each generation, a panel a "
     "horizon.",
-    "c_cost": "Cost J of each horizon, and the largest distance from a slot at its end.",
+    "c_cost": "Cost J of each horizon, and the largest distance from a slot at its "
+    "end.",
     "d_bank": "Bank of each UAV, held over each step.",
     "e_thrust": "Thrust of each UAV, held over each step.",
     "f_distances": "Distances of all pairs of UAVs over time; dotted: the safe and the "
@@ -47,7 +48,8 @@ _TRANSFER = {
     "of the plan.",
     "c_acceleration": "Acceleration of each UAV, held over each step.",
     "d_bank": "Bank of each UAV, held over each step.",
-    "e_distances": "Distances of all pairs of UAVs over time; dotted: the safe distance.",
+    "e_distances": "Distances of all pairs of UAVs over time; dotted: the safe "
+    "distance.",
 }
 _PROBLEM = {
     "a_states": "States over time; dashed: their bounds.",

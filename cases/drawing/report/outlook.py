@@ -75,7 +75,9 @@ def outlook_of(record: Record, flight: Trajectory) -> Outlook:
 def _posed(record: Record, scenario: Mapping[str, Any]) -> Posed:
     """Return what the recorded scenario poses; no terminal set is certified anew."""
     document = read_document(str(record.folder.resolve() / SCENARIO))
-    quick = ["dual_mode.certify=false"] if scenario["kind"] == "formation_flight" else []
+    quick = (
+        ["dual_mode.certify=false"] if scenario["kind"] == "formation_flight" else []
+    )
     return resolve(document, assignments=quick).posed()
 
 

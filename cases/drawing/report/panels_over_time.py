@@ -82,7 +82,7 @@ class PanelDrawn(Frame):
     levels: Sequence[tuple[float, str]] = ()
     crosses: str = ""
     note: str = ""
-    times: Sequence[float] = ()
+    times: Sequence[float | None] = ()
     values: Sequence[float | None] = ()
     held: bool = False
 

@@ -8,6 +8,7 @@ cursor that moves with the clock. A flight without positions has the panels alon
 Nothing starts by itself.
 """
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,7 @@ MOST_PLAN_NUMBERS = 60_000
 _COLOURS = 12
 _BESIDE = 3
 """Panels beside the plane."""
+_TIMES = "\N{MULTIPLICATION SIGN}"
 _LASTS = (3.0, 30.0)
 """Seconds that a flight may take at its own pace to be played at that."""
 _PLAYED = 8.0
@@ -65,7 +67,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
     payload: dict[str, Any] = {
         "end": end,
         "frames": int(tracks.times.size),
-        "digits": 3 if end < 1 else 2 if end < 10 else 1,
+        "digits": max(1, min(3, 2 - math.floor(math.log10(end or 1.0)))),
         "panels": [
             {"times": p.times, "values": p.values, "held": p.held} for p in shown
         ],
@@ -83,7 +85,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
                 "world": None if world is None else world.drawn(tracks),
                 "side": shown[:beside],
                 "panels": shown[beside:],
-                "speeds": [(speed, f"{speed:g}×") for speed in _speeds(end)],
+                "speeds": [(one, f"{one:g}{_TIMES}") for one in _speeds(end)],
                 "speed": _speed(end),
                 "end": f"{end:.{payload['digits']}f}",
                 "legend": _legend(tracks),
@@ -96,22 +98,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
 
 def caption(tracks: Tracks) -> list[str]:
     """Return sentences on what is seen."""
-    said = []
-    plane = tracks.plane
-    if plane is not None:
-        around = plane.surroundings
-        parts = ["Thin lines: the whole tracks; thick: flown until now"]
-        if plane.plans:
-            parts.append("dashed: the plans made last")
-        if around.targets is not None:
-            parts.append(f"crosses: the {around.called}s")
-        if around.leader is not None:
-            parts.append("ring: the leader")
-        if any(not disc.is_limit for disc in around.discs):
-            parts.append("grey discs: places to keep out of")
-        if any(disc.is_limit for disc in around.discs):
-            parts.append("dotted circles: places to stay within")
-        said.append("; ".join(parts) + ". " + plane.words)
+    said = [] if tracks.plane is None else [_plane_caption(tracks.plane)]
     if tracks.is_one_plan and tracks.step_seconds.size:
         seconds = number(float(np.nansum(tracks.step_seconds)))
         said.append(
@@ -124,6 +111,21 @@ def caption(tracks: Tracks) -> list[str]:
             f"{tracks.without_plan.size} steps at which a vehicle had no feasible plan."
         )
     return [sentence.strip() for sentence in (*said, *tracks.notes)]
+
+
+def _plane_caption(plane: Plane) -> str:
+    """Return a sentence on what is seen in the plane."""
+    around = plane.surroundings
+    parts = {
+        "thin lines: the whole tracks; thick: flown until now": True,
+        "dashed: the plans made last": bool(plane.plans),
+        f"crosses: the {around.called}s": around.targets is not None,
+        "ring: the leader": around.leader is not None,
+        "grey discs: places to keep out of": any(not d.is_limit for d in around.discs),
+        "dotted circles: places to stay within": any(d.is_limit for d in around.discs),
+    }
+    text = "; ".join(words for words, is_seen in parts.items() if is_seen)
+    return f"{text[:1].upper()}{text[1:]}. {plane.words}"
 
 
 def _speeds(end: float) -> Sequence[float]:
@@ -178,11 +180,11 @@ class _World:
 
     def x(self, values: Array) -> Array:
         """Return places from left to right."""
-        return (values - self.low[0]) * self.per_unit
+        return np.asarray((values - self.low[0]) * self.per_unit)
 
     def y(self, values: Array) -> Array:
         """Return places from the top down."""
-        return (self.high[1] - values) * self.per_unit
+        return np.asarray((self.high[1] - values) * self.per_unit)
 
     def payload(self, tracks: Tracks) -> dict[str, Any]:
         """Return what the script draws at each instant."""
@@ -211,7 +213,10 @@ class _World:
             "targets": []
             if around.targets is None
             else [
-                {"x": _fixed(_whole(self.x(one[0]))), "y": _fixed(_whole(self.y(one[1])))}
+                {
+                    "x": _fixed(_whole(self.x(one[0]))),
+                    "y": _fixed(_whole(self.y(one[1]))),
+                }
                 for one in around.targets
             ],
             "plans": self._plans(),

@@ -122,7 +122,9 @@ def _page(content: Mapping[str, Any], folder: Path) -> str:
         "others": [],
         "unexpected": [c for c in content["claims"] if not c["as_expected"]],
     }
-    room = PAGE_BYTES - len(rendered("replication_page.html.j2", parts).encode()) - 60_000
+    room = (
+        PAGE_BYTES - len(rendered("replication_page.html.j2", parts).encode()) - 60_000
+    )
     figures = _figures(recorded, folder, room)
     others = _placed(figures, claims)
     return rendered("replication_page.html.j2", {**parts, "others": others})

@@ -15,6 +15,7 @@ import numpy as np
 
 from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
 from swarmstart.cases.drawing.report.units import unit_of_measure
+from swarmstart.cases.drawing.report.wording import counted, is_number, percent
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.record import SCENARIO
@@ -146,9 +147,7 @@ def run_content(folder: Path) -> RunContent:
         ) from error
 
 
-def _content(
-    record: Record, summary: Mapping[str, Any], tracks: Tracks
-) -> RunContent:
+def _content(record: Record, summary: Mapping[str, Any], tracks: Tracks) -> RunContent:
     kind, measures = str(summary["kind"]), _mapping(summary["measures"])
     scenario = record.scenario or {}
     return RunContent(
@@ -187,11 +186,11 @@ def _headline(
     settled = _settled(measures)
     status = str(summary["status"]).removeprefix("simulated to the end; ")
     parts.append(settled or status.partition(";")[0])
-    cost = next((n for n in _COSTS.get(kind, ()) if _is_number(measures.get(n))), None)
+    cost = next((n for n in _COSTS.get(kind, ()) if is_number(measures.get(n))), None)
     if cost is not None:
         parts.append(f"{_COST_WORDS[cost]} {shown(measures[cost])}")
     for name, words in _ENDS.items():
-        if _is_number(measures.get(name)):
+        if is_number(measures.get(name)):
             parts.append(f"{words} {shown(measures[name])} m")
     parts.append(_solver_words(tracks))
     return "; ".join(parts) + "."
@@ -201,7 +200,7 @@ def _settled(measures: Mapping[str, Any]) -> str:
     for name, words in _SETTLING.items():
         if name in measures:
             time = measures[name]
-            if _is_number(time):
+            if is_number(time):
                 return f"settled after {shown(time)} s ({words})"
             return f"not settled by the end (settled: {words})"
     return ""
@@ -249,7 +248,7 @@ def _facts(
         (
             "horizon",
             f"{shown(horizon)} s in {grid.get('intervals')} intervals"
-            if _is_number(horizon)
+            if is_number(horizon)
             else "",
         ),
         ("how it ended", str(summary["status"])),
@@ -278,7 +277,7 @@ def _measure_rows(
             MeasureRow(
                 name=str(name),
                 text=shown(value),
-                value=float(value) if _is_number(value) else None,
+                value=float(value) if is_number(value) else None,
                 unit="" if is_own else unit_of_measure(str(name), meaning),
                 meaning=f"of this scenario: {meaning}" if is_own else meaning,
             )
@@ -311,51 +310,48 @@ def _limits(
     summary: Mapping[str, Any], measures: Mapping[str, Any], tracks: Tracks
 ) -> list[str]:
     """Return what this run does not show."""
-    status = str(summary["status"])
-    said = []
-    if "not certified" in status:
-        said.append(
-            "The terminal sets of the linear law are not certified: that it keeps "
-            "within its bounds there is not proven."
-        )
-    missing, steps = int(tracks.without_plan.sum()), tracks.without_plan.size
-    if missing and not tracks.is_one_plan:
-        said.append(
-            f"At {missing} of {steps} steps a vehicle had no feasible plan; the last "
-            "plan, shifted, was flown there."
-        )
-    elif missing:
-        said.append("The plan that was flown is not feasible.")
     outside = measures.get("steps_starting_outside")
-    if _is_number(outside) and outside:
-        said.append(
-            f"{shown(outside)} steps start outside the bounds of the states or the "
-            "path constraints."
-        )
-    if not np.isfinite(tracks.step_seconds).all():
-        said.append("The solver's time is not known at every step.")
-    if "confirmed" in measures and measures["confirmed"] == 0:
-        said.append("The finer integration does not confirm the plan.")
-    lanes = _mapping(summary.get("starts") or {}).get("lanes") or {}
-    unseen = _mapping(lanes).get("unseen") or {}
-    if _is_number(unseen.get("most")):
-        said.append(
-            f"At most {float(unseen['most']):.0%} of random starts would end in optima "
-            "that were not seen (95 % interval); a better one may be among them."
-        )
     resumed = summary.get("resumed_steps")
-    if _is_number(resumed) and resumed:
-        said.append(f"{shown(resumed)} steps are from a run that was interrupted.")
-    judged = [c for c in summary["claims"] if c["holds"] is None]
-    if judged:
-        said.append(
-            f"{len(judged)} of {len(summary['claims'])} claims need another run, or a "
-            "second one to compare with."
+    lanes = _mapping(summary.get("starts") or {}).get("lanes") or {}
+    unseen = (_mapping(lanes).get("unseen") or {}).get("most")
+    claims = summary["claims"]
+    unjudged = sum(claim["holds"] is None for claim in claims)
+    said = {
+        "The terminal sets of the linear law are not certified: that it keeps within "
+        "its bounds there is not proven.": "not certified" in str(summary["status"]),
+        **_without_plans(tracks),
+        f"{shown(outside)} steps start outside the bounds of the states or the path "
+        "constraints.": is_number(outside) and outside,
+        "The solver's time is not known at every step.": not np.isfinite(
+            tracks.step_seconds
+        ).all(),
+        "The finer integration does not confirm the plan.": measures.get("confirmed")
+        == 0,
+        f"At most {percent(unseen)} of random starts would end in optima that were not "
+        "seen (95 % interval); a better one may be among them.": is_number(unseen),
+        f"{shown(resumed)} steps are from a run that was interrupted.": is_number(
+            resumed
         )
-    said.append(
-        f"This is one run with the seed {summary['seed']}; times are of one machine."
+        and resumed,
+        f"{unjudged} of {counted(len(claims), 'claim')} "
+        f"{'need' if unjudged > 1 else 'needs'} another run, or a second one to "
+        "compare with.": unjudged,
+        f"This is one run with the seed {summary['seed']}; times are of one "
+        "machine.": True,
+    }
+    return [sentence for sentence, is_so in said.items() if is_so]
+
+
+def _without_plans(tracks: Tracks) -> dict[str, bool]:
+    """Return a sentence on steps without a feasible plan, and whether there are any."""
+    missing, steps = int(tracks.without_plan.sum()), tracks.without_plan.size
+    if tracks.is_one_plan:
+        return {"The plan that was flown is not feasible.": missing > 0}
+    said = (
+        f"At {missing} of {steps} steps a vehicle had no feasible plan; the last plan, "
+        "shifted, was flown there."
     )
-    return said
+    return {said: missing > 0}
 
 
 def _command(summary: Mapping[str, Any]) -> str:
@@ -377,8 +373,10 @@ def shown(value: Any, *, digits: int = 6) -> str:
         return "-"
     if isinstance(value, list | tuple):
         few = [shown(one, digits=4) for one in value[:12]]
-        return ", ".join(few) + (f", ... ({len(value)})" if len(value) > len(few) else "")
-    if _is_number(value):
+        return ", ".join(few) + (
+            f", ... ({len(value)})" if len(value) > len(few) else ""
+        )
+    if is_number(value):
         return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
     return str(value)
 
@@ -399,9 +397,5 @@ def duration(seconds: float) -> str:
     return f"{seconds / size:.3g} {unit}"
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def _float(value: Any) -> float:
-    return float(value) if _is_number(value) else math.nan
+    return float(value) if is_number(value) else math.nan

@@ -1,7 +1,7 @@
 """The page of a run, and of the same run with many seeds; the tables as text, too.
 
-    run_page(folder), run_markdown(folder), run_latex(folder)
-    seeds_page(content), seeds_markdown(content), seeds_latex(content)
+run_page(folder), run_markdown(folder), run_latex(folder)
+seeds_page(content), seeds_markdown(content), seeds_latex(content)
 """
 
 from pathlib import Path
@@ -62,7 +62,8 @@ def page_of(content: RunContent) -> str:
     }
     room = PAGE_BYTES - len(rendered("run_page.html.j2", parts).encode()) - 20_000
     pictures = pictures_of(
-        content.record.folder, content.figures, content.kind, room=room)
+        content.record.folder, content.figures, content.kind, room=room
+    )
     return rendered("run_page.html.j2", {**parts, "pictures": pictures})
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.panels_over_time import BandDrawn, band_panel
 from swarmstart.cases.drawing.report.run_content import MOST_ROWS, shown
-from swarmstart.cases.drawing.report.strips import is_number, strip
+from swarmstart.cases.drawing.report.strips import strip
 from swarmstart.cases.drawing.report.text_tables import (
     latex_table,
     latex_text,
@@ -28,12 +28,15 @@ from swarmstart.cases.drawing.report.text_tables import (
     markdown_text,
 )
 from swarmstart.cases.drawing.report.units import unit_of_measure
+from swarmstart.cases.drawing.report.wording import is_number
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.record.files import RecordError
 
 Array = NDArray[np.float64]
 HEADS = ("measure", "lowest", "median", "highest", "unit", "not defined", "meaning")
 MOST_BANDS = 24
+_RUN = 3
+"""Seeds, one after another, from which on the first and the last are told."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -98,14 +101,17 @@ def seeds_page(content: Mapping[str, Any]) -> str:
 def seeds_markdown(content: Mapping[str, Any]) -> str:
     """Return the spread of the measures as Markdown; raises as `seeds_page`."""
     title, rows, _ = _read(content)
-    return "\n\n".join(
-        [
-            f"# {markdown_text(title)}",
-            markdown_text(_headline(content, rows)),
-            markdown_table(HEADS, [_cells(row) for row in rows]),
-            f"    {content.get('command', '')}",
-        ]
-    ) + "\n"
+    return (
+        "\n\n".join(
+            [
+                f"# {markdown_text(title)}",
+                markdown_text(_headline(content, rows)),
+                markdown_table(HEADS, [_cells(row) for row in rows]),
+                f"    {content.get('command', '')}",
+            ]
+        )
+        + "\n"
+    )
 
 
 def seeds_latex(content: Mapping[str, Any]) -> str:
@@ -187,7 +193,9 @@ def _headline(content: Mapping[str, Any], rows: Sequence[SpreadRow]) -> str:
             row = by_name[name]
             said.append(f"settled in {len(row.known)} of {count}")
             break
-    chosen = next((by_name[n] for n in first if n in by_name and by_name[n].known), None)
+    chosen = next(
+        (by_name[n] for n in first if n in by_name and by_name[n].known), None
+    )
     if chosen is not None:
         low, median, high = (shown(value) for value in chosen.ends)
         said.append(f"{chosen.name}: lowest {low}, median {median}, highest {high}")
@@ -199,7 +207,7 @@ def _headline(content: Mapping[str, Any], rows: Sequence[SpreadRow]) -> str:
 
 def _seeds(content: Mapping[str, Any]) -> str:
     seeds = list(content["seeds"])
-    if len(seeds) > 2 and seeds == list(range(seeds[0], seeds[0] + len(seeds))):
+    if len(seeds) >= _RUN and seeds == list(range(seeds[0], seeds[0] + len(seeds))):
         return f"{seeds[0]} to {seeds[-1]}"
     return ", ".join(map(str, seeds))
 

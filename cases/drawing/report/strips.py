@@ -9,6 +9,7 @@ import numpy as np
 
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.panels_over_time import number
+from swarmstart.cases.drawing.report.wording import is_number
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -80,7 +81,7 @@ def strip(
 
 
 def _ends(known: Sequence[float], at: Any) -> list[tuple[float, str, str]]:
-    """Return place, anchor and text of lowest and highest; one text if they are near."""
+    """Return place, anchor, text of lowest and highest; one text if they are near."""
     low, high = min(known), max(known)
     if at(high) - at(low) < _APART:
         text = number(low) if low == high else f"{number(low)} to {number(high)}"
@@ -92,15 +93,6 @@ def _ends(known: Sequence[float], at: Any) -> list[tuple[float, str, str]]:
         (at(low), "start" if at(low) < 2 * LEFT else "middle", number(low)),
         (at(high), "end" if at(high) > WIDTH - 2 * LEFT else "middle", number(high)),
     ]
-
-
-def is_number(value: Any) -> bool:
-    """Return whether a value is a finite number."""
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and math.isfinite(value)
-    )
 
 
 def _asked(

@@ -12,18 +12,19 @@ _LATEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#",
     "_": r"\_", "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
-    "|": r"\textbar{}", '"': r"\textquotedbl{}", "×": r"$\times$", "−": r"$-$",
+    "|": r"\textbar{}", '"': r"\textquotedbl{}",
+    "\N{MULTIPLICATION SIGN}": r"$\times$", "\N{MINUS SIGN}": r"$-$",
     "²": r"\textsuperscript{2}", "°": r"\textdegree{}", "±": r"$\pm$", "…": r"\dots{}",
     "≤": r"$\le$", "≥": r"$\ge$", "µ": r"\textmu{}",
 }  # fmt: skip
 
 
 def markdown_text(text: str) -> str:
-    """Return a text that Markdown shows as it is, in one line.
+    r"""Return a text that Markdown shows as it is, in one line.
 
     Example:
         >>> print(markdown_text("a|b *c*"))
-        a\\|b \\*c\\*
+        a\|b \*c\*
     """
     return _MARKDOWN.sub(r"\\\1", _one_line(text))
 
@@ -37,11 +38,11 @@ def markdown_table(heads: Sequence[str], rows: Rows) -> str:
 
 
 def latex_text(text: str) -> str:
-    """Return a text that LaTeX sets as it is.
+    r"""Return a text that LaTeX sets as it is.
 
     Example:
         >>> print(latex_text("50 % of x_1"))
-        50 \\% of x\\_1
+        50 \% of x\_1
     """
     return "".join(_LATEX.get(sign, sign) for sign in _one_line(text))
 

@@ -26,9 +26,7 @@ from swarmstart.cases.drawing.report.units import label_of
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.results import Record
 from swarmstart.cases.record.trajectory_arrays import held_controls
-from swarmstart.ocp import Trajectory
-from swarmstart.ocp.closed_loop import Decision
-from swarmstart.ocp.plan import Source
+from swarmstart.ocp import Decision, Source, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -89,7 +87,7 @@ class Series:
     @property
     def is_held(self) -> bool:
         """Return whether values are held from each time to the next."""
-        return self.times.size == self.values.shape[1] + 1
+        return bool(self.times.size == self.values.shape[1] + 1)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -182,9 +180,7 @@ def _tracks(record: Record, flight: Trajectory, scenario: Mapping[str, Any]) -> 
             f"vehicles; there are {count}."
         )
     if not np.isfinite(flight.dense_states).all():
-        notes.append(
-            "The flight leaves the finite numbers; what follows is not drawn."
-        )
+        notes.append("The flight leaves the finite numbers; what follows is not drawn.")
     decisions = flight.decisions
     return Tracks(
         title=str(scenario.get("title") or scenario.get("name", "")),
@@ -408,10 +404,7 @@ def _one(
             lower, upper = -np.inf, np.inf  # Vehicles have bounds of their own.
     label, unit = label_of(name, rows.units.get(name))
     picked = np.stack(
-        [
-            values[row] if row >= 0 else np.full(values.shape[1], np.nan)
-            for row in own
-        ]
+        [values[row] if row >= 0 else np.full(values.shape[1], np.nan) for row in own]
     )
     return Series(
         name=label, unit=unit, times=times, values=picked, lower=lower, upper=upper

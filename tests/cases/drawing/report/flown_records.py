@@ -37,7 +37,8 @@ search: {name: none}
 lanes: 0
 measures: {highest: max(y)}
 claims:
-  - {id: "1", text: It stays below 9, source: here, measure: highest, relation: "<=", bound: 9}
+  - {id: "1", text: It stays below 9, source: here, measure: highest, relation: "<=",
+     bound: 9}
 """
 
 

@@ -103,7 +103,9 @@ def test_plans_start_at_the_vehicle_and_lead_where_it_flies_next(
         assert path is not None
         nodes = (path.shape[1] - 1) // 4
         np.testing.assert_allclose(path[:, 0], flight.states[:, step], atol=1e-12)
-        np.testing.assert_allclose(path[:, nodes], flight.states[:, step + 1], atol=1e-9)
+        np.testing.assert_allclose(
+            path[:, nodes], flight.states[:, step + 1], atol=1e-9
+        )
 
 
 def test_distances_from_a_fixed_place_are_discs() -> None:
@@ -239,7 +241,9 @@ def test_a_camera_that_follows_keeps_the_vehicles_in_the_middle(
 ) -> None:
     page = shown(opened, content, circling(1), tmp_path)
     page.locator(".follow").check()
-    middle = page.locator(".plane").evaluate("n => [n.clientWidth / 2, n.clientHeight / 2]")
+    middle = page.locator(".plane").evaluate(
+        "n => [n.clientWidth / 2, n.clientHeight / 2]"
+    )
     for frame in (0, 20, 40):
         scrub(page, frame)
         assert place(page) == pytest.approx(middle, abs=1.5)
@@ -290,10 +294,8 @@ def test_what_is_not_finite_is_not_drawn(
     plane = replace(tracks.plane, positions=positions)
     values = np.full((2, 10), np.nan)
     (series,) = tracks.series
-    page = shown(
-        opened, content,
-        replace(tracks, plane=plane, series=(replace(series, values=values),)), tmp_path,
-    )  # fmt: skip
+    diverged = replace(tracks, plane=plane, series=(replace(series, values=values),))
+    page = shown(opened, content, diverged, tmp_path)
     scrub(page, 40)
     seen = [node.get_attribute("visibility") for node in page.locator(".vehicle").all()]
     assert seen == ["hidden", "visible"]
