@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
-from swarmstart.cases.drawing.report.units import unit_of_measure
+from swarmstart.cases.drawing.report.units import duration, shown, unit_of_measure
 from swarmstart.cases.drawing.report.wording import counted, is_number, percent
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.record.files import RecordError
@@ -44,6 +44,12 @@ _COST_WORDS = {
     "closed_loop_cost": "closed-loop cost",
     "cost_max": "largest cost of a plan",
 }
+_DECIDED = {
+    "end_time": "length of the first plan's horizon, which is decided [s]",
+    "duration_": "length of this phase in the first plan, which is decided [s]",
+    "decided_": "decided by the first plan",
+}
+"""Beginning of the name of a measure of what is decided -> what it is."""
 _ENDS = {"position_error_m": "largest distance from a slot at the end"}
 MEASURE_HEADS = ("measure", "value", "unit", "meaning")
 CLAIM_HEADS = ("claim", "verdict", "measured", "asked", "says", "source")
@@ -154,7 +160,7 @@ def _content(record: Record, summary: Mapping[str, Any], tracks: Tracks) -> RunC
         record=record,
         kind=kind,
         title=tracks.title or str(summary["scenario"]),
-        headline=_headline(summary, kind, measures, tracks),
+        headline=_headline(summary, kind, measures, tracks, scenario),
         verdict=_quality(str(summary["status"])),
         facts=_facts(summary, tracks, scenario),
         measures=_measure_rows(kind, measures, scenario),
@@ -178,6 +184,7 @@ def _headline(
     kind: str,
     measures: Mapping[str, Any],
     tracks: Tracks,
+    scenario: Mapping[str, Any],
 ) -> str:
     """Return what was simulated, how it went, the cost, and the solver's time."""
     end, steps = float(tracks.step_times[-1]), tracks.step_seconds.size
@@ -188,7 +195,10 @@ def _headline(
     parts.append(settled or status.partition(";")[0])
     cost = next((n for n in _COSTS.get(kind, ()) if is_number(measures.get(n))), None)
     if cost is not None:
-        parts.append(f"{_COST_WORDS[cost]} {shown(measures[cost])}")
+        words = _COST_WORDS[cost]
+        if scenario.get("maximize") is True:
+            words = words.replace("cost", "objective")
+        parts.append(f"{words} {shown(measures[cost])}")
     for name, words in _ENDS.items():
         if is_number(measures.get(name)):
             parts.append(f"{words} {shown(measures[name])} m")
@@ -273,6 +283,7 @@ def _measure_rows(
     for name, value in list(measures.items())[:MOST_ROWS]:
         meaning = str(meanings.get(name, ""))
         is_own = name not in known and meaning
+        meaning = meaning or _of_decided(str(name))
         rows.append(
             MeasureRow(
                 name=str(name),
@@ -283,6 +294,11 @@ def _measure_rows(
             )
         )
     return rows
+
+
+def _of_decided(name: str) -> str:
+    """Return what a measure of what is decided is; empty for others."""
+    return next((says for word, says in _DECIDED.items() if name.startswith(word)), "")
 
 
 def _claim_row(claim: Mapping[str, Any]) -> ClaimRow:
@@ -360,41 +376,6 @@ def _command(summary: Mapping[str, Any]) -> str:
     return (
         f"swarmstart run ./{SCENARIO} --seed {int(summary['seed'])}{code} --out again"
     )
-
-
-def shown(value: Any, *, digits: int = 6) -> str:
-    """Return a value as text: "-" where it is not defined.
-
-    Example:
-        >>> shown(None), shown(12.0), shown([1.5, None])
-        ('-', '12', '1.5, -')
-    """
-    if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return "-"
-    if isinstance(value, list | tuple):
-        few = [shown(one, digits=4) for one in value[:12]]
-        return ", ".join(few) + (
-            f", ... ({len(value)})" if len(value) > len(few) else ""
-        )
-    if is_number(value):
-        return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
-    return str(value)
-
-
-def duration(seconds: float) -> str:
-    """Return a duration with its unit.
-
-    Example:
-        >>> duration(0.0123), duration(2.5), duration(600.0)
-        ('12.3 ms', '2.5 s', '10 min')
-    """
-    steps: tuple[tuple[float, float, str], ...] = (
-        (1e-3, 1e-6, "µs"), (1.0, 1e-3, "ms"), (120.0, 1.0, "s"), (7200.0, 60.0, "min"),
-    )  # fmt: skip
-    if not math.isfinite(seconds):
-        return "an unknown time"
-    size, unit = next(((s, u) for most, s, u in steps if seconds < most), (3600.0, "h"))
-    return f"{seconds / size:.3g} {unit}"
 
 
 def _float(value: Any) -> float:
