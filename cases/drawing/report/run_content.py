@@ -15,12 +15,18 @@ import numpy as np
 
 from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
 from swarmstart.cases.drawing.report.units import duration, shown, unit_of_measure
-from swarmstart.cases.drawing.report.wording import counted, is_number, percent
+from swarmstart.cases.drawing.report.wording import (
+    counted,
+    is_number,
+    percent,
+    shortened,
+)
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.record import SCENARIO
 from swarmstart.cases.record.results import Record, load
 
+MOST_CHARACTERS = 2000
 MOST_ROWS = 500
 """Of a table: a forged record may have any number."""
 _SETTLING = {
@@ -161,7 +167,7 @@ def _content(record: Record, summary: Mapping[str, Any], tracks: Tracks) -> RunC
         kind=kind,
         title=tracks.title or str(summary["scenario"]),
         headline=_headline(summary, kind, measures, tracks, scenario),
-        verdict=_quality(str(summary["status"])),
+        verdict=_quality(_words(summary["status"])),
         facts=_facts(summary, tracks, scenario),
         measures=_measure_rows(kind, measures, scenario),
         claims=[_claim_row(claim) for claim in list(summary["claims"])[:MOST_ROWS]],
@@ -191,7 +197,7 @@ def _headline(
     plural = "" if steps == 1 else "s"
     parts = [f"Simulated for {shown(end)} s in {steps} step{plural}"]
     settled = _settled(measures)
-    status = str(summary["status"]).removeprefix("simulated to the end; ")
+    status = _words(summary["status"]).removeprefix("simulated to the end; ")
     parts.append(settled or status.partition(";")[0])
     cost = next((n for n in _COSTS.get(kind, ()) if is_number(measures.get(n))), None)
     if cost is not None:
@@ -261,7 +267,7 @@ def _facts(
             if is_number(horizon)
             else "",
         ),
-        ("how it ended", str(summary["status"])),
+        ("how it ended", _words(summary["status"])),
         ("evaluations", shown(summary.get("evaluations"))),
         (
             "wall time",
@@ -270,7 +276,7 @@ def _facts(
         ),
         ("backend", str(summary.get("backend") or "")),
     ]
-    return [(name, words) for name, words in facts if words]
+    return [(name, _words(words)) for name, words in facts if words]
 
 
 def _measure_rows(
@@ -281,7 +287,7 @@ def _measure_rows(
     meanings = {**known, **(own if isinstance(own, Mapping) else {})}
     rows = []
     for name, value in list(measures.items())[:MOST_ROWS]:
-        meaning = str(meanings.get(name, ""))
+        meaning = _words(meanings.get(name, ""))
         is_own = name not in known and meaning
         meaning = meaning or _of_decided(str(name))
         rows.append(
@@ -307,7 +313,7 @@ def _claim_row(claim: Mapping[str, Any]) -> ClaimRow:
     bound = "not defined" if claim["bound"] is None else shown(claim["bound"], digits=8)
     if claim.get("width"):
         bound += f" ± {shown(claim['width'])}"
-    text = str(claim["text"])
+    text = _words(claim["text"])
     if claim.get("needs"):
         text += f" It needs {claim['needs']}."
     if claim.get("note"):
@@ -334,7 +340,7 @@ def _limits(
     unjudged = sum(claim["holds"] is None for claim in claims)
     said = {
         "The terminal sets of the linear law are not certified: that it keeps within "
-        "its bounds there is not proven.": "not certified" in str(summary["status"]),
+        "its bounds there is not proven.": "not certified" in _words(summary["status"]),
         **_without_plans(tracks),
         f"{shown(outside)} steps start outside the bounds of the states or the path "
         "constraints.": is_number(outside) and outside,
@@ -376,6 +382,11 @@ def _command(summary: Mapping[str, Any]) -> str:
     return (
         f"swarmstart run ./{SCENARIO} --seed {int(summary['seed'])}{code} --out again"
     )
+
+
+def _words(text: object) -> str:
+    """Return a text, cut if no reader would read it to its end."""
+    return shortened(text, MOST_CHARACTERS)
 
 
 def _float(value: Any) -> float:

@@ -8,7 +8,7 @@ and `y`. A record without positions has lines over time alone.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,7 @@ MOST_COORDINATES = 90_000
 MOST_NAMED = 10
 """Vehicles up to which states and controls are drawn over time."""
 MOST_SERIES = 24
+_FEWEST_TIMES = 2
 _HEADINGS = ("heading", "psi", "theta", "yaw", "course")
 
 
@@ -135,7 +136,7 @@ def tracks_of(record: Record) -> Tracks:
             f"{'no flight' if flight is None else 'no scenario.yaml'}"
         )
     try:
-        return _tracks(record, flight, scenario)
+        return _tracks(record, _checked(flight), scenario)
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise RecordError(
             f"{record.folder}: expected a flight and a scenario that fit together, "
@@ -181,6 +182,31 @@ def _tracks(record: Record, flight: Trajectory, scenario: Mapping[str, Any]) -> 
         and all(d.plans == decisions[0].plans for d in decisions),
         notes=tuple(notes),
     )
+
+
+def _checked(flight: Trajectory) -> Trajectory:
+    """Return a flight whose states are finite, or NaN.
+
+    Raises:
+        ValueError: If times do not increase, or arrays are of other shapes or types.
+    """
+    states, steps = flight.dense_states, flight.controls.shape[1]
+    for name, times, count in (
+        ("times", flight.times, steps + 1),
+        ("dense_times", flight.dense_times, states.shape[1]),
+    ):
+        if times.shape != (count,) or count < _FEWEST_TIMES:
+            raise ValueError(f"{name}: {count} times expected, shape {times.shape}")
+        if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+            raise ValueError(f"{name}: increasing times expected")
+    for name, values in (
+        ("dense_states", states),
+        ("controls", flight.controls),
+        ("step_seconds", flight.step_seconds),
+    ):
+        if values.dtype.kind not in "fi":
+            raise ValueError(f"{name}: real numbers expected, found {values.dtype}")
+    return replace(flight, dense_states=np.where(np.isfinite(states), states, np.nan))
 
 
 def _is_without(decision: Decision) -> bool:
