@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 Paths = Sequence[tuple[float, Sequence[Array | None]]]
 
 MOST_VEHICLES = 20
+MOST_INTERVALS = 1000
 """Of a flight whose plans are drawn."""
 
 
@@ -51,6 +52,12 @@ class Outlook:
 def outlook_of(record: Record, flight: Trajectory) -> Outlook:
     """Return plans and bounds of a flight; a sentence where they cannot be had."""
     scenario: Mapping[str, Any] = record.scenario or {}
+    intervals = record.arrays["plan_controls"].shape[-1]
+    if (scenario.get("prediction") or {}).get("intervals") != intervals or (
+        intervals > MOST_INTERVALS
+    ):
+        note = f"Plans and bounds are drawn of at most {MOST_INTERVALS} intervals."
+        return Outlook(notes=(note,))
     try:
         posed = _posed(record, scenario)
     except SwarmstartError as error:

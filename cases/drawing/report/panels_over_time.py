@@ -72,7 +72,7 @@ class PanelDrawn(Frame):
         traces: (number of the colour, path) of each line.
         levels: (place, text) of bounds and other limits.
         crosses: Path of the marks of what failed; empty: none.
-        note: A short text below the name; may be empty.
+        far: Bounds too far away to be drawn, in words; empty: there are none.
         times: Times [s] of the values to be told; empty: they are not.
         values: These.
         held: Whether they are held.
@@ -81,7 +81,7 @@ class PanelDrawn(Frame):
     traces: Sequence[tuple[int, str]]
     levels: Sequence[tuple[float, str]] = ()
     crosses: str = ""
-    note: str = ""
+    far: str = ""
     times: Sequence[float | None] = ()
     values: Sequence[float | None] = ()
     held: bool = False
@@ -122,7 +122,6 @@ def _series_panel(one: Series, tracks: Tracks, most: int) -> PanelDrawn:
     across = _across(float(tracks.times[-1]))
     alone = len(values) == 1
     label = f"{one.name} [{one.unit}]" if one.unit else one.name
-    note = "bounds beyond the axis: " + ", ".join(map(number, far)) if far else ""
     x = across.at(times)
     return PanelDrawn(
         label=label,
@@ -133,7 +132,7 @@ def _series_panel(one: Series, tracks: Tracks, most: int) -> PanelDrawn:
         x_ticks=_x_ticks(across),
         y_ticks=_y_ticks(vertical),
         levels=[(_place(vertical, bound), "bound") for bound in near],
-        note=note,
+        far=f"{one.name} {' and '.join(map(number, far))}" if far else "",
         times=rounded(times, 5) if alone else (),
         values=rounded(values[0], 4) if alone else (),
         held=one.is_held,

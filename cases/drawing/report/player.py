@@ -19,6 +19,7 @@ from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.panels_over_time import (
     LEFT,
     RIGHT,
+    PanelDrawn,
     number,
     series_panels,
     solver_panel,
@@ -89,8 +90,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
                 "speed": _speed(end),
                 "end": f"{end:.{payload['digits']}f}",
                 "legend": _legend(tracks),
-                "caption": caption(tracks),
-                "bounded": any(text == "bound" for p in panels for _, text in p.levels),
+                "caption": [*caption(tracks), *_bounds_caption(panels)],
             },
         )
     )  # fmt: skip
@@ -126,6 +126,17 @@ def _plane_caption(plane: Plane) -> str:
     }
     text = "; ".join(words for words, is_seen in parts.items() if is_seen)
     return f"{text[:1].upper()}{text[1:]}. {plane.words}"
+
+
+def _bounds_caption(panels: Sequence[PanelDrawn]) -> list[str]:
+    """Return sentences on the bounds that are drawn, and on those that are not."""
+    said = []
+    if any(text == "bound" for panel in panels for _, text in panel.levels):
+        said.append("Dashed levels: bounds.")
+    far = [panel.far for panel in panels if panel.far]
+    if far:
+        said.append(f"Bounds too far away to be drawn: {'; '.join(far)}.")
+    return said
 
 
 def _speeds(end: float) -> Sequence[float]:

@@ -14,13 +14,19 @@ from typing import Any
 import numpy as np
 
 from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
-from swarmstart.cases.drawing.report.units import unit_of_measure
-from swarmstart.cases.drawing.report.wording import counted, is_number, percent
+from swarmstart.cases.drawing.report.units import duration, shown, unit_of_measure
+from swarmstart.cases.drawing.report.wording import (
+    counted,
+    is_number,
+    percent,
+    shortened,
+)
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.record import SCENARIO
 from swarmstart.cases.record.results import Record, load
 
+MOST_CHARACTERS = 2000
 MOST_ROWS = 500
 """Of a table: a forged record may have any number."""
 _SETTLING = {
@@ -44,6 +50,12 @@ _COST_WORDS = {
     "closed_loop_cost": "closed-loop cost",
     "cost_max": "largest cost of a plan",
 }
+_DECIDED = {
+    "end_time": "length of the first plan's horizon, which is decided [s]",
+    "duration_": "length of this phase in the first plan, which is decided [s]",
+    "decided_": "decided by the first plan",
+}
+"""Beginning of the name of a measure of what is decided -> what it is."""
 _ENDS = {"position_error_m": "largest distance from a slot at the end"}
 MEASURE_HEADS = ("measure", "value", "unit", "meaning")
 CLAIM_HEADS = ("claim", "verdict", "measured", "asked", "says", "source")
@@ -154,8 +166,8 @@ def _content(record: Record, summary: Mapping[str, Any], tracks: Tracks) -> RunC
         record=record,
         kind=kind,
         title=tracks.title or str(summary["scenario"]),
-        headline=_headline(summary, kind, measures, tracks),
-        verdict=_quality(str(summary["status"])),
+        headline=_headline(summary, kind, measures, tracks, scenario),
+        verdict=_quality(_words(summary["status"])),
         facts=_facts(summary, tracks, scenario),
         measures=_measure_rows(kind, measures, scenario),
         claims=[_claim_row(claim) for claim in list(summary["claims"])[:MOST_ROWS]],
@@ -178,17 +190,21 @@ def _headline(
     kind: str,
     measures: Mapping[str, Any],
     tracks: Tracks,
+    scenario: Mapping[str, Any],
 ) -> str:
     """Return what was simulated, how it went, the cost, and the solver's time."""
     end, steps = float(tracks.step_times[-1]), tracks.step_seconds.size
     plural = "" if steps == 1 else "s"
     parts = [f"Simulated for {shown(end)} s in {steps} step{plural}"]
     settled = _settled(measures)
-    status = str(summary["status"]).removeprefix("simulated to the end; ")
+    status = _words(summary["status"]).removeprefix("simulated to the end; ")
     parts.append(settled or status.partition(";")[0])
     cost = next((n for n in _COSTS.get(kind, ()) if is_number(measures.get(n))), None)
     if cost is not None:
-        parts.append(f"{_COST_WORDS[cost]} {shown(measures[cost])}")
+        words = _COST_WORDS[cost]
+        if scenario.get("maximize") is True:
+            words = words.replace("cost", "objective")
+        parts.append(f"{words} {shown(measures[cost])}")
     for name, words in _ENDS.items():
         if is_number(measures.get(name)):
             parts.append(f"{words} {shown(measures[name])} m")
@@ -251,7 +267,7 @@ def _facts(
             if is_number(horizon)
             else "",
         ),
-        ("how it ended", str(summary["status"])),
+        ("how it ended", _words(summary["status"])),
         ("evaluations", shown(summary.get("evaluations"))),
         (
             "wall time",
@@ -260,7 +276,7 @@ def _facts(
         ),
         ("backend", str(summary.get("backend") or "")),
     ]
-    return [(name, words) for name, words in facts if words]
+    return [(name, _words(words)) for name, words in facts if words]
 
 
 def _measure_rows(
@@ -271,8 +287,9 @@ def _measure_rows(
     meanings = {**known, **(own if isinstance(own, Mapping) else {})}
     rows = []
     for name, value in list(measures.items())[:MOST_ROWS]:
-        meaning = str(meanings.get(name, ""))
+        meaning = _words(meanings.get(name, ""))
         is_own = name not in known and meaning
+        meaning = meaning or _of_decided(str(name))
         rows.append(
             MeasureRow(
                 name=str(name),
@@ -285,13 +302,18 @@ def _measure_rows(
     return rows
 
 
+def _of_decided(name: str) -> str:
+    """Return what a measure of what is decided is; empty for others."""
+    return next((says for word, says in _DECIDED.items() if name.startswith(word)), "")
+
+
 def _claim_row(claim: Mapping[str, Any]) -> ClaimRow:
     holds = claim["holds"]
     verdict = "not judged" if holds is None else "holds" if holds else "does not hold"
     bound = "not defined" if claim["bound"] is None else shown(claim["bound"], digits=8)
     if claim.get("width"):
         bound += f" ± {shown(claim['width'])}"
-    text = str(claim["text"])
+    text = _words(claim["text"])
     if claim.get("needs"):
         text += f" It needs {claim['needs']}."
     if claim.get("note"):
@@ -318,7 +340,7 @@ def _limits(
     unjudged = sum(claim["holds"] is None for claim in claims)
     said = {
         "The terminal sets of the linear law are not certified: that it keeps within "
-        "its bounds there is not proven.": "not certified" in str(summary["status"]),
+        "its bounds there is not proven.": "not certified" in _words(summary["status"]),
         **_without_plans(tracks),
         f"{shown(outside)} steps start outside the bounds of the states or the path "
         "constraints.": is_number(outside) and outside,
@@ -362,39 +384,9 @@ def _command(summary: Mapping[str, Any]) -> str:
     )
 
 
-def shown(value: Any, *, digits: int = 6) -> str:
-    """Return a value as text: "-" where it is not defined.
-
-    Example:
-        >>> shown(None), shown(12.0), shown([1.5, None])
-        ('-', '12', '1.5, -')
-    """
-    if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return "-"
-    if isinstance(value, list | tuple):
-        few = [shown(one, digits=4) for one in value[:12]]
-        return ", ".join(few) + (
-            f", ... ({len(value)})" if len(value) > len(few) else ""
-        )
-    if is_number(value):
-        return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
-    return str(value)
-
-
-def duration(seconds: float) -> str:
-    """Return a duration with its unit.
-
-    Example:
-        >>> duration(0.0123), duration(2.5), duration(600.0)
-        ('12.3 ms', '2.5 s', '10 min')
-    """
-    steps: tuple[tuple[float, float, str], ...] = (
-        (1e-3, 1e-6, "µs"), (1.0, 1e-3, "ms"), (120.0, 1.0, "s"), (7200.0, 60.0, "min"),
-    )  # fmt: skip
-    if not math.isfinite(seconds):
-        return "an unknown time"
-    size, unit = next(((s, u) for most, s, u in steps if seconds < most), (3600.0, "h"))
-    return f"{seconds / size:.3g} {unit}"
+def _words(text: object) -> str:
+    """Return a text, cut if no reader would read it to its end."""
+    return shortened(text, MOST_CHARACTERS)
 
 
 def _float(value: Any) -> float:

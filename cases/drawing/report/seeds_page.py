@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.panels_over_time import BandDrawn, band_panel
-from swarmstart.cases.drawing.report.run_content import MOST_ROWS, shown
+from swarmstart.cases.drawing.report.run_content import MOST_ROWS
 from swarmstart.cases.drawing.report.strips import strip
 from swarmstart.cases.drawing.report.text_tables import (
     latex_table,
@@ -27,7 +27,7 @@ from swarmstart.cases.drawing.report.text_tables import (
     markdown_table,
     markdown_text,
 )
-from swarmstart.cases.drawing.report.units import unit_of_measure
+from swarmstart.cases.drawing.report.units import shown, unit_of_measure
 from swarmstart.cases.drawing.report.wording import is_number
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.record.files import RecordError

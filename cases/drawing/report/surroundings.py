@@ -1,6 +1,7 @@
 """Discs to pass, slots and goals to reach, and leaders of recorded flights."""
 
 import itertools
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -35,6 +36,14 @@ class Disc:
     radius: float
     name: str = ""
     is_limit: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what is no disc; raises ValueError."""
+        if not (math.isfinite(self.x + self.y) and 0 < self.radius < math.inf):
+            raise ValueError(
+                f"a disc with a centre and a radius expected, found ({self.x:g}, "
+                f"{self.y:g}) and {self.radius:g}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

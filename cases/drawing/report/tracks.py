@@ -8,7 +8,7 @@ and `y`. A record without positions has lines over time alone.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,12 @@ from swarmstart.cases.drawing.report.surroundings import (
     surroundings_of,
 )
 from swarmstart.cases.drawing.report.units import label_of
+from swarmstart.cases.drawing.report.vehicle_rows import (
+    PLANAR,
+    RELATIVE,
+    VehicleRows,
+    rows_of,
+)
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.results import Record
 from swarmstart.cases.record.trajectory_arrays import held_controls
@@ -36,9 +42,7 @@ MOST_COORDINATES = 90_000
 MOST_NAMED = 10
 """Vehicles up to which states and controls are drawn over time."""
 MOST_SERIES = 24
-PLANAR = ("formation_flight", "reconfiguration", "transfer")
-RELATIVE = "close_formation"
-_PLANAR_STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
+_FEWEST_TIMES = 2
 _HEADINGS = ("heading", "psi", "theta", "yaw", "course")
 
 
@@ -119,23 +123,6 @@ class Tracks:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Rows:
-    """Names of the states and the controls of one vehicle, and their rows.
-
-    Attributes:
-        vehicles: Name of each vehicle.
-        states: Names of the states of one vehicle, and the row of each of all vehicles.
-        controls: The same of the controls; a vehicle without it has row -1.
-        units: By name.
-    """
-
-    vehicles: tuple[str, ...]
-    states: dict[str, list[int]]
-    controls: dict[str, list[int]]
-    units: dict[str, str] = field(default_factory=dict)
-
-
 def tracks_of(record: Record) -> Tracks:
     """Return what a record of `swarmstart run` has to be played.
 
@@ -149,7 +136,7 @@ def tracks_of(record: Record) -> Tracks:
             f"{'no flight' if flight is None else 'no scenario.yaml'}"
         )
     try:
-        return _tracks(record, flight, scenario)
+        return _tracks(record, _checked(flight), scenario)
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise RecordError(
             f"{record.folder}: expected a flight and a scenario that fit together, "
@@ -158,7 +145,7 @@ def tracks_of(record: Record) -> Tracks:
 
 
 def _tracks(record: Record, flight: Trajectory, scenario: Mapping[str, Any]) -> Tracks:
-    rows = _rows_of(flight, scenario)
+    rows = rows_of(flight, scenario)
     outlook = outlook_of(record, flight)
     notes = list(outlook.notes)
     count = len(rows.vehicles)
@@ -197,83 +184,39 @@ def _tracks(record: Record, flight: Trajectory, scenario: Mapping[str, Any]) -> 
     )
 
 
+def _checked(flight: Trajectory) -> Trajectory:
+    """Return a flight whose states are finite, or NaN.
+
+    Raises:
+        ValueError: If times do not increase, or arrays are of other shapes or types.
+    """
+    states, steps = flight.dense_states, flight.controls.shape[1]
+    for name, times, count in (
+        ("times", flight.times, steps + 1),
+        ("dense_times", flight.dense_times, states.shape[1]),
+    ):
+        if times.shape != (count,) or count < _FEWEST_TIMES:
+            raise ValueError(f"{name}: {count} times expected, shape {times.shape}")
+        if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+            raise ValueError(f"{name}: increasing times expected")
+    for name, values in (
+        ("dense_states", states),
+        ("controls", flight.controls),
+        ("step_seconds", flight.step_seconds),
+    ):
+        if values.dtype.kind not in "fi":
+            raise ValueError(f"{name}: real numbers expected, found {values.dtype}")
+    return replace(flight, dense_states=np.where(np.isfinite(states), states, np.nan))
+
+
 def _is_without(decision: Decision) -> bool:
     return any(p.source is Source.SHIFTED or not p.feasible for p in decision.plans)
-
-
-def _rows_of(flight: Trajectory, scenario: Mapping[str, Any]) -> _Rows:
-    """Return which rows belong to which vehicle."""
-    kind = scenario.get("kind")
-    if kind in PLANAR:
-        numbers = _numbers(scenario, flight)
-        states, _ = _by_number(flight.state_names, len(numbers))
-        controls, _ = _by_number(flight.control_names, len(numbers))
-        return _Rows(
-            vehicles=tuple(f"UAV {number}" for number in numbers),
-            states=states,
-            controls=controls,
-        )
-    states = scenario.get("states") or {}
-    members = (scenario.get("vehicles") or {}).get("members") or []
-    vehicles = tuple(str(member["name"]) for member in members) or ("",)
-    if not isinstance(states, Mapping) or not states:
-        names, held = list(flight.state_names), list(flight.control_names)
-        units: dict[str, str] = {}
-    else:
-        names, held = list(states), list(scenario.get("controls") or {})
-        parts = {**states, **(scenario.get("controls") or {})}
-        units = {name: str(part.get("unit") or "") for name, part in parts.items()}
-    if kind == RELATIVE:
-        vehicles = ("wingman",)
-    return _Rows(
-        vehicles=vehicles,
-        states=_one_after_another(names, len(vehicles), len(flight.states)),
-        controls=_one_after_another(held, len(vehicles), len(flight.controls)),
-        units=units,
-    )
-
-
-def _numbers(scenario: Mapping[str, Any], flight: Trajectory) -> list[int]:
-    """Return the number of each UAV."""
-    count = len(flight.states) // len(_PLANAR_STATES)
-    uavs = scenario.get("uavs") or []
-    given = [uav.get("number") if isinstance(uav, Mapping) else None for uav in uavs]
-    given += [None] * (count - len(given))
-    return [place if n is None else int(n) for place, n in enumerate(given[:count], 1)]
-
-
-def _by_number(
-    names: Sequence[str], count: int
-) -> tuple[dict[str, list[int]], list[str]]:
-    """Return the rows of each name that ends in the number of its vehicle."""
-    found: dict[str, list[int]] = {}
-    alone = []
-    for row, name in enumerate(names):
-        base, _, number = name.rpartition("_")
-        if not (base and number.isdigit() and int(number) < count):
-            base, number = name, "0"
-            alone.append(name)
-        found.setdefault(base, [-1] * count)[int(number)] = row
-    return found, alone
-
-
-def _one_after_another(
-    names: Sequence[str], vehicles: int, rows: int
-) -> dict[str, list[int]]:
-    """Return the rows of each name where vehicles follow one another."""
-    each = len(names)
-    if each * vehicles > rows:
-        raise ValueError(f"{each * vehicles} rows expected, found {rows}")
-    return {
-        name: [vehicle * each + place for vehicle in range(vehicles)]
-        for place, name in enumerate(names)
-    }
 
 
 def _plane(
     flight: Trajectory,
     scenario: Mapping[str, Any],
-    rows: _Rows,
+    rows: VehicleRows,
     times: Array,
     outlook: Outlook,
 ) -> Plane | None:
@@ -312,7 +255,7 @@ def _plane(
     )  # fmt: skip
 
 
-def _axes_of(scenario: Mapping[str, Any], rows: _Rows) -> tuple[str, str] | None:
+def _axes_of(scenario: Mapping[str, Any], rows: VehicleRows) -> tuple[str, str] | None:
     """Return the names of the states that are the position of a vehicle."""
     kind, names = scenario.get("kind"), rows.states
     if kind in PLANAR:
@@ -360,7 +303,7 @@ def _along(positions: Array) -> Array:
 
 
 def _path(
-    path: Array | None, rows: _Rows, axes: tuple[str, str], kind: Any
+    path: Array | None, rows: VehicleRows, axes: tuple[str, str], kind: Any
 ) -> Array | None:
     """Return the places of a vehicle's path from its own states (nx, n)."""
     if path is None:
@@ -371,7 +314,7 @@ def _path(
 
 
 def _series(
-    flight: Trajectory, rows: _Rows, outlook: Outlook, plane: Plane | None
+    flight: Trajectory, rows: VehicleRows, outlook: Outlook, plane: Plane | None
 ) -> list[Series]:
     """Return controls and states over time; positions in the plane are left out."""
     found = []
@@ -390,7 +333,7 @@ def _series(
 def _one(
     name: str,
     own: Sequence[int],
-    rows: _Rows,
+    rows: VehicleRows,
     times: Array,
     values: Array,
     limits: tuple[Array, Array] | None,

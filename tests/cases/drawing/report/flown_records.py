@@ -130,7 +130,8 @@ def browser() -> Iterator[Opened]:
             executable_path=program, args=["--no-sandbox"]
         )
         opened = Opened(started.new_page())
-        opened.page.clock.install()
+        opened.page.clock.install(time=0)
+        opened.page.clock.pause_at(1)  # From now on it runs when the test says so.
         opened.page.on("console", lambda message: opened.said.append(message.text))
         opened.page.on("pageerror", lambda error: opened.said.append(str(error)))
         opened.page.on("request", lambda request: opened.asked.append(request.url))

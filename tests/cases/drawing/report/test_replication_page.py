@@ -184,10 +184,11 @@ def test_a_forged_record_is_neither_read_elsewhere_nor_run(
     claims = [
         claim(1, part("a", text=bad, measured=bad, test=bad), text=bad, because=bad)
     ]
-    cells = ["../..", "", "0123/../x", None, "f" * 16]
+    shutil.copytree(folder / "cells" / CELL, folder / "outside")
+    cells = ["../outside", "../..", "", "0123/../x", None, "f" * 16]
     figures = [figure(bad, "a", cell=cell, title=bad, command=bad) for cell in cells]
     html = replication_page(content(claims, figures), folder)
-    assert "data:image/png" not in html
+    assert "data:image/png" not in html and "One of the flights" not in html
     page = opened.show(html, tmp_path / "page.html")
     assert page.title() == "The chapter replicated"
     assert opened.is_silent()

@@ -187,12 +187,16 @@ def test_objects_are_never_unpickled(copied: Path, tmp_path: Path) -> None:
     ("dense_times", np.zeros((2, 2))),
     ("controls", np.zeros((0, 4))),
     ("step_seconds", np.array(["a", "b", "c", "d"])),
+    ("dense_times", np.full(81, np.nan)),
+    ("dense_times", np.linspace(2.0, 0.0, 81)),
+    ("dense_states", np.zeros((4, 81), dtype=complex)),
 ])  # fmt: skip
 def test_arrays_that_do_not_fit_are_one_message(
     name: str, array: Any, copied: Path
 ) -> None:
     with np.load(copied / "trajectory.npz") as kept:
         arrays = {**kept, name: array}
+    assert name != "dense_times" or arrays["dense_states"].shape[1] == 81
     np.savez(copied / "trajectory.npz", **arrays)
     with pytest.raises(RecordError, match=r"copy.*: expected .*, found"):
         run_page(copied)
@@ -209,6 +213,22 @@ def test_arrays_that_do_not_fit_are_one_message(
 def test_a_forged_summary_is_one_message(change: Any, copied: Path) -> None:
     with pytest.raises(RecordError, match=r"copy: expected .* found"):
         run_page(changed(copied, change))
+
+
+def test_a_flight_that_leaves_the_finite_numbers_is_drawn_until_then(
+    copied: Path,
+) -> None:
+    with np.load(copied / "trajectory.npz") as kept:
+        arrays = dict(kept)
+    arrays["dense_states"][:, 40:] = np.nan
+    arrays["dense_states"][0, 39] = np.inf
+    np.savez(copied / "trajectory.npz", **arrays)
+    html = run_page(copied)
+    assert "The flight leaves the finite numbers" in html
+    payload = re.findall(r'<script type="application/json">(.*?)</script>', html)[0]
+    assert "NaN" not in payload and "Infinity" not in payload
+    x = json.loads(payload)["plane"]["x"][0]
+    assert x[38] is not None and x[39:] == [None] * len(x[39:])
 
 
 def test_a_forged_scenario_is_one_message_or_a_sentence(copied: Path) -> None:
