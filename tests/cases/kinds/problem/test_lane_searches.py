@@ -24,6 +24,7 @@ prediction: {horizon_s: 3, intervals: 20}
 search: {name: multistart, size: 8, unseen: 1}
 polish: ipopt
 budget: {evaluations: 50000}
+lanes: 0
 """
 
 
