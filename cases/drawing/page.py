@@ -85,7 +85,7 @@ def _printable(value: Any) -> Any:
 def _environment() -> "jinja2.Environment":
     import jinja2
 
-    from swarmstart.cases.drawing.report import palette
+    from swarmstart.cases.drawing import palette
 
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_source),

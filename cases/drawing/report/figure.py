@@ -53,7 +53,8 @@ class Figure:
         """Return the markup."""
         name = text_of(self.title)
         return (
-            f'<figure class="chart{self._wide()}" id="{self.identity}"><div class="scroll">'
+            f'<figure class="chart{self._wide()}" id="{self.identity}">'
+            '<div class="scroll">'
             f'<svg viewBox="0 0 {self.width} {self.height}" role="img" tabindex="0" '
             f'aria-label="{name}"{self._places()}>{self.chart}</svg></div>'
             f"{legend(self.legend)}<figcaption><b>{name}.</b> {text_of(self.caption)}"

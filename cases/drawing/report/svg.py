@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from swarmstart.cases.drawing.page import cleaned
-from swarmstart.cases.drawing.report.palette import MARKS
+from swarmstart.cases.drawing.palette import MARKS
 from swarmstart.cases.drawing.report.wording import is_number, number, shortened
 
 SERIES = len(MARKS)

@@ -50,7 +50,7 @@ def content(  # noqa: PLR0913
         "schema": 2,
         "record": "comparison",
         "headline": f"{names[0]} comes within 1 % of the best cost known in 9 of 10 "
-        f"runs; no other solver is shown to be cheaper on any of {scenarios} scenarios.",
+        f"runs; no other is shown to be cheaper on any of {scenarios} scenarios.",
         "command": f"swarmstart compare passing_side --solvers {','.join(names)} "
         f"--seeds {seeds} --budget '4000evals|2s'",
         "budget": {"evaluations": 4000, "seconds": 2.0},

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from swarmstart.cases.drawing.report import palette
+from swarmstart.cases.drawing import palette
 
 PAGES = [
     (palette.LIGHT, palette.LIGHT_PAGE),
