@@ -28,7 +28,7 @@ from swarmstart.cases.record.record import versions
 from swarmstart.tests.processes import environment
 
 WORK = "swarmstart.tests.cases.campaign.campaign_work"
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 
 
 def cell(
