@@ -4,8 +4,8 @@
 
 Everything counts that a campaign does: starting workers, folders, commits, scheduling,
 and reading them again when the same command is called once more. `empty` is a work that
-returns nothing; `solved` one generation of random search on a small problem, verified. The
-bar: at most 5 ms of wall time for a cell.
+returns nothing; `solved` one generation of random search on a small problem, verified.
+The bar: at most 5 ms of wall time for a cell.
 """
 
 import argparse
