@@ -85,6 +85,8 @@ def campaign(folder: Path, count: int, engine: str) -> int:
     except RecordError as error:
         print(error, file=sys.stderr)
         return FULL
+    for number in SIGNALS[1:]:  # As of a command that is over.
+        signal.signal(number, signal.SIG_IGN)
     text = json.dumps([[outcome.result, outcome.failure] for outcome in found])
     print(hashlib.sha256(text.encode()).hexdigest())  # No more than a pipe takes.
     return 0

@@ -4,8 +4,8 @@
 
 Everything counts that a campaign does: starting workers, folders, commits, scheduling,
 and reading them again when the same command is called once more. `empty` is a work that
-returns nothing; `solved` a search with one evaluation of a small problem, verified. The
-bar: at most 5 ms of wall time for a cell.
+returns nothing; `solved` one generation of random search on a small problem, verified.
+The bar: at most 5 ms of wall time for a cell.
 """
 
 import argparse
@@ -24,6 +24,8 @@ from swarmstart.cases.format.scenario import read_document, resolve
 
 BAR_MS = 5.0
 SCENARIO = "double_integrator"
+EVALUATIONS = 20
+"""Of random search: one generation, the least there is."""
 
 
 class Cost(NamedTuple):
@@ -56,12 +58,12 @@ def empty_cells(count: int) -> list[Cell]:
 
 
 def solved_cells(count: int) -> list[Cell]:
-    """Return cells of `compare` on a small problem with one evaluation each."""
+    """Return cells of `compare` on a small problem, one generation each."""
     entry = entry_of(
         resolve(read_document(SCENARIO), search="random", polish="none"),
         solver_of("random"),
         seeds=count,
-        budget={"evaluations": 1},
+        budget={"evaluations": EVALUATIONS},
         timeout_s=300.0,
         repair=False,
     )

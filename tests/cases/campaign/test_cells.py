@@ -28,7 +28,7 @@ from swarmstart.cases.record.record import versions
 from swarmstart.tests.processes import environment
 
 WORK = "swarmstart.tests.cases.campaign.campaign_work"
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 
 
 def cell(
@@ -212,7 +212,7 @@ def test_a_full_disk_stops_the_campaign_and_loses_nothing(tmp_path: Path) -> Non
     """RLIMIT_FSIZE refuses what a full disk would, whoever writes it."""
     root = tmp_path / "cells"
     small, large = cell("square", 3), cell("text_of", 10**6)
-    limited = program(root, [small, large]).replace(
+    limited = program(root, [small, large], workers=1).replace(
         "if __name__", "import resource, signal\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (10**5, 10**5))\nif __name__"
@@ -228,14 +228,14 @@ def test_a_full_disk_stops_the_campaign_and_loses_nothing(tmp_path: Path) -> Non
     assert times_done(small, root) == 1
 
 
-def program(root: Path, cells: list[Cell]) -> str:
-    """Return a program that does cells with two workers."""
+def program(root: Path, cells: list[Cell], workers: int = 2) -> str:
+    """Return a program that does cells."""
     return (
         "from swarmstart.cases.campaign.cells import Cell, carried_out\n"
         "from pathlib import Path\n"
         "if __name__ == '__main__':\n"
         f"    cells = {cells!r}\n"
-        f"    carried_out(cells, Path({str(root)!r}), workers=2)\n"
+        f"    carried_out(cells, Path({str(root)!r}), workers={workers})\n"
     )
 
 

@@ -26,7 +26,7 @@ from swarmstart.tests.processes import environment
 
 pytest.importorskip("distributed")
 WORK = "swarmstart.tests.cases.campaign.campaign_work"
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 pytestmark = [
     pytest.mark.filterwarnings("default"),  # Of Dask and what it uses.
     pytest.mark.skipif(os.name != "posix", reason="kills as POSIX has them"),
