@@ -256,7 +256,7 @@ def _both(
         seconds=np.array(seconds),
         success=np.isfinite(paired) & (paired <= limit),
         rows=rows,
-        is_certain=all(row["deterministic"] for row in rows),
+        is_certain=all(row["deterministic"] and row["runs"] == 1 for row in rows),
     )
 
 
@@ -390,7 +390,8 @@ def _seconds_change(both: _Both, margin: float, reason: str) -> Change:
 def _reproduced(both: _Both) -> str:
     if both.is_certain:
         return "the same cost again"
-    return f"the same costs again in all {both.count} seeds"
+    seeds = "the one seed" if both.count == 1 else f"all {both.count} seeds"
+    return f"the same costs again in {seeds}"
 
 
 def _few(both: _Both) -> str:

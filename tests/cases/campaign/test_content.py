@@ -13,6 +13,7 @@ import pytest
 
 from swarmstart.benchmarks.false_claims import made_up
 from swarmstart.cases.campaign.comparison_file import read_comparison
+from swarmstart.cases.campaign.comparison_shape import fault_of
 from swarmstart.cases.campaign.comparison_table import report_text
 from swarmstart.cases.campaign.content import load_of
 from swarmstart.cases.campaign.runs import About
@@ -120,6 +121,19 @@ def test_the_best_known_is_the_least_verified_cost() -> None:
     assert scenario["best_by"] == best["solver"]
 
 
+def test_beside_a_best_of_0_round_off_is_near() -> None:
+    own = {"de": [0.0, 1e-12, 1e-3, 5.0]}
+    assert made_up({"s": own})["scenarios"][0]["rows"][0]["near"] == [2, 2]
+
+
+def test_marks_are_feasible_by_the_solvers_own_tolerance() -> None:
+    """The second mark, at 10, has a violation of 1e-5; answers of 1e-4 were feasible."""
+    content = CASES["two solvers"]
+    history = content["scenarios"][0]["rows"][0]["history"]
+    low = dict(zip(history["evaluations"], history["cost"]["low"], strict=True))
+    assert low[1.0] is None and low[10.0] is not None
+
+
 def test_a_lower_cost_from_elsewhere_is_the_best_known() -> None:
     about = {"s": About(known_cost=5.0, bound={"value": 4.0, "kind": "proven"})}
     own = {"de": [10.0] * 8, "ga": [10.5] * 8}
@@ -209,6 +223,22 @@ def test_a_solver_that_cannot_serve_a_scenario_has_not_failed_there() -> None:
     assert means[0] == means[1]
     assert any("Not every solver ran on u" in said for said in some["limits"])
     assert made_up({"t": draws(2, 8), "s": draws(3, 8)})["ranks"] == []
+
+
+def test_chance_in_the_scenario_gives_a_deterministic_solver_a_run_a_seed() -> None:
+    """A flight through gusts: eight costs, a test, an interval, and no "one run"."""
+    own = {"ipopt": np.arange(8.0) + 10, "de": np.arange(8.0) + 30}
+    content = made_up({"s": own}, more=flight)
+    row, other = content["scenarios"][0]["rows"]
+    assert (row["runs"], row["deterministic"]) == (8, False)
+    assert row["near_intervals"] is not None and other["against_first"]["p"] < 0.05
+    assert content["solvers"][0]["deterministic"]
+    assert not any("one run" in said for said in content["limits"])
+    assert fault_of(content) == ""
+    every = made_up({"s": {"ipopt": [10.0] * 8, "de": [10.0] * 8}})["headline"]
+    assert every.startswith(
+        "On s nothing is gained: ipopt finds the same cost in every run with 4000"
+    )
 
 
 def test_curves_rise_and_their_bands_hold_them() -> None:
