@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from swarmstart.benchmarks.false_claims import made_up
+from swarmstart.cases.campaign import content as content_module
 from swarmstart.cases.campaign.comparison_file import read_comparison
 from swarmstart.cases.campaign.comparison_shape import fault_of
 from swarmstart.cases.campaign.comparison_table import report_text
@@ -127,7 +128,7 @@ def test_beside_a_best_of_0_round_off_is_near() -> None:
 
 
 def test_marks_are_feasible_by_the_solvers_own_tolerance() -> None:
-    """The second mark, at 10, has a violation of 1e-5; answers of 1e-4 were feasible."""
+    """The second mark, at 10, has 1e-5; answers of 1e-4 were called feasible."""
     content = CASES["two solvers"]
     history = content["scenarios"][0]["rows"][0]["history"]
     low = dict(zip(history["evaluations"], history["cost"]["low"], strict=True))
@@ -307,3 +308,20 @@ def test_seconds_are_claimed_only_with_a_budget_in_seconds() -> None:
     untimed = made_up(own, seconds=clocks)
     assert untimed["scenarios"][0]["rows"][1]["against_first"]["seconds"] is None
     assert not untimed["judges_seconds"]
+
+
+def test_nothing_is_claimed_about_seconds_of_a_busy_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clocks = {"ipopt": np.ones(1), "ga": np.linspace(2, 3, 12)}
+    own = {"s": {"ga": np.arange(12.0) + 9, "ipopt": [9.0]}}
+    budget = {"seconds": 5.0}
+    monkeypatch.setattr(content_module, "load_of", lambda _: (9.0, True))
+    busy = made_up(own, seconds=clocks, budget=budget)
+    assert busy["is_noisy"] and not busy["judges_seconds"]
+    busy_words = "The machine was busy (highest load 9.0): nothing is claimed about"
+    assert any(said.startswith(busy_words) for said in busy["limits"])
+    assert " s;" not in busy["headline"] and "4000 evaluations" in busy["headline"]
+    monkeypatch.undo()
+    quiet = made_up(own, seconds=clocks, budget=budget)
+    assert "finds the same cost in 1 s" in quiet["headline"]
