@@ -314,7 +314,7 @@ def test_nothing_is_claimed_about_seconds_of_a_busy_machine(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     clocks = {"ipopt": np.ones(1), "ga": np.linspace(2, 3, 12)}
-    own = {"s": {"ga": np.arange(12.0) + 9, "ipopt": [9.0]}}
+    own: dict[str, Any] = {"s": {"ga": np.arange(12.0) + 9, "ipopt": [9.0]}}
     budget = {"seconds": 5.0}
     monkeypatch.setattr(content_module, "load_of", lambda _: (9.0, True))
     busy = made_up(own, seconds=clocks, budget=budget)

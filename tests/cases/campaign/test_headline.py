@@ -49,6 +49,15 @@ def test_one_scenario_is_told_with_its_counts() -> None:
     )
 
 
+def test_the_order_of_the_solvers_changes_nothing() -> None:
+    turned = dict(reversed(BASINS.items()))
+    second = {name: BASINS[name] for name in sorted(BASINS, reverse=True)}
+    third = {name: BASINS[name] for name in sorted(BASINS, key=lambda n: n[0] != "l")}
+    assert list(third)[0] == "lshade+ipopt"
+    said = {made_up({"s": own})["headline"] for own in (BASINS, turned, second, third)}
+    assert len(said) == 1
+
+
 def test_plain_ipopt_comes_first_where_it_is_as_good_on_more() -> None:
     said = made_up({"a": EASY, "b": EASY, "c": BASINS})["headline"]
     assert said == (
