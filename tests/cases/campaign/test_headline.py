@@ -80,6 +80,13 @@ def test_a_first_solver_that_stands_in_for_it_is_held_to_nothing() -> None:
     assert "nothing is gained" not in said
 
 
+def test_nearly_as_good_is_not_as_good() -> None:
+    near = made_up({"s": {**EASY, "ipopt": [10.05]}})["headline"]
+    assert "ipopt once comes within 1 % of the best known with 4000" in near
+    once_missed = {"multistart-ipopt": found(29), "lshade+ipopt": found(30)}
+    assert "nothing is gained" not in made_up({"s": once_missed})["headline"]
+
+
 def test_a_loss_is_told() -> None:
     own = {"multistart-ipopt": found(27), "lshade+ipopt": found(2)}
     assert made_up({"s": own})["headline"] == (
