@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -228,12 +229,42 @@ def gate(
     return {name: count / repetitions for name, count in counts.items()}
 
 
+def large_comparison_seconds(rng: np.random.Generator) -> float:
+    """Return the CPU time of content: 12 solvers, 30 scenarios and 30 seeds [s]."""
+    names = [*SIX, *(f"{name}+ipopt" for name in SIX[:5]), "ipopt"]
+    marks = np.unique(np.rint(np.geomspace(1, 4000, 37))).tolist()
+
+    def more(cost: float) -> Mapping[str, Any]:
+        history = {
+            "evaluations": marks,
+            "seconds": [mark / 4000 for mark in marks],
+            "cost": [cost + 1000 / mark for mark in marks],
+            "violation": [0.0] * len(marks),
+        }
+        return {"history": history}
+
+    costs = {
+        f"s{k}": {name: lognormal(rng, (30,)) for name in names[:-1]}
+        | {"ipopt": [10.0]}
+        for k in range(30)
+    }
+    bare, full = -clock.process_time(), 0.0
+    made_up(costs, resamples=0)  # Without curves: mostly the cells themselves.
+    bare += clock.process_time()
+    full = -clock.process_time()
+    made_up(costs, more=more)
+    full += clock.process_time()
+    print(f"CPU of 12 x 30 x 30: {full:.2f} s, without curves {bare:.2f} s")
+    return full
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print all shares."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repetitions", type=int, default=1000)
     repetitions = parser.parse_args(arguments).repetitions
     rng = np.random.default_rng(20)
+    large_comparison_seconds(rng)
     print("comparisons of equal solvers that claim any difference")
     for draw in DRAWS:
         for seeds in (6, 10, 30):

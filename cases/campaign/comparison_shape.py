@@ -120,7 +120,7 @@ def _miscounted(content: Mapping[str, Any]) -> str:
     seeds = len(content["seeds"])
     for scenario in content["scenarios"]:
         for row in scenario["rows"]:
-            runs = 1 if row["deterministic"] else seeds
+            runs = 1 if row["deterministic"] and row["runs"] == 1 else seeds
             counts = [len(row[key]) for key in ("costs", "seconds", "evaluations")]
             if {row["runs"], *counts} != {runs} or len(row["near"]) != 2:  # noqa: PLR2004
                 return (

@@ -261,10 +261,18 @@ def _nothing_gained(content: Content, null: str) -> str:
     scenarios, parts = content["scenarios"], []
     if plain:
         same = all(row["near"][1] for _, row in plain)
-        does = "finds the same cost" if same else f"comes within {_near(content)} of it"
+        near = f"comes within {_near(content)} of the best known"
+        does = "finds the same cost" if same else near
         spent = _spent(content, plain[0][1]) if len(plain) == 1 else ""
         where = _every(_on([s for s, _ in plain], scenarios))
-        parts.append(f"on {where} nothing is gained: {PLAIN} once {does}{spent}")
+        once, every = (
+            ("once ", "")
+            if all(row["deterministic"] for _, row in plain)
+            else ("", " in every run")
+        )
+        parts.append(
+            f"on {where} nothing is gained: {PLAIN} {once}{does}{every}{spent}"
+        )
     if often:
         where = _every(_on(often, scenarios))
         parts.append(

@@ -121,8 +121,9 @@ def _machines(content: Content) -> str:
 
 
 def _deterministic(content: Content) -> str:
-    names = [one["name"] for one in content["solvers"] if one["deterministic"]]
-    if not names or len(content["solvers"]) == 1:
+    rows = [row for scenario in content["scenarios"] for row in scenario["rows"]]
+    names = list(dict.fromkeys(r["solver"] for r in rows if r["deterministic"]))
+    if not names or len(content["solvers"]) == 1 or len(content["seeds"]) == 1:
         return ""
     return (
         f"{listed(names)}: one run, without chance in it, which counts for every seed "

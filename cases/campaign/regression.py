@@ -30,6 +30,7 @@ from swarmstart.cases.campaign.change_intervals import (
     share_interval,
 )
 from swarmstart.cases.campaign.ranks import SAME
+from swarmstart.cases.campaign.runs import ROUND_OFF
 from swarmstart.cases.campaign.statistics import median, too_few
 from swarmstart.errors import SwarmstartError
 
@@ -246,15 +247,16 @@ def _both(
     costs = [each[at] for each, at in zip(costs, chosen, strict=True)]
     seconds = [each[at] for each, at in zip(seconds, chosen, strict=True)]
     least = _filled([one["best_cost"] for one in scenarios]).min()
-    with np.errstate(invalid="ignore"):
-        limit = least + old["near"][0] * abs(least)
     paired = np.array(costs)
+    sizes = np.abs(paired[np.isfinite(paired)])
+    slack = ROUND_OFF * float(sizes.max(initial=0.0))
+    limit = least + max(old["near"][0] * abs(least), slack)
     return _Both(
         costs=paired,
         seconds=np.array(seconds),
         success=np.isfinite(paired) & (paired <= limit),
         rows=rows,
-        is_certain=all(row["deterministic"] for row in rows),
+        is_certain=all(row["deterministic"] and row["runs"] == 1 for row in rows),
     )
 
 
@@ -388,7 +390,8 @@ def _seconds_change(both: _Both, margin: float, reason: str) -> Change:
 def _reproduced(both: _Both) -> str:
     if both.is_certain:
         return "the same cost again"
-    return f"the same costs again in all {both.count} seeds"
+    seeds = "the one seed" if both.count == 1 else f"all {both.count} seeds"
+    return f"the same costs again in {seeds}"
 
 
 def _few(both: _Both) -> str:

@@ -98,8 +98,11 @@ class Runs:
 
     @property
     def is_deterministic(self) -> bool:
-        """Whether there is one run, which counts for each seed."""
-        return self.entry.solver.is_deterministic
+        """Whether there is one run without chance in it, which counts for each seed.
+
+        A flight through gusts has a run a seed, whatever solves it.
+        """
+        return self.entry.solver.is_deterministic and len(self.entry.cells) == 1
 
     @property
     def name(self) -> str:

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from swarmstart.benchmarks.false_claims import made_up
+from swarmstart.cases.campaign import content as content_module
 from swarmstart.cases.campaign.comparison_file import read_comparison
+from swarmstart.cases.campaign.comparison_shape import fault_of
 from swarmstart.cases.campaign.comparison_table import report_text
 from swarmstart.cases.campaign.content import load_of
 from swarmstart.cases.campaign.runs import About
@@ -120,6 +122,19 @@ def test_the_best_known_is_the_least_verified_cost() -> None:
     assert scenario["best_by"] == best["solver"]
 
 
+def test_beside_a_best_of_0_round_off_is_near() -> None:
+    own = {"de": [0.0, 1e-12, 1e-3, 5.0]}
+    assert made_up({"s": own})["scenarios"][0]["rows"][0]["near"] == [2, 2]
+
+
+def test_marks_are_feasible_by_the_solvers_own_tolerance() -> None:
+    """The second mark, at 10, has 1e-5; answers of 1e-4 were called feasible."""
+    content = CASES["two solvers"]
+    history = content["scenarios"][0]["rows"][0]["history"]
+    low = dict(zip(history["evaluations"], history["cost"]["low"], strict=True))
+    assert low[1.0] is None and low[10.0] is not None
+
+
 def test_a_lower_cost_from_elsewhere_is_the_best_known() -> None:
     about = {"s": About(known_cost=5.0, bound={"value": 4.0, "kind": "proven"})}
     own = {"de": [10.0] * 8, "ga": [10.5] * 8}
@@ -211,6 +226,22 @@ def test_a_solver_that_cannot_serve_a_scenario_has_not_failed_there() -> None:
     assert made_up({"t": draws(2, 8), "s": draws(3, 8)})["ranks"] == []
 
 
+def test_chance_in_the_scenario_gives_a_deterministic_solver_a_run_a_seed() -> None:
+    """A flight through gusts: eight costs, a test, an interval, and no "one run"."""
+    own = {"ipopt": np.arange(8.0) + 10, "de": np.arange(8.0) + 30}
+    content = made_up({"s": own}, more=flight)
+    row, other = content["scenarios"][0]["rows"]
+    assert (row["runs"], row["deterministic"]) == (8, False)
+    assert row["near_intervals"] is not None and other["against_first"]["p"] < 0.05
+    assert content["solvers"][0]["deterministic"]
+    assert not any("one run" in said for said in content["limits"])
+    assert fault_of(content) == ""
+    every = made_up({"s": {"ipopt": [10.0] * 8, "de": [10.0] * 8}})["headline"]
+    assert every.startswith(
+        "On s nothing is gained: ipopt finds the same cost in every run with 4000"
+    )
+
+
 def test_curves_rise_and_their_bands_hold_them() -> None:
     row = CASES["two solvers"]["scenarios"][0]["rows"][0]
     ecdf, history = row["ecdf"], row["history"]
@@ -277,3 +308,20 @@ def test_seconds_are_claimed_only_with_a_budget_in_seconds() -> None:
     untimed = made_up(own, seconds=clocks)
     assert untimed["scenarios"][0]["rows"][1]["against_first"]["seconds"] is None
     assert not untimed["judges_seconds"]
+
+
+def test_nothing_is_claimed_about_seconds_of_a_busy_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clocks = {"ipopt": np.ones(1), "ga": np.linspace(2, 3, 12)}
+    own: dict[str, Any] = {"s": {"ga": np.arange(12.0) + 9, "ipopt": [9.0]}}
+    budget = {"seconds": 5.0}
+    monkeypatch.setattr(content_module, "load_of", lambda _: (9.0, True))
+    busy = made_up(own, seconds=clocks, budget=budget)
+    assert busy["is_noisy"] and not busy["judges_seconds"]
+    busy_words = "The machine was busy (highest load 9.0): nothing is claimed about"
+    assert any(said.startswith(busy_words) for said in busy["limits"])
+    assert " s;" not in busy["headline"] and "4000 evaluations" in busy["headline"]
+    monkeypatch.undo()
+    quiet = made_up(own, seconds=clocks, budget=budget)
+    assert "finds the same cost in 1 s" in quiet["headline"]

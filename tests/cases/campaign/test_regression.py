@@ -90,6 +90,14 @@ def test_success_is_held_to_the_best_of_both() -> None:
     assert (found["before"], found["now"], found["verdict"]) == (0.0, 1.0, "better")
 
 
+def test_round_off_beside_a_best_of_0_is_success() -> None:
+    """Of costs up to 5, 1e-12 is the optimum, before and now."""
+    before = content([0.0, 1e-12] * 14 + [5.0, 5.0])
+    now = content([1e-12, 0.0] * 14 + [5.0, 5.0])
+    found = row(before, now, 0)
+    assert found["before"] == found["now"] == 28 / 30 and found["verdict"] == "same"
+
+
 def test_seconds_are_judged_on_one_quiet_machine_only() -> None:
     def at(pace: float, **more: Any) -> dict[str, Any]:
         clock = {"de": pace * (1 + 0.001 * THIRTY)}
