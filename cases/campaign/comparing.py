@@ -45,6 +45,11 @@ class Contest:
     entries: tuple[Entry, ...]
     left_out: tuple[str, ...] = ()
 
+    @property
+    def is_seeded(self) -> bool:
+        """Whether each seed is a problem of its own: its disturbances are drawn."""
+        return self.of == "flight" and bool(seed_keys(self.resolved.settings))
+
 
 def contest_of(
     chosen: Chosen,

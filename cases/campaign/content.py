@@ -21,7 +21,6 @@ from swarmstart.cases.campaign.profiles import (
     relative_times,
 )
 from swarmstart.cases.campaign.ranks import mean_ranks, scenario_ranks
-from swarmstart.cases.campaign.running_time import reached
 from swarmstart.cases.campaign.runs import About, Asked, runs_of
 from swarmstart.cases.campaign.scenario_content import (
     Judged,
@@ -72,6 +71,7 @@ def content_of(
             asked,
             known_cost=one.known_cost,
             judges_seconds=judges,
+            is_seeded=one.is_seeded,
         )
         for each, one in zip(entries, known, strict=True)
     ]
@@ -220,11 +220,7 @@ def profile_times(
         rows = []
         for runs in one.runs:
             courses = runs.seconds if by_clock else runs.evaluations
-            limit = one.limits[:1]
-            spent = reached(courses, limit)[:, 0] if math.isfinite(limit[0]) else (
-                np.full(len(runs.costs), np.inf)
-            )  # fmt: skip
-            rows.append(runs.for_seeds(np.where(np.isnan(spent), np.inf, spent), seeds))
+            rows.append(runs.for_seeds(one.times_to(runs, courses, 0), seeds))
         columns.append(np.array(rows))
     times = np.concatenate(columns, axis=1) if columns else np.empty((0, 0))
     return "seconds" if by_clock else "evaluations", times

@@ -61,6 +61,16 @@ def _best_known(content: Content) -> str:
     )
 
 
+def _seeded(content: Content) -> str:
+    drawn = [s["name"] for s in content["scenarios"] if s.get("bests") is not None]
+    if not drawn:
+        return ""
+    return (
+        "Each seed draws disturbances of its own, so an answer is near the best if it "
+        f"is near that of its seed: {listed(drawn)}."
+    )
+
+
 def _not_reached(content: Content) -> str:
     missed = [
         s["name"]
@@ -169,6 +179,6 @@ def _percent(content: Content) -> str:
 
 
 _LIMITS: tuple[Callable[[Content], str], ...] = (
-    *(_unsolved, _few_seeds, _best_known, _not_reached, _below_bound),
+    *(_unsolved, _few_seeds, _best_known, _seeded, _not_reached, _below_bound),
     *(_seconds, _missing, _machines, _deterministic, _failed, _false, _problems),
 )

@@ -246,11 +246,11 @@ def _both(
     chosen = _pairs([old["seeds"], new["seeds"]], [len(each) for each in costs])
     costs = [each[at] for each, at in zip(costs, chosen, strict=True)]
     seconds = [each[at] for each, at in zip(seconds, chosen, strict=True)]
-    least = _filled([one["best_cost"] for one in scenarios]).min()
+    least = _least(scenarios, chosen)
     paired = np.array(costs)
     sizes = np.abs(paired[np.isfinite(paired)])
     slack = ROUND_OFF * float(sizes.max(initial=0.0))
-    limit = least + max(old["near"][0] * abs(least), slack)
+    limit = least + np.maximum(old["near"][0] * np.abs(least), slack)
     return _Both(
         costs=paired,
         seconds=np.array(seconds),
@@ -258,6 +258,15 @@ def _both(
         rows=rows,
         is_certain=all(row["deterministic"] and row["runs"] == 1 for row in rows),
     )
+
+
+def _least(scenarios: tuple[Content, Content], chosen: Any) -> Array:
+    """Return the best known of both, for each pair; its seed's, if those differ."""
+    every = [scenario.get("bests") for scenario in scenarios]
+    if any(bests is None for bests in every):
+        return _filled([scenario["best_cost"] for scenario in scenarios]).min()
+    paired = [_filled(each)[at] for each, at in zip(every, chosen, strict=True)]
+    return np.minimum(*paired)
 
 
 def _pairs(seeds: Sequence[Sequence[int]], counts: Sequence[int]) -> Any:

@@ -36,6 +36,8 @@ class About:
         known_cost: A feasible cost known from elsewhere, to be minimised like all; None
             if there is none.
         bound: {"value", "kind"}: below which no cost is; None if there is none.
+        is_seeded: Whether each seed is a problem of its own, as its gusts differ: then
+            the best known is that of each seed.
     """
 
     title: str = ""
@@ -44,6 +46,7 @@ class About:
     of: str = ""
     known_cost: float | None = None
     bound: Mapping[str, Any] | None = None
+    is_seeded: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -39,16 +39,45 @@ class Judged:
     Attributes:
         runs: Of each solver.
         best: The least cost known; infinite if none is.
-        limits: Costs up to which an answer is near the best, one for each of `near`.
+        bests: The least cost known of each seed, shape (seeds,): all the same, unless
+            each is a problem of its own.
+        limits: Costs up to which an answer is near the best, shape (2, seeds), one row
+            for each of `near`.
         costs: Seed by seed, shape (solvers, seeds).
         pairs: What can be claimed.
+        is_seeded: Whether each seed is a problem of its own.
     """
 
     runs: tuple[Runs, ...]
     best: float
+    bests: Array
     limits: Array
     costs: Array
     pairs: tuple[Pair, ...]
+    is_seeded: bool = False
+
+    def near(self, runs: Runs, which: int) -> NDArray[np.bool_]:
+        """Return which runs of a solver end near the best.
+
+        Args:
+            runs: The solver's.
+            which: The number of the distance among `near`.
+        """
+        limits = self.limits[which, : len(runs.costs)]
+        return np.isfinite(limits) & (runs.costs <= limits)
+
+    def times_to(self, runs: Runs, courses: Courses, which: int) -> Array:
+        """Return what each run had spent when it came near the best; infinite: never.
+
+        Where each seed is a problem of its own, at the run's end.
+        """
+        if self.is_seeded:
+            return np.where(self.near(runs, which), courses.ends, np.inf)
+        limits = self.limits[which : which + 1, 0]
+        if not math.isfinite(limits[0]):
+            return np.full(len(runs.costs), np.inf)
+        spent = reached(courses, limits)[:, 0]
+        return np.where(np.isnan(spent), np.inf, spent)
 
 
 def judged_scenario(
@@ -57,6 +86,7 @@ def judged_scenario(
     *,
     known_cost: float | None = None,
     judges_seconds: bool = False,
+    is_seeded: bool = False,
 ) -> Judged:
     """Return what can be claimed of solvers on one scenario.
 
@@ -65,13 +95,17 @@ def judged_scenario(
         asked: What was asked.
         known_cost: From elsewhere.
         judges_seconds: Whether something is claimed about seconds.
+        is_seeded: Whether each seed is a problem of its own.
     """
     seeds = len(asked.seeds)
     costs = np.array([one.for_seeds(one.costs, seeds) for one in runs])
     best = min(float(costs.min(initial=math.inf)), _given(known_cost))
+    bests = costs.min(axis=0) if is_seeded else np.full(seeds, best)
     finite = np.abs(costs[np.isfinite(costs)])
     slack = ROUND_OFF * float(finite.max(initial=0.0))
-    limits = np.array([best + max(near * abs(best), slack) for near in asked.near])
+    limits = np.array(
+        [bests + np.maximum(near * np.abs(bests), slack) for near in asked.near]
+    )
     seconds = np.array([one.for_seeds(one.clock, seeds) for one in runs])
     pairs = judged(
         Results(
@@ -85,7 +119,13 @@ def judged_scenario(
         )
     )
     return Judged(
-        runs=tuple(runs), best=best, limits=limits, costs=costs, pairs=tuple(pairs)
+        runs=tuple(runs),
+        best=best,
+        bests=bests,
+        limits=limits,
+        costs=costs,
+        pairs=tuple(pairs),
+        is_seeded=is_seeded,
     )
 
 
@@ -113,7 +153,7 @@ def scenario_content(
     """
     best = found.best if math.isfinite(found.best) else None
     winner = _winner(found)
-    curves = Curves.of(found.runs, found.best, found.limits, asked, rng)
+    curves = Curves.of(found.runs, found.best, found.limits[:, 0], asked, rng)
     against_first = {p.a: p for p in found.pairs if p.b == found.runs[0].name}
     return {
         "name": name,
@@ -123,6 +163,7 @@ def scenario_content(
         "of": about.of or _first(found, "of") or "plan",
         "sense": sense_of(found.runs),
         "best_cost": best,
+        "bests": plain(found.bests) if found.is_seeded else None,
         "best_by": winner[0].name if winner else None,
         "known_cost": about.known_cost,
         "bound": dict(about.bound) if about.bound is not None else None,
@@ -166,7 +207,7 @@ def _row(
 ) -> dict[str, Any]:
     """Return what one solver has shown."""
     costs, alone = runs.costs, runs.is_deterministic
-    near = [int((costs <= limit).sum()) if _is(limit) else 0 for limit in found.limits]
+    near = [int(found.near(runs, k).sum()) for k in range(len(asked.near))]
     seconds, counts = runs.seconds.ends, runs.evaluations.ends
     claimed = np.array([number(r.get("claimed_cost")) for r in runs.results])
     word = np.array([bool(r.get("claimed_feasible")) for r in runs.results])
@@ -185,7 +226,7 @@ def _row(
         if alone
         else [list(wilson_interval(count, len(costs))) for count in near],
         "costs": plain(costs),
-        "gaps": plain(_gaps(costs, found.best)),
+        "gaps": plain(_gaps(costs, found.bests[: len(costs)])),
         "claimed": plain(claimed),
         "seconds": plain(runs.clock),
         "build_seconds": [_or_none(r, "build_seconds") for r in runs.results],
@@ -194,8 +235,8 @@ def _row(
         "seconds_p50": quantile(runs.clock, 0.5),
         "seconds_p99": quantile(runs.clock, 0.99),
         "evaluations_median": median(counts[runs.has_answer & np.isfinite(counts)]),
-        "ert_evaluations": _ert(runs.evaluations, found.limits),
-        "ert_seconds": _ert(runs.seconds, found.limits) if np.isfinite(seconds).any()
+        "ert_evaluations": _ert(found, runs, runs.evaluations),
+        "ert_seconds": _ert(found, runs, runs.seconds) if np.isfinite(seconds).any()
         else [None] * len(found.limits),
         "against_first": _against(pair),
         "history": curves.history(runs),
@@ -203,10 +244,6 @@ def _row(
         "measures": _measures(runs),
         "step_seconds": _step_seconds(runs),
     }  # fmt: skip
-
-
-def _is(value: float) -> bool:
-    return math.isfinite(value)
 
 
 def _or_none(result: Mapping[str, Any], key: str) -> float | None:
@@ -223,22 +260,20 @@ def _is_false(claimed: Array, costs: Array, near: float) -> NDArray[np.bool_]:
     return ~np.isfinite(costs) | (np.isfinite(claimed) & off)
 
 
-def _gaps(costs: Array, best: float) -> Array:
+def _gaps(costs: Array, bests: Array) -> Array:
     """Return relative distances from the best known; NaN where there is none."""
-    if not math.isfinite(best):
-        return np.full(costs.shape, np.nan)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        off = costs - best
-        relative: Array = np.where(off == 0, 0.0, off / abs(best))
-    return relative
+        off = costs - bests
+        relative: Array = np.where(off == 0, 0.0, off / np.abs(bests))
+    return np.where(np.isfinite(bests), relative, np.nan)
 
 
-def _ert(courses: Courses, limits: Array) -> list[float | None]:
+def _ert(found: Judged, runs: Runs, courses: Courses) -> list[float | None]:
     """Return the expected running times to the costs that are near the best."""
-    if not np.isfinite(limits).all():
-        return [None] * len(limits)
-    spent = reached(courses, limits)
-    times = [expected_running_time(column, courses.ends) for column in spent.T]
+    times = [
+        expected_running_time(found.times_to(runs, courses, which), courses.ends)
+        for which in range(len(found.limits))
+    ]
     return [None if t is None or not math.isfinite(t) else t for t in times]
 
 

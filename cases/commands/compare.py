@@ -218,6 +218,7 @@ def _content(
             variant=contest.resolved.variant,
             of=contest.of,
             known_cost=_known(contest, plan, outcomes),
+            is_seeded=contest.is_seeded,
         )
         for contest in contests
     }
