@@ -1,8 +1,8 @@
 """When does a swarm help? The page docs/when.md, from comparisons of the command line.
 
-    swarmstart compare benchmarks/comparisons/plans.yaml --out results/when/plans
-    swarmstart compare benchmarks/comparisons/long_plans.yaml --out results/when/long_plans
-    swarmstart compare benchmarks/comparisons/flights.yaml --out results/when/flights
+    for name in plans long_plans flights close_flights; do
+        swarmstart compare benchmarks/comparisons/$name.yaml --out results/when/$name
+    done
     python benchmarks/when.py results/when/* > docs/when.md
 
 The words follow from the numbers: a problem is where its success rates put it.
@@ -63,7 +63,7 @@ def group_of(scenario: Scenario) -> str:
     rows = {one["solver"]: one for one in scenario["rows"]}
     names = list(GROUPS)
     rates = {name: _rate(one) for name, one in rows.items()}
-    if max(rates.values(), default=0.0) <= 0.5:  # noqa: PLR2004 - half of the runs
+    if max(rates.values(), default=0.0) <= 0.5:
         return names[3]
     if rates.get(COLD, 0.0) == 1.0:
         return names[0]
@@ -119,8 +119,8 @@ def _preface(
         "",
         f"Of {names} shipped problems and flights, IPOPT alone is the better choice on "
         f"{counts[0]}, IPOPT from random starts is enough on {counts[1]}, lanes or a "
-        f"search find more on {counts[2]}; on {counts[3]} none comes near the best in "
-        "more than half of its runs.",
+        f"search find more on {counts[2]}; on {counts[3]} none comes near the best "
+        "in more than half of its runs.",
         "",
         "Each cell: runs that end within 1 % of the best cost known, verified along the "
         "whole path, and seconds until the first such answer as expected with restarts "

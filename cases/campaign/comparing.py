@@ -209,4 +209,3 @@ def with_distinct_names(contests: Sequence[Contest]) -> list[Contest]:
         entries = tuple(replace(entry, scenario=name) for entry in contest.entries)
         named.append(replace(contest, name=name, entries=entries))
     return named
-

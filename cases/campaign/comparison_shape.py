@@ -38,6 +38,7 @@ _PAIR = {"a": TEXT, "b": TEXT, "p": (NUMBER,), "effect": NUMBER, "verdict": TEXT
 _SCENARIO = {
     "name": TEXT, "title": TEXT, "kind": TEXT, "variant": TEXT, "of": TEXT,
     "sense": NUMBER, "best_cost": (NUMBER,), "best_by": (TEXT,),
+    "bests": (_CURVE,),
     "known_cost": (NUMBER,), "bound": ({"value": (NUMBER,)},), "rows": [_ROW],
     "pairs": [_PAIR], "answer": ({"solver": TEXT, "seed": COUNT, "plan": {}},),
 }  # fmt: skip

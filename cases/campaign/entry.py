@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from swarmstart.cases.campaign.cells import Cell
-from swarmstart.cases.campaign.solvers import Solver
+from swarmstart.cases.campaign.peer_names import PEERS
+from swarmstart.cases.campaign.solver_names import Solver
 from swarmstart.cases.format.scenario import Resolved
+from swarmstart.cases.record.record import package_version
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -71,6 +73,7 @@ def entry_of(
                 "budget": dict(budget),
                 "seed": seed,
                 "repair": repair,
+                **_package(solver),
             },
             label=f"{resolved.scenario.name}, {solver.name}, seed {seed}",
             timeout_s=timeout_s,
@@ -80,3 +83,11 @@ def entry_of(
         for seed in range(1 if solver.is_deterministic else seeds)
     ]
     return Entry(scenario=resolved.scenario.name, solver=solver, cells=tuple(cells))
+
+
+def _package(solver: Solver) -> dict[str, str]:
+    """Return the version of the package that a search of other people's is from."""
+    if not solver.peer:
+        return {}
+    name = PEERS[solver.peer].pip
+    return {"package": f"{name} {package_version(name)}"}

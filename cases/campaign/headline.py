@@ -17,10 +17,10 @@ from swarmstart.cases.campaign.judgement import (
     DEARER,
     FEWEST_SEEDS,
     NOT_COMPARED,
-    NULL_HYPOTHESIS,
     SECONDS_SHARE,
 )
 from swarmstart.cases.campaign.limits import listed
+from swarmstart.cases.campaign.solver_names import NULL_HYPOTHESIS
 from swarmstart.cases.campaign.statistics import LEVEL, holm_of_those_that_can
 
 PLAIN = "ipopt"

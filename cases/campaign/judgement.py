@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.campaign.ranks import with_ties
+from swarmstart.cases.campaign.solver_names import NULL_HYPOTHESIS
 from swarmstart.cases.campaign.statistics import (
     LEVEL,
     chances_of_less,
@@ -39,8 +40,6 @@ from swarmstart.cases.campaign.statistics import (
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-NULL_HYPOTHESIS = "multistart-ipopt"
-"""What a search has to be better than."""
 SECONDS_SHARE = 0.2
 """Of the chance of a false claim."""
 FEWEST_SEEDS = 6

@@ -50,7 +50,7 @@ def write_parquet(rows_file: Path, path: Path) -> None:
         ForeignFileError: If another file is there.
         RecordError: If the table is none, or a file cannot be read or written.
     """
-    _pyarrow()
+    pyarrow_module()
     _write(path, COLUMNS, _read(rows_file))
 
 
@@ -66,7 +66,7 @@ def write_curves(runs: Iterable[TabledRun], path: Path) -> None:
         ForeignFileError: If another file is there.
         RecordError: If it cannot be written.
     """
-    _pyarrow()
+    pyarrow_module()
     columns: dict[str, list[Any]] = {name: [] for name in CURVES}
     for run in runs:
         history = (run.outcome.result or {}).get("history") or {}
@@ -84,7 +84,7 @@ def write_curves(runs: Iterable[TabledRun], path: Path) -> None:
     _write(path, CURVES, columns)
 
 
-def _pyarrow() -> Any:
+def pyarrow_module() -> Any:
     try:
         import pyarrow
         import pyarrow.parquet
@@ -137,7 +137,7 @@ def _entry(text: str, name: str, place: str) -> Any:
 def _write(
     path: Path, dictionary: Mapping[str, Column], columns: Mapping[str, list[Any]]
 ) -> None:
-    pa = _pyarrow()
+    pa = pyarrow_module()
     _require_own(path)
     types = {
         "text": pa.string(), "integer": pa.int64(), "number": pa.float64(),
@@ -157,7 +157,7 @@ def _require_own(path: Path) -> None:
     """Refuse to replace a file that this package has not written."""
     if not path.exists():
         return
-    pa = _pyarrow()
+    pa = pyarrow_module()
     try:
         is_ours = OURS in (pa.parquet.read_schema(path).metadata or {})
     except (OSError, pa.ArrowException):

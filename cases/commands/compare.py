@@ -37,8 +37,14 @@ from swarmstart.cases.campaign.comparison_plan import (
 )
 from swarmstart.cases.campaign.comparison_table import report_text
 from swarmstart.cases.campaign.content import content_of
+from swarmstart.cases.campaign.parquet import (
+    pyarrow_module,
+    write_curves,
+    write_parquet,
+)
 from swarmstart.cases.campaign.regression import regression
 from swarmstart.cases.campaign.results_table import append_rows, require_table
+from swarmstart.cases.campaign.results_table import runs_of as tabled
 from swarmstart.cases.campaign.runs import About, Asked
 from swarmstart.cases.campaign.solver_names import NULL_HYPOTHESIS, Solver, solvers_of
 from swarmstart.cases.campaign.solvers import budget_of
@@ -70,6 +76,8 @@ def compare_command(options: argparse.Namespace) -> int:
         raise MissingOptionError(
             "expected --engine dask and --scheduler ADDRESS together"
         )
+    if options.parquet:
+        pyarrow_module()  # Missed now, not when all is done.
     plan, documents = _asked(options)
     baseline = _baseline(options)
     solvers = with_null_hypothesis(solvers_of(",".join(plan.solvers)))
@@ -106,11 +114,16 @@ def compare_command(options: argparse.Namespace) -> int:
     content = _content(contests, by_key, plan, budget, options)
     if baseline is not None:
         old, path = baseline
-        found = regression(old, content, margin=options.margin)
-        content["regression"] = {**found, "against": path}
-    _write(root, content, contests, by_key, plan, parquet=options.parquet)
+        content["regression"] = regression(
+            old, content, margin=options.margin, against=path
+        )
+    table = _write(root, content, contests, by_key, plan, parquet=options.parquet)
     _say_what_is_left_out(contests)
-    answer(to_json(content) if options.json else _report(content, root, options))
+    answer(
+        to_json(content)
+        if options.json
+        else _report(content, table, times=options.times)
+    )
     return _exit_code(content, options)
 
 
@@ -185,7 +198,7 @@ def _is_content(text: str) -> bool:
 def _dry_run(
     cells: Sequence[Cell], root: Path, workers: int, budget: Mapping[str, float | int]
 ) -> str:
-    """Return how many runs there are, how many are kept, and how long the rest takes."""
+    """Return how many runs there are and are kept, and how long the rest takes."""
     distinct = {cell.key: cell for cell in cells}
     kept = [finished(cell, root) for cell in distinct.values()]
     seconds = [outcome.seconds for outcome in kept if outcome is not None]
@@ -252,21 +265,21 @@ def _write(
     plan: ComparisonPlan,
     *,
     parquet: bool,
-) -> None:
-    """Append the runs to the table; keep an earlier comparison under its date."""
+) -> Path:
+    """Append the runs to the table, which is returned; keep an earlier comparison."""
     rows = [
         row
         for contest in contests
         for row in rows_of(contest.entries, outcomes, seeds=plan.seeds)
     ]
     with locked(root):
-        append_rows(root / TABLE, rows)
+        table = append_rows(root / TABLE, rows)
         _put_aside(root / CONTENT, content)
         write_json(root / CONTENT, content)
         if parquet:
-            from swarmstart.cases.campaign.results_table import write_parquet
-
-            write_parquet(root / TABLE, root / "results.parquet")
+            write_parquet(table, root / "results.parquet")
+            write_curves(tabled(rows), root / "curves.parquet")
+    return table
 
 
 def _put_aside(file: Path, content: Mapping[str, Any]) -> None:
@@ -290,17 +303,15 @@ def _say_what_is_left_out(contests: Sequence[Contest]) -> None:
             )
 
 
-def _report(
-    content: Mapping[str, Any], root: Path, options: argparse.Namespace
-) -> str:
+def _report(content: Mapping[str, Any], root: Path, options: argparse.Namespace) -> str:
     """Return what a person reads; without wall times, so that all see the same."""
-    lines = [report_text(content, times=options.times), ""]
+    lines = [report_text(content, times=times), ""]
     found = content["regression"]
     if found is not None:
         lines += [f"against {found['against']}"]
         lines += [f"  {row['words']}" for row in found["rows"]] + [""]
-    lines += [f"results  {root / TABLE}"]
-    lines += [f"page     swarmstart report {shlex.quote(str(root))}"]
+    lines += [f"results  {table}"]
+    lines += [f"page     swarmstart report {shlex.quote(str(table.parent))}"]
     return "\n".join(lines)
 
 

@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.commands.seeds import run_seeds
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.kind import NEVER, Measure
-from swarmstart.cases.format.scenario import Resolved, read_document, resolve
+from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.format.settings import Scenario
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
