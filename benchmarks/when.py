@@ -122,9 +122,9 @@ def _preface(
         f"search find more on {counts[2]}; on {counts[3]} none comes near the best "
         "in more than half of its runs.",
         "",
-        "Each cell: runs that end within 1 % of the best cost known, verified along the "
-        "whole path, and seconds until the first such answer as expected with restarts "
-        "(failed runs count with all their time; building and compiling do not). IPOPT "
+        "Each cell: runs that end within 1 % of the best cost known, verified along "
+        "the whole path, and seconds until the first such answer as expected with "
+        "restarts (failed runs count with all their time; building and compiling do not). IPOPT "
         "once begins at zero controls and is run once, where nothing is random. A "
         "budget in seconds is wall time, in evaluations that of each plan of a flight; "
         f"{_seeds(contents)}, {' and '.join(map(str, sorted(cores)))} cores"

@@ -79,7 +79,7 @@ def flown_trial(finished: Run) -> dict[str, Any]:
     holds = found.excess <= FLOWN_TOLERANCE and math.isfinite(found.cost)
     return {
         "of": "flight",
-        "sense": flight.posed.agents[0].problem.sense,
+        "sense": int(flight.posed.agents[0].problem.sense),
         "claimed_cost": None,
         "claimed_violation": None,
         "claimed_feasible": bool(claimed),

@@ -85,6 +85,11 @@ def write_curves(runs: Iterable[TabledRun], path: Path) -> None:
 
 
 def pyarrow_module() -> Any:
+    """Return the package that writes Parquet.
+
+    Raises:
+        MissingPackageError: If it is not installed.
+    """
     try:
         import pyarrow
         import pyarrow.parquet

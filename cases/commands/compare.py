@@ -49,7 +49,14 @@ from swarmstart.cases.campaign.runs import About, Asked
 from swarmstart.cases.campaign.solver_names import NULL_HYPOTHESIS, Solver, solvers_of
 from swarmstart.cases.campaign.solvers import budget_of
 from swarmstart.cases.commands.allowing import allowing
-from swarmstart.cases.commands.output import DONE, GATE, INFEASIBLE, answer, say
+from swarmstart.cases.commands.output import (
+    DONE,
+    GATE,
+    INFEASIBLE,
+    answer,
+    say,
+    table_lines,
+)
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.format.document import Document
 from swarmstart.cases.format.scenario import read_document
@@ -303,16 +310,22 @@ def _say_what_is_left_out(contests: Sequence[Contest]) -> None:
             )
 
 
-def _report(content: Mapping[str, Any], root: Path, options: argparse.Namespace) -> str:
+def _report(content: Mapping[str, Any], table: Path, *, times: bool) -> str:
     """Return what a person reads; without wall times, so that all see the same."""
     lines = [report_text(content, times=times), ""]
     found = content["regression"]
     if found is not None:
         lines += [f"against {found['against']}"]
-        lines += [f"  {row['words']}" for row in found["rows"]] + [""]
+        lines += [*table_lines([_change(row) for row in found["rows"]]), ""]
     lines += [f"results  {table}"]
     lines += [f"page     swarmstart report {shlex.quote(str(table.parent))}"]
     return "\n".join(lines)
+
+
+def _change(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return how a quantity has changed, as a row of a table."""
+    names = (row["scenario"], row["solver"], row["quantity"], row["verdict"])
+    return (*names, row["words"])
 
 
 def _exit_code(content: Mapping[str, Any], options: argparse.Namespace) -> int:
