@@ -24,7 +24,7 @@ class Recorded(NamedTuple):
         file: The file that tells it, in its folder.
         name: What it is called.
         makers: A format -> "module:function" that makes it.
-        takes: What that takes: the folder, the file's content, or both.
+        takes: What that takes: "folder", or "content" of the file.
     """
 
     file: str
@@ -69,13 +69,15 @@ RECORDED = (
         "replication",
         {
             "html": f"{_REPORT}replication_page:replication_page",
-            "md": f"{_REPORT}replication_page:replication_markdown",
-            "latex": f"{_REPORT}replication_page:replication_latex",
+            "md": f"{_REPORT}replication_text:replication_markdown",
+            "latex": f"{_REPORT}replication_text:replication_latex",
         },
-        "both",
+        "content",
     ),
 )
 """What a folder may hold; the first that it does is shown."""
+WITH_FOLDER = ("replication_page",)
+"""Makers that take the folder after the content: they show figures in it."""
 
 
 def report_command(options: argparse.Namespace) -> int:
@@ -105,6 +107,9 @@ def recorded_in(folder: Path) -> Recorded:
     for recorded in RECORDED:
         if (folder / recorded.file).exists():
             return recorded
+    # `replicate --only 9` leaves replication-9.json.
+    for file in sorted(folder.glob("replication-*.json")):
+        return RECORDED[-1]._replace(file=file.name)
     names = ", ".join(recorded.file for recorded in RECORDED)
     raise RecordError(
         f"{folder}: expected a folder that run, compare or replicate wrote, with one "
@@ -124,11 +129,11 @@ def page_of(folder: Path, recorded: Recorded, form: str) -> str:
         RecordError: If the record is damaged.
     """
     make: Callable[..., str] = resolve_name(recorded.makers[form])
-    arguments = {
-        "folder": lambda: [folder],
-        "content": lambda: [content_in(folder, recorded)],
-        "both": lambda: [content_in(folder, recorded), folder],
-    }[recorded.takes]()
+    arguments: list[Any] = [folder]
+    if recorded.takes == "content":
+        arguments = [content_in(folder, recorded)]
+        if make.__name__ in WITH_FOLDER:
+            arguments.append(folder)
     try:
         return make(*arguments)
     except (LookupError, TypeError, ValueError, AttributeError) as error:

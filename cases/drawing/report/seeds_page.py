@@ -93,7 +93,7 @@ def seeds_page(content: Mapping[str, Any]) -> str:
             "seeds": [str(seed) for seed in content["seeds"]],
             "command": str(content.get("command") or ""),
             "facts": _facts(content),
-            "failures": [str(text) for text in content.get("failures") or []],
+            "failures": [str(text) for text in content.get("failures") or [] if text],
         },
     )
 
