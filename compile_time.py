@@ -7,7 +7,7 @@ What makes machine code does so within `compiling`; what measures time does so w
 import contextlib
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from functools import cache
 
@@ -36,6 +36,8 @@ class Stopwatch:
 
 _running: ContextVar[tuple[Stopwatch, ...]] = ContextVar("_running", default=())
 _is_compiling: ContextVar[bool] = ContextVar("_is_compiling", default=False)
+Held = Callable[[], contextlib.AbstractContextManager[None]]
+_held: ContextVar[tuple[Held, ...]] = ContextVar("_held", default=())
 
 
 @contextlib.contextmanager
@@ -54,6 +56,23 @@ def stopwatch() -> Iterator[Stopwatch]:
 
 
 @contextlib.contextmanager
+def held_while_compiling(held: Held) -> Iterator[None]:
+    """Hold something, such as a limit of time, while machine code is made.
+
+    Args:
+        held: Makes the context that machine code is made in.
+
+    Yields:
+        Nothing.
+    """
+    token = _held.set((*_held.get(), held))
+    try:
+        yield
+    finally:
+        _held.reset(token)
+
+
+@contextlib.contextmanager
 def compiling() -> Iterator[None]:
     """Count what is done meanwhile as loading or compiling; once if nested.
 
@@ -65,7 +84,10 @@ def compiling() -> Iterator[None]:
         return
     token, begin = _is_compiling.set(True), time.perf_counter()
     try:
-        yield
+        with contextlib.ExitStack() as stack:
+            for held in _held.get():
+                stack.enter_context(held())
+            yield
     finally:
         _is_compiling.reset(token)
         spent = time.perf_counter() - begin

@@ -18,6 +18,8 @@ import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from swarmstart.compile_time import held_while_compiling
+
 PLACE = "SWARMSTART_CELL_PROCESS"
 """Variable of the environment: number of the process of cells, and where it replies."""
 SOON_S = 1e-6
@@ -38,8 +40,9 @@ def declare_cell_process(reply: int) -> None:
 def hard_limit(seconds: float | None) -> Iterator[None]:
     """End this process if the context takes longer, whatever code it is in.
 
-    Within another one, what ends first counts. Nothing happens outside of a process of
-    cells, in another thread than the main one, or on a system without SIGALRM.
+    What machine code takes to be made does not count, as on a stopwatch. Within another
+    limit, what ends first counts. Nothing happens outside of a process of cells, in
+    another thread than the main one, or on a system without SIGALRM.
 
     Args:
         seconds: Wall time [s]; None or infinite: no limit.
@@ -58,13 +61,25 @@ def hard_limit(seconds: float | None) -> Iterator[None]:
     outer, _ = signal.setitimer(signal.ITIMER_REAL, 0.0)
     _arm(seconds if not outer else min(seconds, outer), reply, told=seconds)
     try:
-        yield
+        with held_while_compiling(_stopped):
+            yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         if outer:
             _arm(outer - (clock.monotonic() - began), reply, told=outer)
         elif handler is not None:
             signal.signal(signal.SIGALRM, handler)
+
+
+@contextmanager
+def _stopped() -> Iterator[None]:
+    """Stop the clock of the limit."""
+    left, _ = signal.setitimer(signal.ITIMER_REAL, 0.0)
+    try:
+        yield
+    finally:
+        if left:
+            signal.setitimer(signal.ITIMER_REAL, left)
 
 
 def _arm(seconds: float, reply: int, *, told: float) -> None:

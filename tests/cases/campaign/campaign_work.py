@@ -18,6 +18,7 @@ import numpy as np
 from swarmstart.cases.campaign.cell_work import Beginning, cell_content, commit
 from swarmstart.cases.campaign.wall_limit import hard_limit
 from swarmstart.cases.record.files import to_json
+from swarmstart.compile_time import compiling
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
 
@@ -136,3 +137,13 @@ def large(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 def text_of(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return {"text": "x" * job["number"]}
+
+
+def compile_in_limit(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Make machine code for longer than the limit, and work for less."""
+    del folder
+    with hard_limit(job["limit"]):
+        with compiling():
+            time.sleep(3 * job["limit"])
+        left, _ = signal.getitimer(signal.ITIMER_REAL)
+    return {"left": left}

@@ -53,6 +53,12 @@ def test_native_code_that_never_returns_ends_at_its_limit(tmp_path: Path) -> Non
     assert 0.2 <= fifth.seconds < 60.0
 
 
+def test_making_machine_code_does_not_count(tmp_path: Path) -> None:
+    (outcome,) = carried_out([cell("compile_in_limit", limit=0.5)], tmp_path, workers=1)
+    assert outcome.result is not None and not outcome.was_cut
+    assert 0.3 < outcome.result["left"] <= 0.5
+
+
 @pytest.mark.parametrize("place", [None, "", "1:2", "text", f"{os.getpid()}:text"])
 def test_a_process_that_is_not_of_cells_is_not_ended(
     monkeypatch: pytest.MonkeyPatch, place: str | None
