@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tables import head, row
+from swarmstart.benchmarks.tables import head, row
 
 COLD, MANY = "ipopt", "multistart-ipopt"
 OWN = ("multistart+ipopt", "lshade+ipopt")

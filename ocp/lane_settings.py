@@ -90,7 +90,10 @@ class Memetic:
 SearchAlgorithm = Algorithm | Multistart | Memetic
 """What searches a planning problem."""
 
-NAMED = {"multistart": Multistart, "memetic": Memetic}
+NAMED: dict[str, type[Multistart] | type[Memetic]] = {
+    "multistart": Multistart,
+    "memetic": Memetic,
+}
 EVALUATIONS = 500_000
 """Budget of a multistart that is given none: a few hundred local solves."""
 

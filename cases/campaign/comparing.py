@@ -75,13 +75,18 @@ def contest_of(
         CodeNotAllowedError: If a file is to be run and may not.
     """
 
-    def resolved(assignments: Sequence[str] = (), **given: str) -> Resolved:
+    def resolved(
+        assignments: Sequence[str] = (),
+        search: str | None = None,
+        polish: str | None = None,
+    ) -> Resolved:
         return allow(
             resolve(
                 document,
                 variant=chosen.variant,
+                search=search,
+                polish=polish,
                 assignments=[*chosen.assignments, *assignments],
-                **given,
             )
         )
 

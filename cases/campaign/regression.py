@@ -262,11 +262,12 @@ def _both(
 
 def _least(scenarios: tuple[Content, Content], chosen: Any) -> Array:
     """Return the best known of both, for each pair; its seed's, if those differ."""
-    every = [scenario.get("bests") for scenario in scenarios]
-    if any(bests is None for bests in every):
-        return _filled([scenario["best_cost"] for scenario in scenarios]).min()
-    paired = [_filled(each)[at] for each, at in zip(every, chosen, strict=True)]
-    return np.minimum(*paired)
+    drawn = [scenario["bests"] for scenario in scenarios]
+    if None in drawn:
+        return np.atleast_1d(_filled([s["best_cost"] for s in scenarios]).min())
+    paired = [_filled(each)[at] for each, at in zip(drawn, chosen, strict=True)]
+    least: Array = np.array(paired).min(axis=0)
+    return least
 
 
 def _pairs(seeds: Sequence[Sequence[int]], counts: Sequence[int]) -> Any:

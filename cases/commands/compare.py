@@ -155,16 +155,20 @@ def _asked(options: argparse.Namespace) -> tuple[ComparisonPlan, list[Document]]
         for name in names
         if name not in plans
     ]
-    given = {
-        "solvers": [options.solvers] if options.solvers else part.solvers,
-        "seeds": options.seeds or part.seeds,
-        "budget": options.budget or part.budget,
-        "timeout_s": options.timeout or part.timeout_s,
-        "repair": part.repair if options.repair is None else options.repair,
-    }
-    chosen = {name: value for name, value in given.items() if value is not None}
-    chosen["solvers"] = tuple(chosen.get("solvers", [options.default_solvers]))
-    plan = ComparisonPlan(scenarios=tuple(scenarios), known=part.known, **chosen)
+    default = ComparisonPlan(scenarios=(), solvers=(options.default_solvers,))
+    plan = ComparisonPlan(
+        scenarios=tuple(scenarios),
+        solvers=(options.solvers,) if options.solvers
+        else tuple(part.solvers or default.solvers),
+        seeds=options.seeds or part.seeds or default.seeds,
+        budget=options.budget or part.budget or default.budget,
+        timeout_s=options.timeout or part.timeout_s or default.timeout_s,
+        repair=next(
+            one for one in (options.repair, part.repair, default.repair)
+            if one is not None
+        ),
+        known=part.known,
+    )  # fmt: skip
     documents = [
         read[one.source] if one.source in read else read_document(one.source)
         for one in scenarios

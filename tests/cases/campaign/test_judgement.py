@@ -11,12 +11,12 @@ from scipy.stats import wilcoxon
 
 from swarmstart.cases.campaign.judgement import (
     ALL_PAIRS_FROM,
-    NULL_HYPOTHESIS,
     Results,
     compared_pairs,
     fewest_seeds,
     judged,
 )
+from swarmstart.cases.campaign.solver_names import NULL_HYPOTHESIS
 from swarmstart.cases.campaign.statistics import LEVEL
 
 INF = np.inf

@@ -1,5 +1,7 @@
 """Seeds of a scenario's disturbances, raised by the number of the run."""
 
+from typing import Any
+
 from swarmstart.cases.campaign.seeding import seed_keys, seeded
 from swarmstart.cases.format.scenario import read_document, resolve
 
@@ -10,7 +12,7 @@ def test_run_0_is_the_scenario_and_run_3_has_other_gusts_and_nothing_else() -> N
     settings = resolve(read_document("close_formation"), assignments=[GUSTY]).settings
     assert seed_keys(settings) == ["plant.gusts.seed"]
     assert seeded(settings, 0) == settings
-    changed = seeded(settings, 3)
+    changed: Any = seeded(settings, 3)
     assert changed["plant"]["gusts"]["seed"] == 10
     changed["plant"]["gusts"]["seed"] = 7
     assert changed == settings
@@ -18,7 +20,7 @@ def test_run_0_is_the_scenario_and_run_3_has_other_gusts_and_nothing_else() -> N
 
 
 def test_what_is_called_seed_and_is_no_whole_number_stays() -> None:
-    settings = {
+    settings: dict[str, Any] = {
         "plant": [{"seed": "x"}, {"seed": True}, {"seed": 1}],
         "claims": [{"when": {"seed": 4}}],
     }
