@@ -125,8 +125,8 @@ def _preface(
         "Each cell: runs that end within 1 % of the best cost known, verified along "
         "the whole path, and seconds until the first such answer as expected with "
         "restarts (failed runs count with all their time; building and compiling do "
-        "not). IPOPT once begins at zero controls and is run once, where nothing is random. A "
-        "budget in seconds is wall time, in evaluations that of each plan of a flight; "
+        "not). IPOPT once begins at zero controls and is run once, where nothing is "
+        "random. A budget in seconds is wall time, in evaluations that of each plan of a flight; "
         f"{_seeds(contents)}, {' and '.join(map(str, sorted(cores)))} cores"
         + (", other work beside: seconds are rough." if noisy else "."),
         "",
