@@ -8,7 +8,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
-    from swarmstart.cases.campaign.comparison import (
+    from swarmstart.cases.campaign.judging.comparison import (
         Row as Row,
     )
     from swarmstart.cases.campaign.library import (
@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Interrupted as Interrupted,
         Run as Run,
     )
-    from swarmstart.cases.campaign.solvers import (
+    from swarmstart.cases.campaign.trials.solvers import (
         InvalidBudgetTextError as InvalidBudgetTextError,
         UnknownSolverError as UnknownSolverError,
     )
@@ -193,10 +193,12 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
 __version__ = "0.1.0"
 
 _NAMES = {
-    "swarmstart.cases.campaign.comparison": "Row",
+    "swarmstart.cases.campaign.judging.comparison": "Row",
     "swarmstart.cases.campaign.library": "compare run",
     "swarmstart.cases.campaign.run": "Interrupted Run",
-    "swarmstart.cases.campaign.solvers": "InvalidBudgetTextError UnknownSolverError",
+    "swarmstart.cases.campaign.trials.solvers": (
+        "InvalidBudgetTextError UnknownSolverError"
+    ),
     "swarmstart.cases.commands.progress": "Progress",
     "swarmstart.cases.format.document": "UnreadableFileError YamlError",
     "swarmstart.cases.format.kind": "CodeNotAllowedError SeveralPlansError",

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from swarmstart.benchmarks.tables import head, page_options, publish, row
-from swarmstart.cases.campaign.cells import carried_out
+from swarmstart.cases.campaign.engine.cells import carried_out
 from swarmstart.cases.campaign.replication import (
     JudgedClaim,
     cells_of,

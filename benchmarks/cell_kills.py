@@ -41,8 +41,8 @@ from swarmstart.benchmarks.kills import (
     waited,
     workers,
 )
-from swarmstart.cases.campaign.cell_work import MARK
-from swarmstart.cases.campaign.cells import LOCAL, Cell, carried_out
+from swarmstart.cases.campaign.engine.cell_work import MARK
+from swarmstart.cases.campaign.engine.cells import LOCAL, Cell, carried_out
 from swarmstart.cases.record.files import RecordError
 
 CELLS = 40

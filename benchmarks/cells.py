@@ -17,9 +17,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from swarmstart.cases.campaign.cells import Cell, carried_out
-from swarmstart.cases.campaign.comparison import entry_of
-from swarmstart.cases.campaign.solvers import solver_of
+from swarmstart.cases.campaign.engine.cells import Cell, carried_out
+from swarmstart.cases.campaign.judging.comparison import entry_of
+from swarmstart.cases.campaign.trials.solvers import solver_of
 from swarmstart.cases.format.scenario import read_document, resolve
 
 BAR_MS = 5.0

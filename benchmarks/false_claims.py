@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.campaign.cells import Cell, Outcome
-from swarmstart.cases.campaign.content import content_of
-from swarmstart.cases.campaign.entry import Entry
-from swarmstart.cases.campaign.regression import regression
-from swarmstart.cases.campaign.runs import About, Asked
-from swarmstart.cases.campaign.solvers import solver_of
+from swarmstart.cases.campaign.engine.cells import Cell, Outcome
+from swarmstart.cases.campaign.judging.content import content_of
+from swarmstart.cases.campaign.judging.entry import Entry
+from swarmstart.cases.campaign.judging.regression import regression
+from swarmstart.cases.campaign.judging.runs import About, Asked
+from swarmstart.cases.campaign.trials.solvers import solver_of
 
 Array = NDArray[np.float64]
 SPREAD = 0.2

@@ -53,7 +53,7 @@ FILES = {
         "dual_mode", "improving", "repair", "path", "kinks",
     )),
     "verdicts": tuple(f"cases/{name}.py" for name in (
-        "campaign/claims", "campaign/verdicts", "campaign/statistics",
+        "campaign/claims", "campaign/verdicts", "campaign/judging/statistics",
         "campaign/replication", "record/trajectory_arrays", "kinds/planar",
         "commands/checking",
     )),

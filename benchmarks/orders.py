@@ -20,7 +20,7 @@ from swarmstart.benchmarks.anchors import peer
 from swarmstart.benchmarks.cec import constrained_objective
 from swarmstart.benchmarks.planning import marks
 from swarmstart.benchmarks.tables import head, page_options, publish, row
-from swarmstart.cases.campaign.statistics import signed_rank_p
+from swarmstart.cases.campaign.judging.statistics import signed_rank_p
 from swarmstart.heuristics import (
     LSHADE,
     Algorithm,

@@ -25,7 +25,7 @@ from swarmstart.benchmarks.problems import (
     reactor,
 )
 from swarmstart.benchmarks.tables import head, page_options, publish, row
-from swarmstart.cases.campaign.statistics import LEVEL, holm, signed_rank_p
+from swarmstart.cases.campaign.judging.statistics import LEVEL, holm, signed_rank_p
 from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.heuristics import ALGORITHMS, Algorithm, Budget
 from swarmstart.ocp import IpoptOptions, Planner, SearchSettings

@@ -126,7 +126,7 @@ def _preface(
         "the whole path, and seconds until the first such answer as expected with "
         "restarts (failed runs count with all their time; building and compiling do "
         "not). IPOPT once begins at zero controls and is run once, where nothing is "
-        "random. A budget in seconds is wall time, in evaluations that of each plan of a flight; "
+        "random. A budget of a flight is that of each plan; "
         f"{_seeds(contents)}, {' and '.join(map(str, sorted(cores)))} cores"
         + (", other work beside: seconds are rough." if noisy else "."),
         "",

@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from swarmstart.cases.campaign.cells import Cell
 from swarmstart.cases.campaign.comparison_plan import Chosen, ComparisonPlan
-from swarmstart.cases.campaign.entry import Entry, entry_of
-from swarmstart.cases.campaign.flight_trial import flight_cell
-from swarmstart.cases.campaign.seeding import seed_keys
-from swarmstart.cases.campaign.solver_names import IPOPT, MULTISTART, Solver
-from swarmstart.cases.campaign.solvers import search_share
+from swarmstart.cases.campaign.engine.cells import Cell
+from swarmstart.cases.campaign.judging.entry import Entry, entry_of
+from swarmstart.cases.campaign.trials.flight_trial import flight_cell
+from swarmstart.cases.campaign.trials.seeding import seed_keys
+from swarmstart.cases.campaign.trials.solver_names import IPOPT, MULTISTART, Solver
+from swarmstart.cases.campaign.trials.solvers import search_share
 from swarmstart.cases.format.document import Document
 from swarmstart.cases.format.kind import SeveralPlansError
 from swarmstart.cases.format.scenario import Resolved, resolve

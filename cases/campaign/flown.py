@@ -5,7 +5,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
-from swarmstart.cases.campaign.cell_keys import modules_of_settings
+from swarmstart.cases.campaign.engine.cell_keys import modules_of_settings
 from swarmstart.cases.campaign.run import run
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.format.scenario import resolved_again

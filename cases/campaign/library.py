@@ -12,18 +12,18 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.cases.campaign.building import Built, Trial, built
-from swarmstart.cases.campaign.cells import Cell, Outcome
-from swarmstart.cases.campaign.comparison import Entry, Row, rows_of
+from swarmstart.cases.campaign.engine.cells import Cell, Outcome
+from swarmstart.cases.campaign.judging.comparison import Entry, Row, rows_of
 from swarmstart.cases.campaign.run import Run
 from swarmstart.cases.campaign.run import run as run_resolved
-from swarmstart.cases.campaign.solvers import (
+from swarmstart.cases.campaign.trials.building import Built, Trial, built
+from swarmstart.cases.campaign.trials.solvers import (
     Solver,
     budget_of,
     search_share,
     solvers_of,
 )
-from swarmstart.cases.campaign.trial import answer_of
+from swarmstart.cases.campaign.trials.trial import answer_of
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem

@@ -18,10 +18,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from swarmstart.cases.campaign.cells import Cell, Outcome
 from swarmstart.cases.campaign.claims import assignments_of, claim_assignments
+from swarmstart.cases.campaign.engine.cells import Cell, Outcome
+from swarmstart.cases.campaign.judging.statistics import too_few
 from swarmstart.cases.campaign.run_cell import FLOWN_BY, run_cell
-from swarmstart.cases.campaign.statistics import too_few
 from swarmstart.cases.campaign.verdicts import (
     Verdict,
     median_of,

@@ -1,6 +1,6 @@
 """A run as a cell of a campaign."""
 
-from swarmstart.cases.campaign.cells import Cell
+from swarmstart.cases.campaign.engine.cells import Cell
 from swarmstart.cases.format.scenario import Resolved
 
 FLOWN_BY = "swarmstart.cases.campaign.flown:fly"

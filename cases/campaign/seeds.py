@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.campaign.cells import Outcome
+from swarmstart.cases.campaign.engine.cells import Outcome
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.record.record import versions
 

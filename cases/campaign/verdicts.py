@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from swarmstart.cases.campaign.claims import holds
-from swarmstart.cases.campaign.statistics import (
+from swarmstart.cases.campaign.judging.statistics import (
     LEVEL,
     fewest_pairs,
     signed_rank_p,

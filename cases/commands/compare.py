@@ -12,21 +12,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from swarmstart.cases.campaign.cells import (
-    LOCAL,
-    Cell,
-    Outcome,
-    carried_out,
-    finished,
-)
 from swarmstart.cases.campaign.comparing import (
     Contest,
     contest_of,
     interleaved,
     with_distinct_names,
 )
-from swarmstart.cases.campaign.comparison import rows_of
-from swarmstart.cases.campaign.comparison_file import read_comparison
 from swarmstart.cases.campaign.comparison_plan import (
     Chosen,
     ComparePart,
@@ -35,19 +26,32 @@ from swarmstart.cases.campaign.comparison_plan import (
     is_plan,
     plan_in,
 )
-from swarmstart.cases.campaign.comparison_table import report_text
-from swarmstart.cases.campaign.content import content_of
-from swarmstart.cases.campaign.parquet import (
+from swarmstart.cases.campaign.engine.cells import (
+    LOCAL,
+    Cell,
+    Outcome,
+    carried_out,
+    finished,
+)
+from swarmstart.cases.campaign.judging.comparison import rows_of
+from swarmstart.cases.campaign.judging.comparison_file import read_comparison
+from swarmstart.cases.campaign.judging.comparison_table import report_text
+from swarmstart.cases.campaign.judging.content import content_of
+from swarmstart.cases.campaign.judging.parquet import (
     pyarrow_module,
     write_curves,
     write_parquet,
 )
-from swarmstart.cases.campaign.regression import regression
-from swarmstart.cases.campaign.results_table import append_rows, require_table
-from swarmstart.cases.campaign.results_table import runs_of as tabled
-from swarmstart.cases.campaign.runs import About, Asked
-from swarmstart.cases.campaign.solver_names import NULL_HYPOTHESIS, Solver, solvers_of
-from swarmstart.cases.campaign.solvers import budget_of
+from swarmstart.cases.campaign.judging.regression import regression
+from swarmstart.cases.campaign.judging.results_table import append_rows, require_table
+from swarmstart.cases.campaign.judging.results_table import runs_of as tabled
+from swarmstart.cases.campaign.judging.runs import About, Asked
+from swarmstart.cases.campaign.trials.solver_names import (
+    NULL_HYPOTHESIS,
+    Solver,
+    solvers_of,
+)
+from swarmstart.cases.campaign.trials.solvers import budget_of
 from swarmstart.cases.commands.allowing import allowing
 from swarmstart.cases.commands.output import (
     DONE,

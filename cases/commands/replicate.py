@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from swarmstart.cases.campaign.cells import Cell, Outcome, carried_out, finished
+from swarmstart.cases.campaign.engine.cells import Cell, Outcome, carried_out, finished
+from swarmstart.cases.campaign.judging.statistics import spread
 from swarmstart.cases.campaign.replication import (
     Chapter,
     ChapterClaim,
@@ -27,7 +28,6 @@ from swarmstart.cases.campaign.replication import (
     judged,
     planned,
 )
-from swarmstart.cases.campaign.statistics import spread
 from swarmstart.cases.campaign.verdicts import Verdict
 from swarmstart.cases.commands.output import DONE, GATE, answer
 from swarmstart.cases.commands.progress import Progress

@@ -151,7 +151,7 @@ def content_in(folder: Path, recorded: Recorded) -> Mapping[str, Any]:
     """
     file = folder / recorded.file
     if recorded.name == "comparison":
-        from swarmstart.cases.campaign.comparison_file import read_comparison
+        from swarmstart.cases.campaign.judging.comparison_file import read_comparison
 
         return read_comparison(file)
     try:

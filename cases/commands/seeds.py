@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from swarmstart.cases.campaign.cells import Cell, Outcome, carried_out
-from swarmstart.cases.campaign.flight_trial import flight_cell
+from swarmstart.cases.campaign.engine.cells import Cell, Outcome, carried_out
 from swarmstart.cases.campaign.seeds import SEEDS, seeds_content, spread_of
+from swarmstart.cases.campaign.trials.flight_trial import flight_cell
 from swarmstart.cases.commands.conditions import Condition, met_conditions
 from swarmstart.cases.commands.output import (
     DONE,

@@ -8,7 +8,7 @@ import random
 import pytest
 
 from swarmstart.benchmarks.cell_kills import besieged
-from swarmstart.cases.campaign.cells import LOCAL
+from swarmstart.cases.campaign.engine.cells import LOCAL
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="looks into /proc")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from swarmstart.cases.campaign.results_table import COLUMNS
+from swarmstart.cases.campaign.judging.results_table import COLUMNS
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command

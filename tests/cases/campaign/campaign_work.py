@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.campaign.cell_work import Beginning, cell_content, commit
-from swarmstart.cases.campaign.wall_limit import hard_limit
+from swarmstart.cases.campaign.engine.cell_work import Beginning, cell_content, commit
+from swarmstart.cases.campaign.engine.wall_limit import hard_limit
 from swarmstart.cases.record.files import to_json
 from swarmstart.compile_time import compiling
 from swarmstart.errors import SwarmstartError

@@ -11,7 +11,7 @@ from typing import Any
 import pydantic
 import pytest
 
-from swarmstart.cases.campaign.cells import Cell, Outcome
+from swarmstart.cases.campaign.engine.cells import Cell, Outcome
 from swarmstart.cases.campaign.replication import (
     ChapterClaim,
     PartOfClaim,

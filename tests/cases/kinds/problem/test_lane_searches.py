@@ -7,7 +7,7 @@ import pytest
 
 from swarmstart.cases.campaign.library import compare
 from swarmstart.cases.campaign.run import run
-from swarmstart.cases.campaign.solvers import solver_of
+from swarmstart.cases.campaign.trials.solvers import solver_of
 from swarmstart.cases.commands.cli import main
 from swarmstart.tests.cases.kinds.problem.conftest import scenario_of, stated
 from swarmstart.tests.ocp.lanes.problems import cart

@@ -1,0 +1,279 @@
+"""A process for cells, kept from one to the next, and replaced when it dies.
+
+It is started with its own standard input and output as the only way to it, so that it
+can be made anywhere: by a command, or by a worker of Dask, whose own processes may have
+no children of `multiprocessing`. Nothing is pickled.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time as clock
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from swarmstart.cases.campaign.engine.cell_work import Beginning, cell_content
+from swarmstart.cases.record.files import RecordError
+
+ATTEMPTS = 2
+BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+PROGRAM = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from swarmstart.cases.campaign.engine.cell_work import serve; "
+    "serve(int(sys.argv[2]))"
+)
+END = b""
+
+Order = Mapping[str, Any]
+"""Plain data: work, job, label, key, permissions, rescue, folder and timeout_s."""
+
+
+class StoppedError(Exception):
+    """The process has been stopped while it did a cell."""
+
+
+class OtherCodeError(Exception):
+    """The process would do another work than what the key says.
+
+    Attributes:
+        versions: Of the packages it has.
+    """
+
+    def __init__(self, versions: Mapping[str, str]) -> None:
+        """Keep the versions."""
+        super().__init__("other code")
+        self.versions = dict(versions)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ending:
+    """How an attempt ended without a reply.
+
+    Attributes:
+        how: In words; empty where its time was over.
+        limit: The hard limit that it was ended by [s]; None: by something else.
+        cpu_s: CPU seconds of the attempt; None: not known.
+    """
+
+    how: str
+    limit: float | None = None
+    cpu_s: float | None = None
+
+
+class CellProcess:
+    """A process that does cells, one at a time; started with the first of them."""
+
+    def __init__(self) -> None:
+        """Start nothing yet."""
+        self._process: subprocess.Popen[bytes] | None = None
+        self._lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._cpu_s = 0.0
+        self._limit: float | None = None
+        self._lock = threading.Lock()
+        self._is_ready = False
+        self._is_stopped = False
+
+    def done(self, order: Order) -> dict[str, Any]:
+        """Do a cell, and return its reply: `content`, and `files` where they are sent.
+
+        One whose process dies is tried once more; one that was ended by its hard limit
+        is done by its rescue.
+
+        Args:
+            order: The cell.
+
+        Raises:
+            StoppedError: If `stop` was called meanwhile.
+            OtherCodeError: If the process has other code than the key says.
+            RecordError: If the result cannot be written.
+        """
+        began, ending = Beginning(), Ending(how="")
+        for _ in range(ATTEMPTS):
+            attempt = Beginning()
+            found = self._attempted(order)
+            if not isinstance(found, Ending):
+                return found
+            ending = found
+            if found.limit is not None and order["rescue"] and not order.get("spent"):
+                spent = {
+                    "seconds": clock.perf_counter() - attempt.seconds,
+                    "cpu_s": found.cpu_s,
+                    "date": attempt.date,
+                }
+                return self.done({**order, "spent": spent})
+            if found.limit is not None or not found.how:
+                break
+        failure = _failure(ending)
+        if order.get("spent"):
+            failure = f"its rescue after the hard limit failed: {failure}"
+        content = cell_content(
+            order, began, failure=failure, again=True, cpu_s=ending.cpu_s
+        )
+        return {"content": content, "is_lost": True}
+
+    def stop(self) -> None:
+        """End the process for good, whatever it does."""
+        with self._lock:
+            self._is_stopped = True
+            self._end()
+
+    def _attempted(self, order: Order) -> dict[str, Any] | Ending:
+        """Return the reply to an order, or how its attempt ended without one."""
+        self._start()
+        sent = {name: order[name] for name in order if name != "timeout_s"}
+        line = json.dumps(sent, allow_nan=False).encode() + b"\n"
+        if not self._is_ready and self._next(None) is None:
+            return self._ended()
+        self._is_ready = True
+        self._send(line)
+        timeout_s = order["timeout_s"]
+        last = None if timeout_s is None else clock.monotonic() + timeout_s
+        while True:
+            try:
+                reply = self._next(last)
+            except queue.Empty:
+                with self._lock:
+                    self._end()
+                return Ending(how="")
+            if reply is None:
+                return self._ended()
+            if "hard_limit" in reply:
+                self._limit = reply["hard_limit"]
+                continue
+            self._limit, self._cpu_s = None, reply.pop("cpu")
+            return _checked(reply)
+
+    def _next(self, last: float | None) -> dict[str, Any] | None:
+        """Return what the process says next; None: nothing any more.
+
+        Args:
+            last: Until when to wait, of the monotonic clock [s]; None: for ever.
+
+        Raises:
+            queue.Empty: If it says nothing until then.
+        """
+        timeout = None if last is None else max(0.0, last - clock.monotonic())
+        line = self._lines.get(timeout=timeout)
+        if line == END:
+            return None
+        said: dict[str, Any] = json.loads(line)
+        if "ready" in said:
+            self._cpu_s = said["ready"]
+        return said
+
+    def _start(self) -> None:
+        """Start a process where there is none."""
+        with self._lock:
+            if self._is_stopped:
+                raise StoppedError
+            if self._process is not None and self._process.poll() is None:
+                return
+            self._end()
+            path = [entry or os.getcwd() for entry in sys.path]
+            process = subprocess.Popen(
+                # -P: nothing of the folder one happens to be in is imported.
+                [
+                    sys.executable,
+                    "-P",
+                    "-c",
+                    PROGRAM,
+                    json.dumps(path),
+                    str(os.getpid()),
+                ],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, **dict.fromkeys(BLAS_THREADS, "1")},
+            )
+            lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+            listener = threading.Thread(
+                target=_listen, args=(process, lines), daemon=True
+            )
+            listener.start()
+            self._process, self._lines = process, lines
+            self._limit, self._is_ready = None, False
+
+    def _send(self, line: bytes) -> None:
+        """Send a line; one that has died has perhaps said something to be read."""
+        process = self._process  # None: stopped meanwhile, by another thread.
+        if process is not None and process.stdin is not None:
+            with suppress(OSError, ValueError):  # ValueError: closed meanwhile.
+                process.stdin.write(line)
+                process.stdin.flush()
+
+    def _ended(self) -> Ending:
+        """Return how the process died, and reap it."""
+        with self._lock:
+            if self._is_stopped:
+                raise StoppedError
+            code, cpu_s = self._end()
+        by_alarm = hasattr(signal, "SIGALRM") and code == -signal.SIGALRM
+        return Ending(
+            how=_words(code),
+            limit=self._limit if by_alarm else None,
+            cpu_s=None if cpu_s is None else cpu_s - self._cpu_s,
+        )
+
+    def _end(self) -> tuple[int, float | None]:
+        """End and reap the process; return its exit code and all of its CPU seconds."""
+        process, self._process = self._process, None
+        if process is None:
+            return 0, None
+        try:
+            if process.returncode is not None:
+                return process.returncode, None
+            if not hasattr(os, "wait4"):
+                process.kill()
+                return process.wait(), None
+            with suppress(ProcessLookupError):  # Changes no end that has begun.
+                os.kill(process.pid, signal.SIGKILL)
+            _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+            return process.returncode, usage.ru_utime + usage.ru_stime
+        finally:
+            if process.stdin is not None:
+                with suppress(OSError):
+                    process.stdin.close()
+
+
+def _listen(process: subprocess.Popen[bytes], lines: queue.SimpleQueue[bytes]) -> None:
+    """Take in what a process says, until it says nothing any more."""
+    if process.stdout is not None:
+        with process.stdout as said:
+            for line in said:
+                if line.endswith(b"\n"):  # Not a part of one.
+                    lines.put(line)
+    lines.put(END)
+
+
+def _checked(reply: dict[str, Any]) -> dict[str, Any]:
+    if "refused" in reply:
+        raise OtherCodeError(reply["refused"])
+    if "unwritten" in reply:
+        raise RecordError(reply["unwritten"])
+    return reply
+
+
+def _failure(found: Ending) -> str:
+    if found.limit is not None:
+        return f"stopped by the hard limit of {found.limit:g} s"
+    if not found.how:
+        return "it took longer than its time"
+    return f"its process died: {found.how}"
+
+
+def _words(code: int) -> str:
+    """Return an exit code in words."""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"signal {-code}"

@@ -1,0 +1,256 @@
+"""What a process of cells does: read an order, do its work, commit or send the result.
+
+    {"work": ..., "job": ..., "key": ..., "folder": ...}  ->  {"content": ...}
+
+A line of JSON each way, on the process's own standard input and output; what the work
+prints goes to standard error. `content` is that of the cell's mark. The process ends
+when its input does, which is when the process that made it has gone.
+"""
+
+from __future__ import annotations
+
+import base64
+import ctypes
+import json
+import os
+import queue
+import signal
+import sys
+import tempfile
+import threading
+import time as clock
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any, BinaryIO
+
+from swarmstart.cases.campaign.engine.cell_keys import key_of, recorded_versions
+from swarmstart.cases.campaign.engine.machine import load, machine
+from swarmstart.cases.campaign.engine.wall_limit import declare_cell_process
+from swarmstart.cases.record.files import RecordError, to_json, write_text
+from swarmstart.errors import SwarmstartError
+
+MARK = "cell.json"
+SCHEMA = 2
+SYNCED_S = 0.1
+"""A cell that took longer is on the disk when it is done. A crash of the machine may
+lose shorter ones of the last half minute, which take no longer to do again."""
+MOST_BYTES = 32 * 2**20
+"""Of files that a cell sends from another machine [B]."""
+PARENT_DIED = 1
+"""PR_SET_PDEATHSIG of Linux."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Beginning:
+    """When and where a cell began.
+
+    Attributes:
+        seconds: Of this process's clock [s].
+        cpu_s: CPU seconds of this process until then.
+        date: ISO 8601, UTC.
+        load: Load average; None where the system has none.
+    """
+
+    seconds: float = field(default_factory=clock.perf_counter)
+    cpu_s: float = field(default_factory=clock.process_time)
+    date: str = field(
+        default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds")
+    )
+    load: float | None = field(default_factory=load)
+
+
+def cell_content(
+    order: Mapping[str, Any],
+    began: Beginning,
+    *,
+    result: Mapping[str, Any] | None = None,
+    failure: str = "",
+    again: bool = False,
+    cpu_s: float | None = None,
+) -> dict[str, Any]:
+    """Return the content of a cell's mark.
+
+    Args:
+        order: Work, job and label; `spent` where an attempt before was cut.
+        began: When this attempt began.
+        result: What the work returned; None where it failed.
+        failure: Why; empty where it did not fail.
+        again: Whether another command is to try it again.
+        cpu_s: CPU seconds of this attempt; None: not known.
+    """
+    spent = order.get("spent") or {}
+    seconds = clock.perf_counter() - began.seconds + spent.get("seconds", 0.0)
+    before = spent.get("cpu_s", 0.0)
+    loads = (began.load, load())
+    return {
+        "schema": SCHEMA,
+        "label": order["label"],
+        "work": order["work"],
+        "job": order["job"],
+        "failure": failure,
+        "again": again,
+        "seconds": seconds,
+        "result": result,
+        "date": spent.get("date", began.date),
+        "machine": machine(),
+        "load": None if None in loads else loads,
+        "cpu_s": None if cpu_s is None or before is None else cpu_s + before,
+        "versions": recorded_versions(),
+        "was_cut": bool(spent),
+    }
+
+
+def done(order: Mapping[str, Any], folder: Path) -> str:
+    """Do a cell's work; return the JSON text of its mark's content.
+
+    Errors end here, as text: whatever they are, the other cells go on.
+    """
+    began = Beginning()
+    result: Mapping[str, Any] | None = None
+    failure = ""
+    function = order["rescue"] if order.get("spent") else order["work"]
+    try:
+        work = resolve_name(function)
+        result = dict(work(dict(order["job"]), folder, **order["permissions"]))
+    except SwarmstartError as error:
+        failure = str(error) or type(error).__name__
+    except Exception as error:  # noqa: BLE001 - whatever it is, the others go on
+        failure = f"{type(error).__name__}: {error}"
+    cpu_s = clock.process_time() - began.cpu_s
+    content = cell_content(order, began, result=result, failure=failure, cpu_s=cpu_s)
+    try:
+        return _text(content)
+    except Exception as error:  # noqa: BLE001 - a result that is no plain data
+        content["result"] = None
+        content["failure"] = f"{type(error).__name__}: {error}"
+        return _text(content)
+
+
+def _text(content: Mapping[str, Any]) -> str:
+    """Return JSON in one line; what is not finite becomes null."""
+    try:
+        return json.dumps(content, allow_nan=False)
+    except (TypeError, ValueError):  # Not a dict, or not finite.
+        return to_json(content)
+
+
+def commit(folder: Path, text: str, *, seconds: float) -> None:
+    """Write the mark of a cell, after all else that is in its folder.
+
+    Args:
+        folder: The cell's folder.
+        text: Content of the mark, JSON in one line.
+        seconds: How long the cell took [s].
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    write_text(folder / MARK, text + "\n", sync=seconds >= SYNCED_S)
+
+
+def serve(parent: int) -> None:
+    """Do the orders that come in, until there are no more; the life of this process.
+
+    Args:
+        parent: Number of the process that has made this one.
+    """
+    orders, replies = _streams()
+    _keep_signals_out()
+    _die_with(parent)
+    declare_cell_process(replies.fileno())
+    waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(orders, waiting), daemon=True).start()
+    _send(replies, json.dumps({"ready": clock.process_time()}))
+    while True:
+        reply = _reply(json.loads(waiting.get()))
+        _send(replies, f'{{"cpu": {clock.process_time()}, {reply}}}')
+
+
+def _streams() -> tuple[BinaryIO, BinaryIO]:
+    """Return input and output for orders; whatever else is printed is standard error.
+
+    Native code prints to the descriptors themselves, so that these are replaced.
+    """
+    orders, replies = os.dup(0), os.dup(1)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    os.dup2(2, 1)
+    return os.fdopen(orders, "rb"), os.fdopen(replies, "wb")
+
+
+def _keep_signals_out() -> None:
+    """Let Ctrl-C and the end of a terminal to the command, which ends its processes."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGALRM})
+
+
+def _die_with(parent: int) -> None:
+    """Let the system end this process with the other one, whatever code it is in.
+
+    Native code that keeps the interpreter would not notice the end of its input.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PARENT_DIED, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
+
+
+def _listen(orders: BinaryIO, waiting: queue.SimpleQueue[bytes]) -> None:
+    """Take in orders; leave when there will be no more, whatever is being done."""
+    for line in orders:
+        waiting.put(line)
+    os._exit(1)
+
+
+def _send(replies: BinaryIO, text: str) -> None:
+    try:
+        replies.write(text.encode() + b"\n")
+        replies.flush()
+    except OSError:  # The other process has gone.
+        os._exit(1)
+
+
+def _reply(order: Mapping[str, Any]) -> str:
+    """Return what an order comes to: entries of a JSON object."""
+    if key_of(order["work"], order["job"]) != order["key"]:
+        return f'"refused": {json.dumps(recorded_versions())}'
+    with ExitStack() as stack:
+        try:
+            given = order["folder"]
+            if given is None:
+                made = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+                folder = Path(stack.enter_context(made))
+                return _to_send(done(order, folder), folder)
+            folder = Path(given)
+            folder.mkdir(parents=True, exist_ok=True)
+            began = clock.perf_counter()
+            text = done(order, folder)
+            commit(folder, text, seconds=clock.perf_counter() - began)
+        except (RecordError, OSError) as error:
+            return f'"unwritten": {json.dumps(str(error))}'
+        return f'"content": {text}'
+
+
+def _to_send(text: str, folder: Path) -> str:
+    """Return a mark's content with the files beside it, in base 64."""
+    files = [f for f in sorted(folder.rglob("*")) if f.is_file() and not f.is_symlink()]
+    size = sum(file.stat().st_size for file in files)
+    if size > MOST_BYTES:
+        failure = (
+            f"expected a cell to write at most {MOST_BYTES // 2**20} MiB of files to "
+            f"be sent, found {size / 2**20:.0f} MiB; do it with the local engine"
+        )
+        text = _text({**json.loads(text), "result": None, "failure": failure})
+        files = []
+    contents = {
+        file.relative_to(folder).as_posix(): base64.b64encode(file.read_bytes())
+        for file in files
+    }
+    sent = {name: content.decode("ascii") for name, content in contents.items()}
+    return f'"content": {text}, "files": {json.dumps(sent)}'

@@ -1,0 +1,1 @@
+"""Judgements of many trials: statistics, words, tables, regressions."""

@@ -1,0 +1,55 @@
+"""A comparison read from a file: data of a user's, checked before anything uses it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from swarmstart.cases.campaign.judging.comparison_shape import fault_of, short
+from swarmstart.cases.campaign.judging.content import SCHEMA
+from swarmstart.cases.record.files import RecordError, said
+
+MOST_BYTES = 200 * 1024 * 1024
+
+
+def read_comparison(path: Path) -> dict[str, Any]:
+    """Return a comparison that `compare` has written.
+
+    Args:
+        path: comparison.json, or the folder that holds it.
+
+    Returns:
+        As of `content_of`.
+
+    Raises:
+        RecordError: If it cannot be read, or is anything else.
+    """
+    file = path / "comparison.json" if path.is_dir() else path
+    try:
+        if file.stat().st_size > MOST_BYTES:
+            raise _foreign(file, f"more than {MOST_BYTES >> 20} MiB")
+        content = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse)
+    except OSError as error:
+        raise RecordError(f"{file}: expected a comparison: {said(error)}") from error
+    except (ValueError, RecursionError) as error:  # JSON, UTF-8, a NUL, huge numbers
+        raise _foreign(file, "a file that is not JSON") from error
+    if not isinstance(content, dict) or content.get("record") != "comparison":
+        raise _foreign(file, "other JSON")
+    if content.get("schema") != SCHEMA:
+        raise _foreign(file, f"schema {short(content.get('schema'))}")
+    fault = fault_of(content)
+    if fault:
+        raise _foreign(file, fault)
+    return content
+
+
+def _foreign(file: Path, found: str) -> RecordError:
+    return RecordError(
+        f"{file}: expected a comparison of schema {SCHEMA}, as `swarmstart compare` "
+        f"writes it; found {found}"
+    )
+
+
+def _refuse(text: str) -> float:
+    raise ValueError(f"{text} is no number of JSON")

@@ -1,0 +1,144 @@
+"""Curves of solvers on one scenario: what they had found, and reached, when.
+
+history   the best cost so far: lowest, median, highest of the runs
+ecdf      the share of (seed, target) pairs reached: 51 targets between the best
+          known cost and the worst first value, in equal ratios of distance
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.cases.campaign.judging.running_time import (
+    Courses,
+    costs_at,
+    marks_up_to,
+    reached,
+    shares_reached,
+    targets_between,
+)
+from swarmstart.cases.campaign.judging.runs import ROUND_OFF, Asked, Runs
+from swarmstart.cases.campaign.judging.statistics import bands, resampled
+
+Array = NDArray[np.float64]
+DIGITS = 6
+"""Of the numbers of a curve."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Curves:
+    """Marks, targets and bootstrap weights that the solvers of a scenario share."""
+
+    marks: Array
+    targets: Array
+    weights: Array
+    seeds: int
+
+    @classmethod
+    def of(
+        cls,
+        runs: Sequence[Runs],
+        best: float,
+        limits: Array,
+        asked: Asked,
+        rng: np.random.Generator,
+    ) -> Curves:
+        """Return the curves' frame; the random numbers are drawn in any case.
+
+        Args:
+            runs: Of all solvers.
+            best: The least cost known; infinite if none is.
+            limits: Up to which costs are near it, shape (2,).
+            asked: Seeds and resamples.
+            rng: Of the bootstrap.
+        """
+        seeds = len(asked.seeds)
+        weights = resampled(seeds, resamples=asked.resamples, rng=rng)
+        courses = [one.evaluations for one in runs if _has_history(one)]
+        ends = np.array([end for one in courses for end in one.ends])
+        finite = ends[np.isfinite(ends)]
+        worst = max((_worst_first(one) for one in courses), default=-math.inf)
+        targets = np.empty(0)
+        if math.isfinite(best) and math.isfinite(worst):
+            nearest = max(float(limits[1] - best), ROUND_OFF * abs(worst))
+            if nearest > 0:
+                targets = targets_between(best, worst, nearest)
+        marks = marks_up_to(float(finite.max())) if len(finite) else np.empty(0)
+        return cls(marks=marks, targets=targets, weights=weights, seeds=seeds)
+
+    def history(self, runs: Runs) -> dict[str, Any] | None:
+        """Return the best cost at marks: lowest, median, highest of the runs."""
+        if not _has_history(runs) or not len(self.marks):
+            return None
+        costs = np.sort(costs_at(runs.evaluations, self.marks), axis=0)
+        return {
+            "evaluations": rounded(self.marks),
+            "cost": {
+                "low": rounded(costs[0]),
+                "median": rounded(_middle(costs)),
+                "high": rounded(costs[-1]),
+            },
+            "seconds": rounded(_seconds_at(runs, self.marks)),
+        }
+
+    def ecdf(self, runs: Runs) -> dict[str, Any] | None:
+        """Return the share of (seed, target) pairs reached at marks, with its band."""
+        if not _has_history(runs) or not len(self.marks) or not len(self.targets):
+            return None
+        spent = reached(runs.evaluations, self.targets)
+        shares = shares_reached(spent, self.marks)
+        mean = shares.mean(axis=0)
+        low, high = mean, mean
+        if len(shares) == self.seeds and len(self.weights):
+            low, high = bands(self.weights @ shares)
+        return {
+            "evaluations": rounded(self.marks),
+            "share": rounded(mean),
+            "low": rounded(low),
+            "high": rounded(high),
+        }
+
+
+def _has_history(runs: Runs) -> bool:
+    return any(result.get("history") for result in runs.results)
+
+
+def _worst_first(courses: Courses) -> float:
+    """Return the worst first feasible cost of the runs."""
+    first = np.isfinite(courses.cost).argmax(axis=1)
+    costs = np.take_along_axis(courses.cost, first[:, None], axis=1)[:, 0]
+    return float(costs[np.isfinite(costs)].max(initial=-math.inf))
+
+
+def _seconds_at(runs: Runs, marks: Array) -> Array:
+    """Return the median over the runs of what the clock said at marks of evaluations.
+
+    A run that has ended keeps its last time.
+    """
+    counts, clock = runs.evaluations, runs.seconds
+    if counts.spent.shape != clock.spent.shape:
+        return np.full(len(marks), math.nan)
+    place = (counts.spent[:, :, None] <= marks).sum(axis=1) - 1
+    when = np.take_along_axis(clock.spent, np.maximum(place, 0), axis=1)
+    return _middle(np.sort(when, axis=0))
+
+
+def _middle(rising: Array) -> Array:
+    """Return medians of sorted columns; infinite where one of the middle two is."""
+    count = len(rising)
+    middle: Array = rising[(count - 1) // 2] / 2 + rising[count // 2] / 2
+    return middle
+
+
+def rounded(values: ArrayLike) -> list[float | None]:
+    """Return numbers of a curve: six digits; None where one is not finite."""
+    return [
+        float(f"{v:.{DIGITS}g}") if math.isfinite(v) else None
+        for v in np.ravel(values).tolist()
+    ]

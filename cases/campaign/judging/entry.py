@@ -1,0 +1,93 @@
+"""A solver on a scenario, and its cells: one a seed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from swarmstart.cases.campaign.engine.cells import Cell
+from swarmstart.cases.campaign.trials.peer_names import PEERS
+from swarmstart.cases.campaign.trials.solver_names import Solver
+from swarmstart.cases.format.scenario import Resolved
+from swarmstart.cases.record.record import package_version
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Entry:
+    """A solver on a scenario.
+
+    Attributes:
+        scenario: The scenario's name.
+        solver: The solver.
+        cells: One a seed; one where the solver is deterministic.
+    """
+
+    scenario: str
+    solver: Solver
+    cells: tuple[Cell, ...]
+
+    @property
+    def settings_key(self) -> str:
+        """What names the settings that its results depend on, the seeds apart."""
+        if not self.cells:
+            return ""
+        job = {k: v for k, v in self.cells[0].job.items() if k != "seed"}
+        text = json.dumps(job, sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def entry_of(
+    resolved: Resolved,
+    solver: Solver,
+    *,
+    seeds: int,
+    budget: Mapping[str, Any],
+    timeout_s: float,
+    repair: bool,
+) -> Entry:
+    """Return the cells of a solver on a scenario.
+
+    Args:
+        resolved: The scenario with the solver's search.
+        solver: The solver.
+        seeds: Their number, from 0 on.
+        budget: Of one planning problem.
+        timeout_s: After which a cell is given up [s].
+        repair: Whether answers that break constraints between the checks are solved
+            again with a margin.
+    """
+    settings, code = resolved.anonymous_settings(), resolved.code
+    permissions = {}
+    if code is not None and resolved.allow_python:
+        permissions["python_in"] = str(code.parent.resolve())
+    cells = [
+        Cell(
+            work="swarmstart.cases.campaign.trials.solvers:solve_cell",
+            job={
+                "settings": settings,
+                "variant": resolved.variant,
+                "solver": solver.name,
+                "budget": dict(budget),
+                "seed": seed,
+                "repair": repair,
+                **_package(solver),
+            },
+            label=f"{resolved.scenario.name}, {solver.name}, seed {seed}",
+            timeout_s=timeout_s,
+            permissions=permissions,
+            rescue="swarmstart.cases.campaign.trials.solvers:judge_checkpoint",
+        )
+        for seed in range(1 if solver.is_deterministic else seeds)
+    ]
+    return Entry(scenario=resolved.scenario.name, solver=solver, cells=tuple(cells))
+
+
+def _package(solver: Solver) -> dict[str, str]:
+    """Return the version of the package that a search of other people's is from."""
+    if not solver.peer:
+        return {}
+    name = PEERS[solver.peer].pip
+    return {"package": f"{name} {package_version(name)}"}

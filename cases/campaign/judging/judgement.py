@@ -1,0 +1,370 @@
+"""What can be claimed of pairs of solvers on one scenario, and what cannot.
+
+Of two solvers three things are asked, seed by seed:
+
+    cost       is the one cheaper? Wilcoxon's signed-rank test; an answer that is not
+               feasible is dearer than any that is
+    success    does it come near the best known in more seeds? McNemar's exact test
+    seconds    is it faster? The signed-rank test of logarithms; only if told so
+
+All p values of a scenario are adjusted together (Holm), so that the chance of any false
+claim about it stays below 5 percent: 4 for cost and success, 1 for seconds. The shares
+are fixed, so that what is said of costs never depends on how busy a machine was.
+
+Two deterministic solvers are compared without a test: there is no chance in it. One has
+one run, which counts for each seed of the other; its seconds are not compared.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.campaign.judging.ranks import with_ties
+from swarmstart.cases.campaign.judging.statistics import (
+    LEVEL,
+    chances_of_less,
+    fewest_pairs,
+    holm_of_those_that_can,
+    median,
+    sign_ps,
+    signed_rank_ps,
+    too_few,
+)
+from swarmstart.cases.campaign.trials.solver_names import NULL_HYPOTHESIS
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+SECONDS_SHARE = 0.2
+"""Of the chance of a false claim."""
+FEWEST_SEEDS = 6
+ALL_PAIRS_FROM = 20
+"""With so many seeds all pairs are compared; with fewer, those with the first and with
+the null hypothesis, since more tests at once show less."""
+CHEAPER, DEARER, SHOWN_NONE, NOT_COMPARED = (
+    *("cheaper", "dearer"),
+    *("no difference shown", "not compared"),
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Results:
+    """Results of the solvers of one scenario, seed by seed.
+
+    Attributes:
+        names: Of the solvers.
+        deterministic: Whether each has one run, repeated in its row.
+        costs: Verified, shape (solvers, seeds); infinite where not feasible.
+        near: Whether the cost is near the best known, shape (solvers, seeds).
+        seconds: Shape (solvers, seeds), infinite where a run has not ended; None if
+            nothing is to be claimed about them.
+        near_words: What near means, such as "1 %".
+        sense: -1 where the user maximises: then less is better, and not cheaper.
+    """
+
+    names: tuple[str, ...]
+    deterministic: tuple[bool, ...]
+    costs: Array
+    near: Flags
+    seconds: Array | None = None
+    near_words: str = "1 %"
+    sense: int = 1
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Finding:
+    """What one test says.
+
+    Attributes:
+        verdict: "cheaper", "more", "faster", ..., "no difference shown", or "not
+            compared".
+        p: Adjusted for all tests of the scenario; None if there was no test.
+        p_alone: Not adjusted.
+        pairs: How many seeds differ.
+        words: In words.
+    """
+
+    verdict: str
+    p: float | None
+    p_alone: float | None
+    pairs: int
+    words: str
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether it claims a difference."""
+        return self.verdict not in (SHOWN_NONE, NOT_COMPARED, "")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pair:
+    """How one solver compares with another.
+
+    Attributes:
+        a: The one.
+        b: The other: "cheaper" says that a is cheaper than b.
+        cost: Of the costs.
+        success: Of coming near the best known.
+        seconds: Of the time; None if nothing is claimed about seconds.
+        effect: Chance that an answer of a is cheaper than one of b; ties count half.
+        shift: Median over the seeds of (cost of a - cost of b) / |cost of b|; None if
+            it is infinite or not defined.
+    """
+
+    a: str
+    b: str
+    cost: Finding
+    success: Finding
+    seconds: Finding | None
+    effect: float
+    shift: float | None
+
+
+def compared_pairs(names: Sequence[str], seeds: int) -> list[tuple[int, int]]:
+    """Return which solvers are compared with which, decided before any result.
+
+    Args:
+        names: Of the solvers; the first and the null hypothesis are what others are
+            compared with.
+        seeds: Their number.
+    """
+    first = [(k, 0) for k in range(1, len(names))]
+    null = names.index(NULL_HYPOTHESIS) if NULL_HYPOTHESIS in names else 0
+    beside = [(k, null) for k in range(len(names)) if k != null]
+    every = [(k, j) for j, k in itertools.combinations(range(len(names)), 2)]
+    pairs = dict.fromkeys(first)
+    for pair in (*beside, *(every if seeds >= ALL_PAIRS_FROM else ())):
+        if pair not in pairs and pair[::-1] not in pairs:
+            pairs[pair] = None
+    return list(pairs)
+
+
+def fewest_seeds(pairs: int) -> int:
+    """Return with how many seeds a difference can be shown, so many pairs compared."""
+    return max(FEWEST_SEEDS, fewest_pairs(2 * pairs / (1 - SECONDS_SHARE)))
+
+
+def judged(results: Results) -> list[Pair]:
+    """Return how the solvers of one scenario compare, the pairs with the first first.
+
+    Args:
+        results: Seed by seed.
+    """
+    seeds = results.costs.shape[1]
+    pairs = compared_pairs(results.names, seeds)
+    if not pairs:
+        return []
+    uncertain = [
+        (i, j)
+        for i, j in pairs
+        if not (results.deterministic[i] and results.deterministic[j])
+    ]
+    needed = fewest_seeds(len(uncertain))
+    if seeds < needed:
+        few = f"not compared: {too_few(seeds, 'seed', needed)}"
+        tests = {pair: _not_tested(results, few) for pair in uncertain}
+    else:
+        tests = _tested(results, uncertain)
+    costs = with_ties(results.costs)
+    one, other = (costs[list(side)] for side in zip(*pairs, strict=True))
+    effects = chances_of_less(one, other)
+    found = []
+    for (i, j), effect in zip(pairs, effects, strict=True):
+        cost, success, seconds = tests.get((i, j)) or _certain(results, i, j)
+        found.append(
+            Pair(
+                a=results.names[i],
+                b=results.names[j],
+                cost=cost,
+                success=success,
+                seconds=seconds,
+                effect=float(effect),
+                shift=_shift(costs[i], costs[j]),
+            )
+        )
+    return found
+
+
+Three = tuple[Finding, Finding, Finding | None]
+
+
+def _not_tested(results: Results, words: str) -> Three:
+    none = Finding(verdict=NOT_COMPARED, p=None, p_alone=None, pairs=0, words=words)
+    return none, none, None if results.seconds is None else none
+
+
+def _certain(results: Results, i: int, j: int) -> Three:
+    """Return how two deterministic solvers compare: as they did in their one run."""
+    one, other = with_ties(results.costs[[i, j], :1])[:, 0]
+    sign = 0 if one == other else (-1 if one < other else 1)
+    verdict = {0: SHOWN_NONE, -1: CHEAPER, 1: DEARER}[sign]
+    word = {0: "the same cost", -1: _word(results, -1), 1: _word(results, 1)}[sign]
+    if not min(one, other) < math.inf:
+        word = "both are not feasible"
+    cost = Finding(
+        verdict=verdict,
+        p=None,
+        p_alone=None,
+        pairs=0,
+        words=f"{word} (both deterministic, one run each)",
+    )
+    more = int(results.near[i, 0]) - int(results.near[j, 0])
+    success = Finding(
+        verdict={0: SHOWN_NONE, 1: "more", -1: "fewer"}[more],
+        p=None,
+        p_alone=None,
+        pairs=0,
+        words="both deterministic, one run each",
+    )
+    return cost, success, None
+
+
+def _tested(
+    results: Results, pairs: Sequence[tuple[int, int]]
+) -> dict[tuple[int, int], Three]:
+    """Return what the tests of a scenario say, adjusted together."""
+    differences = _differences(results.costs, pairs)
+    near = results.near
+    gained = np.array([(near[i] & ~near[j]).sum() for i, j in pairs])
+    lost = np.array([(near[j] & ~near[i]).sum() for i, j in pairs])
+    costs, successes = signed_rank_ps(differences), sign_ps(gained, lost)
+    counts = [*(differences != 0).sum(axis=1), *(gained + lost)]
+    adjusted = holm_of_those_that_can(
+        [*costs, *successes], counts, share=1 - SECONDS_SHARE
+    )
+    timed = _tested_seconds(results, pairs)
+    found: dict[tuple[int, int], Three] = {}
+    for number, pair in enumerate(pairs):
+        ps = (adjusted[number], float(costs[number]))
+        cost = _cost_finding(results, differences[number], *ps)
+        ps = (adjusted[len(pairs) + number], float(successes[number]))
+        success = _success_finding(results, pair, *ps)
+        found[pair] = cost, success, timed.get(pair)
+    return found
+
+
+def _differences(costs: Array, pairs: Sequence[tuple[int, int]]) -> Array:
+    """Return differences of costs, shape (pairs, seeds), 0 where as good as equal.
+
+    One between a feasible answer and none is twice the largest of the others.
+    """
+    tied = with_ties(costs)
+    feasible = np.isfinite(tied)
+    plain = np.where(feasible, tied, 0.0)
+    # By a power of two, which rounds nothing: differences of huge costs are finite.
+    plain = np.ldexp(plain, -int(np.frexp(np.abs(plain).max(initial=1.0))[1]))
+    rows = []
+    for i, j in pairs:
+        both = feasible[i] & feasible[j]
+        own = np.where(both, plain[i] - plain[j], 0.0)
+        largest = np.abs(own).max(initial=0.0)
+        far = 2 * largest if largest > 0 else 1.0
+        rows.append(own + far * (feasible[j] * 1.0 - feasible[i] * 1.0) * ~both)
+    return np.array(rows).reshape(len(pairs), costs.shape[1])
+
+
+def _tested_seconds(
+    results: Results, pairs: Sequence[tuple[int, int]]
+) -> dict[tuple[int, int], Finding]:
+    """Return what the tests of seconds say; nothing of a deterministic solver."""
+    seconds = results.seconds
+    if seconds is None:
+        return {}
+    sure = results.deterministic
+    chosen = [(i, j) for i, j in pairs if not sure[i] and not sure[j]]
+    logs = np.where(np.isfinite(seconds), np.log(np.maximum(seconds, 1e-9)), np.inf)
+    if not chosen:
+        return {}
+    differences = _differences(logs, chosen)
+    p = signed_rank_ps(differences)
+    counts = (differences != 0).sum(axis=1)
+    adjusted = holm_of_those_that_can(list(p), list(counts), share=SECONDS_SHARE)
+    found = {}
+    for number, pair in enumerate(chosen):
+        less, more = _counts(differences[number])
+        counted = f"faster in {less}, slower in {more} of {seconds.shape[1]} seeds"
+        verdict = SHOWN_NONE
+        if adjusted[number] <= LEVEL:
+            verdict = "faster" if _direction(differences[number]) < 0 else "slower"
+        found[pair] = Finding(
+            verdict=verdict,
+            p=adjusted[number],
+            p_alone=float(p[number]),
+            pairs=int(counts[number]),
+            words=f"{verdict} ({counted}, p = {adjusted[number]:.2g})",
+        )
+    return found
+
+
+def _counts(differences: Array) -> tuple[int, int]:
+    return int((differences < 0).sum()), int((differences > 0).sum())
+
+
+def _direction(differences: Array) -> float:
+    """Return the sum of signed ranks: whose sign the test speaks of."""
+    from scipy.stats import rankdata
+
+    kept = differences[differences != 0]
+    return float((np.sign(kept) * rankdata(np.abs(kept))).sum())
+
+
+def _word(results: Results, direction: float) -> str:
+    words = (CHEAPER, DEARER) if results.sense > 0 else ("better", "worse")
+    return words[0] if direction < 0 else words[1]
+
+
+def _cost_finding(
+    results: Results, differences: Array, p: float, p_alone: float
+) -> Finding:
+    less, more = _counts(differences)
+    counted = (
+        f"{_word(results, -1)} in {less}, {_word(results, 1)} in {more} of "
+        f"{len(differences)} seeds"
+    )
+    verdict = word = SHOWN_NONE
+    if p <= LEVEL:
+        direction = _direction(differences)
+        verdict = CHEAPER if direction < 0 else DEARER
+        word = _word(results, direction)
+    return Finding(
+        verdict=verdict,
+        p=p,
+        p_alone=p_alone,
+        pairs=less + more,
+        words=f"{word} ({counted}, p = {p:.2g})",
+    )
+
+
+def _success_finding(
+    results: Results, pair: tuple[int, int], p: float, p_alone: float
+) -> Finding:
+    near = results.near[list(pair)]
+    one, other = (int(count) for count in near.sum(axis=1))
+    verdict = SHOWN_NONE
+    if p <= LEVEL:
+        verdict = "more" if one > other else "fewer"
+    said = f"in {verdict} seeds" if p <= LEVEL else "no difference shown"
+    return Finding(
+        verdict=verdict,
+        p=p,
+        p_alone=p_alone,
+        pairs=int((near[0] != near[1]).sum()),
+        words=f"within {results.near_words} of the best known: {said} "
+        f"({one} against {other} of {near.shape[1]}, p = {p:.2g})",
+    )
+
+
+def _shift(costs: Array, others: Array) -> float | None:
+    """Return the median relative difference; None if it is not defined."""
+    known = np.isfinite(costs) | np.isfinite(others)
+    if not known.any() or (others[known] == 0).any():
+        return None
+    own, other = costs[known], others[known]
+    with np.errstate(invalid="ignore", over="ignore"):
+        relative = np.where(np.isfinite(other), (own - other) / np.abs(other), -np.inf)
+    return median(relative)

@@ -1,0 +1,358 @@
+"""What solvers have shown on one scenario, as plain data for tables and pages.
+
+The best known cost is the least verified one here, or one given from elsewhere if that
+is less. A run that failed, was cut or has no feasible answer stays in every count.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.campaign.judging.curves import Curves
+from swarmstart.cases.campaign.judging.judgement import Finding, Pair, Results, judged
+from swarmstart.cases.campaign.judging.ranks import SAME
+from swarmstart.cases.campaign.judging.running_time import (
+    Courses,
+    expected_running_time,
+    reached,
+)
+from swarmstart.cases.campaign.judging.runs import (
+    ROUND_OFF,
+    About,
+    Asked,
+    Runs,
+    number,
+    plain,
+)
+from swarmstart.cases.campaign.judging.statistics import (
+    median,
+    quantile,
+    wilson_interval,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Judged:
+    """Runs of all solvers on one scenario, and what can be claimed of them.
+
+    Attributes:
+        runs: Of each solver.
+        best: The least cost known; infinite if none is.
+        bests: The least cost known of each seed, shape (seeds,): all the same, unless
+            each is a problem of its own.
+        limits: Costs up to which an answer is near the best, shape (2, seeds), one row
+            for each of `near`.
+        costs: Seed by seed, shape (solvers, seeds).
+        pairs: What can be claimed.
+        is_seeded: Whether each seed is a problem of its own.
+    """
+
+    runs: tuple[Runs, ...]
+    best: float
+    bests: Array
+    limits: Array
+    costs: Array
+    pairs: tuple[Pair, ...]
+    is_seeded: bool = False
+
+    def near(self, runs: Runs, which: int) -> NDArray[np.bool_]:
+        """Return which runs of a solver end near the best.
+
+        Args:
+            runs: The solver's.
+            which: The number of the distance among `near`.
+        """
+        limits = self.limits[which, : len(runs.costs)]
+        return np.isfinite(limits) & (runs.costs <= limits)
+
+    def times_to(self, runs: Runs, courses: Courses, which: int) -> Array:
+        """Return what each run had spent when it came near the best; infinite: never.
+
+        Where each seed is a problem of its own, at the run's end.
+        """
+        if self.is_seeded:
+            return np.where(self.near(runs, which), courses.ends, np.inf)
+        limits = self.limits[which : which + 1, 0]
+        if not math.isfinite(limits[0]):
+            return np.full(len(runs.costs), np.inf)
+        spent = reached(courses, limits)[:, 0]
+        return np.where(np.isnan(spent), np.inf, spent)
+
+
+def judged_scenario(
+    runs: Sequence[Runs],
+    asked: Asked,
+    *,
+    known_cost: float | None = None,
+    judges_seconds: bool = False,
+    is_seeded: bool = False,
+) -> Judged:
+    """Return what can be claimed of solvers on one scenario.
+
+    Args:
+        runs: Of each solver; the first is what the others are compared with.
+        asked: What was asked.
+        known_cost: From elsewhere.
+        judges_seconds: Whether something is claimed about seconds.
+        is_seeded: Whether each seed is a problem of its own.
+    """
+    seeds = len(asked.seeds)
+    costs = np.array([one.for_seeds(one.costs, seeds) for one in runs])
+    best = min(float(costs.min(initial=math.inf)), _given(known_cost))
+    bests = costs.min(axis=0) if is_seeded else np.full(seeds, best)
+    finite = np.abs(costs[np.isfinite(costs)])
+    slack = ROUND_OFF * float(finite.max(initial=0.0))
+    limits = np.array(
+        [bests + np.maximum(near * np.abs(bests), slack) for near in asked.near]
+    )
+    seconds = np.array([one.for_seeds(one.clock, seeds) for one in runs])
+    pairs = judged(
+        Results(
+            names=tuple(one.name for one in runs),
+            deterministic=tuple(one.is_deterministic for one in runs),
+            costs=costs,
+            near=np.isfinite(costs) & (costs <= limits[0]),
+            seconds=seconds if judges_seconds else None,
+            near_words=asked.near_words,
+            sense=sense_of(runs),
+        )
+    )
+    return Judged(
+        runs=tuple(runs),
+        best=best,
+        bests=bests,
+        limits=limits,
+        costs=costs,
+        pairs=tuple(pairs),
+        is_seeded=is_seeded,
+    )
+
+
+def _given(cost: float | None) -> float:
+    return cost if cost is not None and math.isfinite(cost) else math.inf
+
+
+def sense_of(runs: Sequence[Runs]) -> int:
+    """Return -1 where the user maximises, else 1."""
+    senses = {result.get("sense", 1) for one in runs for result in one.results}
+    return -1 if -1 in senses else 1
+
+
+def scenario_content(
+    name: str, found: Judged, asked: Asked, about: About, *, rng: np.random.Generator
+) -> dict[str, Any]:
+    """Return what solvers have shown on one scenario.
+
+    Args:
+        name: Of the scenario.
+        found: The runs, and what can be claimed of them.
+        asked: What was asked.
+        about: What is known of the scenario.
+        rng: Of the bootstraps.
+    """
+    best = found.best if math.isfinite(found.best) else None
+    winner = _winner(found)
+    curves = Curves.of(found.runs, found.best, found.limits[:, 0], asked, rng)
+    against_first = {p.a: p for p in found.pairs if p.b == found.runs[0].name}
+    return {
+        "name": name,
+        "title": about.title,
+        "kind": about.kind,
+        "variant": about.variant,
+        "of": about.of or _first(found, "of") or "plan",
+        "sense": sense_of(found.runs),
+        "best_cost": best,
+        "bests": plain(found.bests) if found.is_seeded else None,
+        "best_by": winner[0].name if winner else None,
+        "known_cost": about.known_cost,
+        "bound": dict(about.bound) if about.bound is not None else None,
+        "rows": [
+            _row(runs, found, asked, curves, against_first.get(runs.name))
+            for runs in found.runs
+        ],
+        "pairs": [_pair(pair) for pair in found.pairs],
+        "answer": _answer(winner),
+    }
+
+
+def _first(found: Judged, key: str) -> Any:
+    values = (r.get(key) for runs in found.runs for r in runs.results)
+    return next((value for value in values if value), None)
+
+
+def _winner(found: Judged) -> tuple[Runs, int] | None:
+    """Return whose answer is the best known, and its run; None if it is not of here."""
+    if not math.isfinite(found.best):
+        return None
+    runs = min(found.runs, key=lambda one: float(one.costs.min(initial=math.inf)))
+    least = float(runs.costs.min(initial=math.inf))
+    if least > found.best + SAME * abs(found.best):
+        return None
+    return runs, int(runs.costs.argmin())
+
+
+def _answer(winner: tuple[Runs, int] | None) -> dict[str, Any] | None:
+    if winner is None:
+        return None
+    runs, place = winner
+    plan = runs.results[place].get("plan")
+    if plan is None:
+        return None
+    return {"solver": runs.name, "seed": runs.seeds[place], "plan": plan}
+
+
+def _row(
+    runs: Runs, found: Judged, asked: Asked, curves: Curves, pair: Pair | None
+) -> dict[str, Any]:
+    """Return what one solver has shown."""
+    costs, alone = runs.costs, runs.is_deterministic
+    near = [int(found.near(runs, k).sum()) for k in range(len(asked.near))]
+    seconds, counts = runs.seconds.ends, runs.evaluations.ends
+    claimed = np.array([number(r.get("claimed_cost")) for r in runs.results])
+    word = np.array([bool(r.get("claimed_feasible")) for r in runs.results])
+    return {
+        "solver": runs.name,
+        "deterministic": alone,
+        "settings": runs.entry.settings_key,
+        "runs": len(costs),
+        "failed": [one.failure for one in runs.outcomes if one.failure],
+        "cut": sum(bool(getattr(one, "was_cut", False)) for one in runs.outcomes),
+        "feasible": int(np.isfinite(costs).sum()),
+        "claimed_feasible": int(word.sum()),
+        "false_successes": int((word & _is_false(claimed, costs, asked.near[0])).sum()),
+        "near": near,
+        "near_intervals": None
+        if alone
+        else [list(wilson_interval(count, len(costs))) for count in near],
+        "costs": plain(costs),
+        "gaps": plain(_gaps(costs, found.bests[: len(costs)])),
+        "claimed": plain(claimed),
+        "seconds": plain(runs.clock),
+        "build_seconds": [_or_none(r, "build_seconds") for r in runs.results],
+        "compile_seconds": [_or_none(r, "compile_seconds") for r in runs.results],
+        "evaluations": plain(np.where(runs.has_answer, counts, np.nan)),
+        "seconds_p50": quantile(runs.clock, 0.5),
+        "seconds_p99": quantile(runs.clock, 0.99),
+        "evaluations_median": median(counts[runs.has_answer & np.isfinite(counts)]),
+        "ert_evaluations": _ert(found, runs, runs.evaluations),
+        "ert_seconds": _ert(found, runs, runs.seconds) if np.isfinite(seconds).any()
+        else [None] * len(found.limits),
+        "against_first": _against(pair),
+        "history": curves.history(runs),
+        "ecdf": curves.ecdf(runs),
+        "measures": _measures(runs),
+        "step_seconds": _step_seconds(runs),
+    }  # fmt: skip
+
+
+def _or_none(result: Mapping[str, Any], key: str) -> float | None:
+    value = number(result.get(key))
+    return value if math.isfinite(value) else None
+
+
+def _is_false(claimed: Array, costs: Array, near: float) -> NDArray[np.bool_]:
+    """Return where an answer is not feasible, or its cost is not as claimed."""
+    with np.errstate(invalid="ignore"):
+        off = np.abs(claimed - costs) > near * np.abs(costs) + ROUND_OFF * np.abs(
+            claimed
+        )
+    return ~np.isfinite(costs) | (np.isfinite(claimed) & off)
+
+
+def _gaps(costs: Array, bests: Array) -> Array:
+    """Return relative distances from the best known; NaN where there is none."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        off = costs - bests
+        relative: Array = np.where(off == 0, 0.0, off / np.abs(bests))
+    return np.where(np.isfinite(bests), relative, np.nan)
+
+
+def _ert(found: Judged, runs: Runs, courses: Courses) -> list[float | None]:
+    """Return the expected running times to the costs that are near the best."""
+    times = [
+        expected_running_time(found.times_to(runs, courses, which), courses.ends)
+        for which in range(len(found.limits))
+    ]
+    return [None if t is None or not math.isfinite(t) else t for t in times]
+
+
+def _against(pair: Pair | None) -> dict[str, Any]:
+    if pair is None:
+        none = {"words": "", "p": None, "effect": None, "shift": None, "verdict": ""}
+        return {**none, "success": None, "seconds": None}
+    content = _pair(pair)
+    return {
+        "words": pair.cost.words,
+        **{key: content[key] for key in ("p", "effect", "shift", "verdict")},
+        "success": content["success"],
+        "seconds": content["seconds"],
+    }
+
+
+def _pair(pair: Pair) -> dict[str, Any]:
+    return {
+        "a": pair.a,
+        "b": pair.b,
+        "p": pair.cost.p,
+        "p_alone": pair.cost.p_alone,
+        "differing": pair.cost.pairs,
+        "effect": pair.effect,
+        "shift": pair.shift,
+        "verdict": pair.cost.verdict,
+        "words": pair.cost.words,
+        "success": _finding(pair.success),
+        "seconds": None if pair.seconds is None else _finding(pair.seconds),
+    }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    content = asdict(finding)
+    return {**content, "differing": content.pop("pairs")}
+
+
+def _measures(runs: Runs) -> dict[str, dict[str, Any]]:
+    """Return lowest, median and highest of each measure of flights.
+
+    Of a measure that is a list each entry is one of its own, counted from 1.
+    """
+    found: dict[str, list[float]] = {}
+    for place, result in enumerate(runs.results):
+        for name, value in (result.get("measures") or {}).items():
+            several = isinstance(value, list | tuple)
+            for k, one in enumerate(value if several else [value], 1):
+                own = f"{name} {k}" if several else name
+                found.setdefault(own, [math.nan] * len(runs.results))
+                found[own][place] = number(one)
+    content = {}
+    for name, values in found.items():
+        known = np.array([value for value in values if math.isfinite(value)])
+        content[name] = {
+            "low": float(known.min()) if len(known) else None,
+            "median": median(known),
+            "high": float(known.max()) if len(known) else None,
+            "undefined": len(values) - len(known),
+        }
+    return content
+
+
+def _step_seconds(runs: Runs) -> dict[str, float | None] | None:
+    """Return what a flight's steps took: the median P50, else the worst of its runs."""
+    every = [r["step_seconds"] for r in runs.results if r.get("step_seconds")]
+    if not every:
+        return None
+    known = {
+        key: [v for v in (number(one.get(key)) for one in every) if math.isfinite(v)]
+        for key in ("p50", "p99", "max", "dt")
+    }
+    return {
+        key: (median(values) if key == "p50" else max(values, default=None))
+        for key, values in known.items()
+    }

@@ -1,0 +1,1 @@
+"""Trials: one solver on one problem with one seed, its budget and history."""

@@ -1,0 +1,239 @@
+"""What the trials of one solver on one problem have in common, built once.
+
+Where an NLP solver follows a search, the search has nine tenths of the budget, or less
+where ITERATIONS of the NLP solver would not fit into the rest, at least a half.
+
+All that would be compiled or loaded later is so here, before any clock runs.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from swarmstart.cases.campaign.trials.history import Relay
+from swarmstart.cases.campaign.trials.peer_names import PEERS
+from swarmstart.cases.campaign.trials.silence import silenced
+from swarmstart.cases.campaign.trials.solver_names import IPOPT, Solver, polish_of
+from swarmstart.cases.format.kind import PlanningProblem
+from swarmstart.compile_time import stopwatch
+from swarmstart.heuristics import Budget, Order, default_order, minimize
+from swarmstart.ocp import IpoptOptions, Planner, SearchSettings, population_of
+from swarmstart.ocp.many_starts import LANES
+from swarmstart.ocp.polish_options import PolishOptions
+from swarmstart.ocp.search_settings import search_settings
+from swarmstart.ocp.search_space import SearchSpace, space_of
+from swarmstart.ocp.watching import Work
+
+SEARCH_SHARE, LEAST_SHARE = 0.9, 0.5
+"""Of the budget, where an NLP solver follows."""
+ITERATIONS = 50
+"""Of an NLP solver that should fit into its part of the budget."""
+DEAF = {"fatrop": "fatrop.max_iter"}
+"""NLP solvers that CasADi cannot stop between iterations -> their limit of these."""
+ENDLESS = 2**60
+"""Evaluations that are never spent."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Trial:
+    """A solver with a budget and a seed.
+
+    Attributes:
+        solver: The solver.
+        budget: Of one planning problem, as `heuristics.Budget` takes it.
+        seed: Seed of all randomness.
+        search: The search that the solver names, as the scenario has it; its own budget
+            is not used. None: it names none.
+        repair: Whether an answer that breaks a constraint between the checks is solved
+            again with a margin, whatever the solver.
+        backend: What evaluates populations.
+        order: How the scenario orders individuals; None: it does not say.
+    """
+
+    solver: Solver
+    budget: Mapping[str, Any]
+    seed: int
+    search: SearchSettings | None
+    repair: bool = False
+    backend: str | None = None
+    order: Order | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Built:
+    """What the trials of one solver on one problem have in common.
+
+    Attributes:
+        posed: The problem.
+        planner: Plans; its search has its part of the budget.
+        relay: Tells the meter of the trial at hand.
+        space: What a peer searches; None: there is no peer.
+        seconds: Time to build it, without compiling [s].
+        compile_seconds: Time to compile it [s].
+    """
+
+    posed: PlanningProblem
+    planner: Planner
+    relay: Relay
+    space: SearchSpace | None = None
+    seconds: float = 0.0
+    compile_seconds: float = 0.0
+
+
+def built(posed: PlanningProblem, trial: Trial) -> Built:
+    """Return all that the trials of a solver on a problem have in common.
+
+    Args:
+        posed: The problem.
+        trial: One of the trials; its seed is not used.
+
+    Raises:
+        SwarmstartError: If the solver cannot serve the problem.
+    """
+    solver, relay = trial.solver, Relay()
+    space = None
+    quiet = silenced(is_needed=solver.plugin not in ("", IPOPT))
+    with quiet, stopwatch() as watch:
+        planner = _planner(posed, trial, relay, _polish_of(trial))
+        fewer = _limited(planner, trial)
+        if fewer is not None:
+            planner = _planner(posed, trial, relay, fewer)
+        planner = planner.with_budget(Budget(**share_of(planner, trial)))
+        if solver.peer:
+            space = space_of(planner.fitness, posed.family)
+        _warm_up(planner, posed, trial)
+    return Built(
+        posed=posed,
+        planner=planner,
+        relay=relay,
+        space=space,
+        seconds=watch.seconds,
+        compile_seconds=watch.compile_seconds,
+    )
+
+
+def _planner(
+    posed: PlanningProblem, trial: Trial, relay: Relay, polish: PolishOptions | None
+) -> Planner:
+    return Planner(
+        posed.problem,
+        search=_search_of(trial),
+        polish=polish,
+        family=posed.family,
+        backend=trial.backend,
+        lanes=LANES if trial.solver.family == "solve" else 0,
+        watch=relay,
+    )
+
+
+def _limited(planner: Planner, trial: Trial) -> PolishOptions | None:
+    """Return options with as many iterations as the budget pays for; None: as it is.
+
+    Of an NLP solver that tells nothing of its iterations, and so cannot be stopped.
+    """
+    option = DEAF.get(trial.solver.plugin)
+    evaluations = trial.budget.get("evaluations")
+    ratios = None if planner.polisher is None else planner.polisher.ratios
+    if option is None or evaluations is None or ratios is None:
+        return None
+    most = max(int(evaluations / Work(1, 1, 1).evaluations(ratios)), 1)
+    given = dict(trial.solver.polish_options)
+    given[option] = min(most, given.get(option, most))
+    limited: PolishOptions = polish_of(trial.solver.plugin, given)
+    return limited
+
+
+def _search_of(trial: Trial) -> SearchSettings | None:
+    """Return the search of a trial with the solver's own options."""
+    solver, given = trial.solver, Budget(**trial.budget)
+    if solver.family == "solve":
+        settings = search_settings("default")
+        if settings is None:
+            raise TypeError("expected a default search")
+        budget = replace(settings.budget, seconds=given.seconds)
+        return replace(settings, budget=budget)
+    if solver.family != "search" or trial.search is None:
+        return None
+    options = dict(solver.options)
+    sampling = options.pop("sampling", trial.search.sampling)
+    algorithm: Any = trial.search.algorithm
+    return SearchSettings(
+        algorithm=replace(algorithm, **options),
+        budget=given,
+        order=trial.search.order,
+        sampling=sampling,
+    )
+
+
+def _polish_of(trial: Trial) -> PolishOptions | None:
+    """Return the NLP solver of a trial."""
+    solver = trial.solver
+    if not solver.plugin:
+        return None
+    options: PolishOptions = polish_of(solver.plugin, dict(solver.polish_options))
+    if isinstance(options, IpoptOptions):
+        options = replace(options, max_seconds=trial.budget.get("seconds"))
+    return options
+
+
+def share_of(planner: Planner, trial: Trial) -> dict[str, Any]:
+    """Return the part of a trial's budget that the search or the peer has.
+
+    Args:
+        planner: Of the trial.
+        trial: The trial.
+    """
+    solver, budget = trial.solver, dict(trial.budget)
+    if planner.search is not None and solver.family == "solve":
+        limits = planner.search.budget
+        return {"evaluations": limits.evaluations, "seconds": limits.seconds}
+    if not solver.plugin:
+        return budget
+    if budget.get("seconds") is not None:
+        budget["seconds"] = SEARCH_SHARE * budget["seconds"]
+    if budget.get("evaluations") is not None:
+        budget["evaluations"] = _most_searched(planner, budget["evaluations"])
+    return budget
+
+
+def _most_searched(planner: Planner, evaluations: int) -> int:
+    """Return how many of the evaluations a search has before an NLP solver."""
+    ratios = None if planner.polisher is None else planner.polisher.ratios
+    rest = (1 - SEARCH_SHARE) * evaluations
+    if ratios is not None:
+        rest = max(rest, ITERATIONS * Work(1, 1, 1).evaluations(ratios))
+    return max(int(max(evaluations - rest, LEAST_SHARE * evaluations)), 1)
+
+
+def _warm_up(planner: Planner, posed: PlanningProblem, trial: Trial) -> None:
+    """Compile and load now what else would be while the clock runs."""
+    if planner.polisher is not None and trial.solver.family not in (
+        "nlp",
+        "multistart",
+    ):
+        planner.polisher.prepare()
+    if trial.solver.peer:
+        importlib.import_module(PEERS[trial.solver.peer].package)
+    if trial.solver.family == "solve":
+        float(planner.tracer.problem.length)
+    search = planner.search
+    planner.prepare()
+    population = None if search is None else population_of(search.algorithm)
+    if search is None or population is None:
+        return
+    space = space_of(planner.fitness, posed.family)
+    x0, known, _ = planner.posed(posed.x0, posed.known)
+    with np.errstate(all="ignore"):
+        minimize(
+            space.objective(x0, known),
+            space.box,
+            algorithm=population,
+            budget=Budget(evaluations=ENDLESS, stagnation=1, seconds=1e-9),
+            order=search.order or default_order(planner.problem.tolerance),
+            seed=0,
+        )

@@ -1,0 +1,129 @@
+"""A whole flight in closed loop as a trial: what `compare` and `run --seeds` look at.
+
+The answer is judged by what was flown, not by the plans: the cost of the path, and the
+largest excess over a constraint along it (`Kind.flown`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmstart.cases.campaign.engine.cells import Cell
+from swarmstart.cases.campaign.run import Run, run
+from swarmstart.cases.campaign.trials.seeding import seeded
+from swarmstart.cases.format.scenario import Resolved, resolved_again
+
+FLOWN_TOLERANCE = 1e-2
+"""Excess that a flown path may have: a plant with disturbances is no plan."""
+MOST_POINTS = 201
+"""Instants of the path that a trial keeps."""
+
+
+def flight_cell(
+    resolved: Resolved,
+    seed: int,
+    *,
+    timeout_s: float | None = None,
+    named: bool = False,
+    by: str = "",
+) -> Cell:
+    """Return the cell of one flight.
+
+    Args:
+        resolved: The scenario, with the search and polish that fly it.
+        seed: The number of the flight: seed of all randomness, see seeding.py.
+        timeout_s: After which it is given up [s]; None: never.
+        named: Whether its claims are judged; else flights that differ in name and
+            claims only are one cell.
+        by: What flies it, for the label; empty: the scenario's own search.
+    """
+    settings = dict(resolved.settings) if named else resolved.anonymous_settings()
+    code, permissions = resolved.code, {}
+    if code is not None and resolved.allow_python:
+        permissions["python_in"] = str(code.parent.resolve())
+    solver = f", {by}" if by else ""
+    return Cell(
+        work="swarmstart.cases.campaign.trials.flight_trial:fly_cell",
+        job={"settings": settings, "variant": resolved.variant, "seed": seed},
+        label=f"{resolved.scenario.name}{solver}, seed {seed}",
+        timeout_s=timeout_s,
+        permissions=permissions,
+    )
+
+
+def fly_cell(
+    job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
+) -> dict[str, Any]:
+    """Fly a scenario with a seed; called in a worker.
+
+    Only if the command has given `python_in` may a file of that folder be run.
+    """
+    del folder
+    settings = seeded(job["settings"], job["seed"])
+    resolved = resolved_again(settings, job["variant"], python_in=python_in)
+    return flown_trial(run(resolved, seed=job["seed"]))
+
+
+def flown_trial(finished: Run) -> dict[str, Any]:
+    """Return a flight as `comparison` looks at it; all numbers finite, or None."""
+    trajectory, measures = finished.trajectory, finished.measures
+    resolved, flight = finished.resolved, finished.flight
+    found = resolved.kind.flown(resolved.scenario, flight, trajectory, measures)
+    seconds = np.asarray(trajectory.step_seconds)
+    claimed = finished.feasible and not measures.get("infeasible_steps")
+    holds = found.excess <= FLOWN_TOLERANCE and math.isfinite(found.cost)
+    return {
+        "of": "flight",
+        "sense": int(flight.posed.agents[0].problem.sense),
+        "claimed_cost": None,
+        "claimed_violation": None,
+        "claimed_feasible": bool(claimed),
+        "verified_cost": _finite(found.cost),
+        "verified_violation": _finite(found.excess),
+        "feasible": bool(claimed and holds),
+        "status": finished.status,
+        "evaluations": int(measures.get("evaluations") or 0),  # type: ignore[arg-type]
+        "seconds": float(seconds.sum()),
+        "build_seconds": max(0.0, finished.wall_s - float(seconds.sum())),
+        "compile_seconds": finished.compile_s,
+        "judge_seconds": 0.0,
+        "stopped_by": "itself",
+        "step_seconds": {
+            "p50": float(np.quantile(seconds, 0.5)),
+            "p99": float(np.quantile(seconds, 0.99)),
+            "max": float(seconds.max()),
+            "dt": float(flight.plant.dt),
+        },
+        "measures": dict(measures),
+        "claims": [
+            {name: claim[name] for name in ("id", "text", "gate", "holds")}
+            for claim in finished.claims
+        ],
+        "history": None,
+        "plan": None,
+        "track": _track(finished),
+    }
+
+
+def _track(finished: Run) -> dict[str, Any]:
+    """Return the path flown at few instants: times [s], and the states by name."""
+    trajectory = finished.trajectory
+    count = trajectory.dense_times.size
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(int))
+    states = trajectory.dense_states[:, chosen]
+    return {
+        "time": [float(t) for t in trajectory.dense_times[chosen]],
+        "states": {
+            name: [_finite(float(value)) for value in row]
+            for name, row in zip(trajectory.state_names, states, strict=True)
+        },
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

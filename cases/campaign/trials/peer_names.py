@@ -1,0 +1,76 @@
+"""Searches of other packages that `compare` knows by name; peers.py runs them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+
+class Peer(NamedTuple):
+    """A search of another package.
+
+    Attributes:
+        title: What it is, in a few words.
+        minimize: "module:function" that runs it, as in peers.py.
+        package: What has to be imported.
+        pip: What `pip install` calls that.
+        options: Its options with their defaults, by the package's own names; None: it
+            has a default of its own.
+    """
+
+    title: str
+    minimize: str
+    package: str
+    pip: str
+    options: Mapping[str, Any]
+
+
+_PEERS = "swarmstart.cases.campaign.trials.peers:"
+PEERS = {
+    "scipy-de": Peer(
+        "differential evolution of SciPy",
+        f"{_PEERS}scipy_de",
+        "scipy",
+        "scipy",
+        {"popsize": 15, "strategy": "best1bin", "mutation": None,
+         "recombination": 0.7, "tol": 0.01, "init": "latinhypercube"},
+    ),
+    "pygmo-de": Peer(
+        "differential evolution of pagmo",
+        f"{_PEERS}pygmo_de",
+        "pygmo",
+        "pygmo",
+        {"size": 20, "F": 0.8, "CR": 0.9, "variant": 2, "ftol": 1e-6, "xtol": 1e-6},
+    ),
+    "pygmo-de1220": Peer(
+        "self-adaptive differential evolution of pagmo (de1220)",
+        f"{_PEERS}pygmo_de1220",
+        "pygmo",
+        "pygmo",
+        {"size": 20, "variant_adptv": 1, "ftol": 1e-6, "xtol": 1e-6},
+    ),
+    "pygmo-pso": Peer(
+        "particle swarm of pagmo",
+        f"{_PEERS}pygmo_pso",
+        "pygmo",
+        "pygmo",
+        {"size": 20, "omega": 0.7298, "eta1": 2.05, "eta2": 2.05, "max_vel": 0.5,
+         "variant": 5, "neighb_type": 2, "neighb_param": 4},
+    ),
+    "pygmo-cmaes": Peer(
+        "covariance matrix adaptation of pagmo",
+        f"{_PEERS}pygmo_cmaes",
+        "pygmo",
+        "pygmo",
+        {"size": 20, "sigma0": 0.5, "ftol": 1e-6, "xtol": 1e-6},
+    ),
+    "cmaes": Peer(
+        "covariance matrix adaptation of the package cmaes, restarted with twice the "
+        "population",
+        f"{_PEERS}cmaes_ipop",
+        "cmaes",
+        "cmaes",
+        {"size": None, "sigma": 0.3},
+    ),
+}  # fmt: skip
+"""Other people's searches."""

@@ -1,0 +1,400 @@
+"""Names of solvers, with options: what `compare` sets side by side.
+
+    lshade                        a population search (any of `swarmstart list`)
+    lshade[size=60]               with settings of its own: those of a scenario's search
+    lshade[size=60]+ipopt[max_iterations=50]
+                                  the same with a part of the budget, then IPOPT from
+                                  there, with its own options
+    multistart-ipopt              IPOPT from random starts until the budget is spent;
+                                  the best: the null hypothesis
+    multistart+ipopt              local solves in lanes from random starts, then IPOPT
+    memetic+ipopt                 L-SHADE with local solves in lanes, then IPOPT
+    ipopt, fatrop, sqpmethod      an NLP solver once, from zero controls; any that this
+                                  CasADi has, after a + too
+    solve                         `swarmstart.solve` with its defaults
+    scipy-de, pygmo-de, cmaes     other people's searches (PEERS), each with options
+
+A name is read into its canonical form, options sorted and values as JSON has them: two
+spellings are one solver. Nothing heavy is imported before an option is looked at.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pkgutil import resolve_name
+from typing import Any, Literal
+
+from swarmstart.cases.campaign.trials.peer_names import PEERS
+from swarmstart.cases.format.document import meant, printable
+from swarmstart.cases.format.registry import SEARCHES
+from swarmstart.errors import SwarmstartError
+
+IPOPT, SOLVE, MULTISTART = "ipopt", "solve", "multistart-ipopt"
+NULL_HYPOTHESIS = MULTISTART
+"""What a global search has to beat."""
+SEARCHED = tuple(name for name in SEARCHES if name != "none")
+Family = Literal["search", "peer", "nlp", "multistart", "solve"]
+_MANY = "multistart-"
+_NAME = re.compile(r"[A-Za-z0-9_-]+")
+_OPTION = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
+_OF_PART = frozenset({"name", "warm_start", "when"})
+"""Keys of a scenario's search that say nothing of a single plan."""
+_FILES = ("hsllib", "pardisolib", "output_file", "option_file", "jit", "compiler",
+          "dump", "external", "custom_jacobian", "cache")  # fmt: skip
+"""Beginnings of options that name files or run programs: a name is only a name."""
+LONGEST = 1000
+"""Characters of a name."""
+
+
+class UnknownSolverError(SwarmstartError, LookupError):
+    """A name that is no solver, or an option that it does not have."""
+
+
+class MissingPackageError(SwarmstartError, ImportError):
+    """A solver of another package, which is not installed."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Solver:
+    """A solver of one planning problem.
+
+    Attributes:
+        name: Canonical: options sorted, values as JSON.
+        title: What it is, in a few words.
+        family: What runs it.
+        search: A key of SEARCHES, as a scenario takes it; "none" without one.
+        polished: Whether an NLP solver goes on from the search's answer, or is all.
+        peer: A key of PEERS; empty without one.
+        plugin: The NLP solver, by its name in CasADi; empty without one.
+        options: Of the search or the peer, sorted; values as JSON has them.
+        polish_options: Of the NLP solver.
+    """
+
+    name: str
+    title: str
+    family: Family
+    search: str = "none"
+    polished: bool = True
+    peer: str = ""
+    plugin: str = ""
+    options: tuple[tuple[str, Any], ...] = ()
+    polish_options: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def is_deterministic(self) -> bool:
+        """Return whether every seed gives the same."""
+        return self.family == "nlp"
+
+
+@functools.lru_cache(maxsize=256)
+def solver_of(text: str) -> Solver:
+    """Return the solver of a name; see the head of this module.
+
+    Raises:
+        UnknownSolverError: If no solver has that name, or not that option.
+        MissingPackageError: If it is of a package that is not installed.
+        SwarmstartError: If an option has a value that it cannot have.
+
+    Example:
+        >>> solver_of("lshade[size = 60, archive_rate=2]+ipopt").name
+        'lshade[archive_rate=2.0,size=60]+ipopt'
+    """
+    if len(text) > LONGEST:
+        raise UnknownSolverError(
+            f"expected the name of a solver of at most {LONGEST} characters, "
+            f"found {len(text)}"
+        )
+    parts = list(_split(text.strip(), "+"))
+    heads = [_head(part, text) for part in parts]
+    if len(heads) > 2:  # noqa: PLR2004 - a search and a polish
+        raise UnknownSolverError(
+            f"expected a search, and an NLP solver after one +; found {_quoted(text)}"
+        )
+    (name, options), polish = heads[0], heads[1] if len(heads) > 1 else None
+    solver = _first(name, options, text)
+    if polish is not None:
+        solver = _with_polish(solver, *polish, text)
+    return solver
+
+
+def solvers_of(text: str) -> list[Solver]:
+    """Return the solvers of names with commas between; each once.
+
+    Args:
+        text: Such as "de,lshade[size=60,memory=6]+ipopt"; commas in brackets separate
+            options.
+
+    Raises:
+        UnknownSolverError: If one is no solver; as `solver_of` for the rest.
+    """
+    found = [solver_of(part.strip()) for part in _split(text, ",")]
+    return list({solver.name: solver for solver in found}.values())
+
+
+def plugins() -> list[str]:
+    """Return the NLP solvers that this CasADi has, of those that are known by name."""
+    known = ("ipopt", "fatrop", "sqpmethod", "feasiblesqpmethod", "qrsqp", "blocksqp",
+             "uno", "alpaqa", "bonmin", "snopt", "knitro", "worhp", "madnlp",
+             "sleqp")  # fmt: skip
+    return [name for name in known if _is_plugin(name)]
+
+
+def _is_plugin(name: str) -> bool:
+    import casadi as ca
+
+    return bool(_NAME.fullmatch(name)) and bool(ca.has_nlpsol(name))
+
+
+def _split(text: str, at: str) -> Iterator[str]:
+    """Yield the parts of a text between marks that stand outside of brackets."""
+    depth, begin = 0, 0
+    for place, mark in enumerate(text):
+        depth += (mark in "[{") - (mark in "]}")
+        if mark == at and depth <= 0:
+            yield text[begin:place]
+            begin = place + 1
+    yield text[begin:]
+
+
+def _head(part: str, text: str) -> tuple[str, dict[str, str]]:
+    """Return name and options of "name[key=value,...]"."""
+    name, bracket, rest = part.strip().partition("[")
+    options: dict[str, str] = {}
+    if bracket:
+        if not rest.endswith("]"):
+            raise UnknownSolverError(
+                f"expected options such as name[key=value]; found {_quoted(text)}"
+            )
+        for one in _split(rest[:-1], ","):
+            key, equals, value = (piece.strip() for piece in one.partition("="))
+            if not (equals and value and _OPTION.fullmatch(key)) or key in options:
+                raise UnknownSolverError(
+                    f"expected options such as name[key=value], each once; found "
+                    f"{_quoted(one.strip())} in {_quoted(text)}"
+                )
+            options[key] = value
+    return name.strip(), options
+
+
+def _first(name: str, options: Mapping[str, str], text: str) -> Solver:
+    """Return the solver that a name begins with."""
+    if name in SEARCHED:
+        given = _search_options(name, options, text)
+        title = SEARCHES[name].title
+        return Solver(
+            name=_canonical(name, given),
+            title=title,
+            family="search",
+            search=name,
+            polished=False,
+            options=given,
+        )
+    if name in PEERS:
+        given = _peer_options(name, options, text)
+        title = PEERS[name].title
+        return Solver(
+            name=_canonical(name, given),
+            title=title,
+            family="peer",
+            peer=name,
+            polished=True,
+            options=given,
+        )
+    if name == SOLVE:
+        if options:
+            raise UnknownSolverError(
+                f"expected {SOLVE} without options, found {_quoted(text)}"
+            )
+        title = "swarmstart.solve with its defaults: many starts, lanes, IPOPT"
+        return Solver(name=SOLVE, title=title, family="solve", plugin=IPOPT)
+    plugin = name.removeprefix(_MANY)
+    if plugin == "none" or not _is_plugin(plugin):
+        raise UnknownSolverError(
+            f"expected a solver: one of {', '.join(_known())}, or a search with "
+            f"+ipopt; found {_quoted(text)}{_hint(name, _known())}"
+        )
+    given = _nlp_options(plugin, options, text)
+    is_many = name.startswith(_MANY)
+    return Solver(
+        name=_canonical(name, given),
+        title=f"{plugin} from random starts, again and again"
+        if is_many
+        else f"{plugin} once, from zero controls",
+        family="multistart" if is_many else "nlp",
+        plugin=plugin,
+        polish_options=given,
+    )
+
+
+def _with_polish(
+    solver: Solver, plugin: str, options: Mapping[str, str], text: str
+) -> Solver:
+    """Return a search with an NLP solver after it."""
+    if solver.family not in ("search", "peer") or not _is_plugin(plugin):
+        known = plugins()
+        raise UnknownSolverError(
+            "expected a search with an NLP solver after it, such as lshade+ipopt "
+            f"(here: {', '.join(known)}); found {_quoted(text)}{_hint(plugin, known)}"
+        )
+    given = _nlp_options(plugin, options, text)
+    return Solver(
+        name=f"{solver.name}+{_canonical(plugin, given)}",
+        title=f"{solver.title}, then {plugin}",
+        family=solver.family,
+        search=solver.search,
+        peer=solver.peer,
+        polished=True,
+        options=solver.options,
+        plugin=plugin,
+        polish_options=given,
+    )
+
+
+Options = tuple[tuple[str, Any], ...]
+
+
+def _search_options(name: str, options: Mapping[str, str], text: str) -> Options:
+    """Return the settings of a search, checked as a scenario's are."""
+    if not options:
+        return ()
+    from swarmstart.cases.format.scenario import search_of
+    from swarmstart.cases.format.settings import search_part
+
+    known = set(search_part(name).model_fields) - _OF_PART
+    _require_known(options, known, text)
+    part = search_of(name, options, told=printable(text))
+    return _sorted({key: part[key] for key in options})
+
+
+def _peer_options(name: str, options: Mapping[str, str], text: str) -> Options:
+    """Return the options of a peer, each of its default's type."""
+    peer = PEERS[name]
+    if importlib.util.find_spec(peer.package) is None:
+        raise MissingPackageError(
+            f"{name} needs the package {peer.package}, which is not installed: "
+            f"pip install {peer.pip}"
+        )
+    _require_known(options, peer.options, text)
+    values = {key: _value(value) for key, value in options.items()}
+    for key, value in values.items():
+        _require_like(key, value, peer.options[key], text)
+    resolve_name(peer.minimize)  # A package that is broken is found here.
+    return _sorted(values)
+
+
+def _require_like(key: str, value: Any, default: Any, text: str) -> None:
+    """Refuse a value of another type than its default, or below zero."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if isinstance(default, str):
+        ok, what = isinstance(value, str), "text"
+    elif isinstance(default, int) or key == "size":
+        ok = isinstance(value, int) and is_number and 1 <= value < 2**31
+        what = "an integer of at least 1"
+    else:
+        ok, what = is_number and 0.0 <= value < float("inf"), "a number of at least 0"
+    if not ok:
+        raise UnknownSolverError(
+            f"expected {key} to be {what}; found {json.dumps(value)} in {_quoted(text)}"
+        )
+
+
+def _nlp_options(plugin: str, options: Mapping[str, str], text: str) -> Options:
+    """Return the options of an NLP solver; it has been asked whether it takes them."""
+    import casadi as ca
+
+    from swarmstart.cases.campaign.trials.silence import silenced
+
+    values = {key: _value(value) for key, value in options.items()}
+    for key in values:
+        if any(part.startswith(_FILES) for part in key.split(".")):
+            raise UnknownSolverError(
+                f"expected options that neither name files nor run programs, found "
+                f"{key!r} in {_quoted(text)}"
+            )
+    if plugin != IPOPT:
+        known = {*ca.nlpsol_options(plugin)}
+        _require_known({k.partition(".")[0]: v for k, v in values.items()}, known, text)
+    given = _sorted(values)
+    x = ca.MX.sym("x")
+    try:
+        settings = polish_of(plugin, dict(given)).settings(near=False)
+        with silenced():
+            ca.nlpsol("trial", plugin, {"x": x, "f": x**2, "g": x}, settings)
+    except (RuntimeError, NotImplementedError, SwarmstartError) as error:
+        said = str(error).strip().splitlines()[-1].strip()
+        raise UnknownSolverError(
+            f"expected options that {plugin} takes, found {_quoted(text)}: {said}"
+        ) from error
+    return given
+
+
+def polish_of(plugin: str, options: Mapping[str, Any]) -> Any:
+    """Return an NLP solver with options as a planner takes it.
+
+    Args:
+        plugin: Its name in CasADi.
+        options: Of IPOPT `max_iterations` and `tolerance`, as in a scenario, and others
+            by IPOPT's names; of other solvers by their plug-in's names.
+    """
+    from swarmstart.ocp import IpoptOptions, NlpOptions
+
+    if plugin != IPOPT:
+        return NlpOptions(plugin=plugin, options=dict(options))
+    own = {k: v for k, v in options.items() if k in ("max_iterations", "tolerance")}
+    others = {k: v for k, v in options.items() if k not in own}
+    return IpoptOptions(**own, options=others)
+
+
+def _require_known(options: Mapping[str, Any], known: Any, text: str) -> None:
+    for key in options:
+        if key not in known:
+            names = sorted(known)
+            hint = meant(key, names, otherwise=f"known: {', '.join(names)}")
+            raise UnknownSolverError(
+                f"expected a known option, found {key!r} in {_quoted(text)}; {hint}"
+            )
+
+
+def _value(text: str) -> Any:
+    """Return the value of an option: a number, true, false, or text."""
+    try:
+        value = json.loads(text)
+    except ValueError:
+        value = text.strip("'\"")
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return text
+    return value
+
+
+def _sorted(values: Mapping[str, Any]) -> Options:
+    return tuple(sorted(values.items()))
+
+
+def _canonical(name: str, options: Options) -> str:
+    told = ",".join(f"{key}={_written(value)}" for key, value in options)
+    return f"{name}[{told}]" if options else name
+
+
+def _written(value: Any) -> str:
+    """Return a value as it is read again: text that is nothing else as it is."""
+    if isinstance(value, str) and _OPTION.fullmatch(value) and _value(value) == value:
+        return value
+    return json.dumps(value, separators=(",", ":"))
+
+
+def _known() -> list[str]:
+    return [*SEARCHED, *plugins(), MULTISTART, SOLVE, *PEERS]
+
+
+def _hint(name: str, known: list[str]) -> str:
+    hint = meant(name, known, otherwise="")
+    return f"; {hint}" if hint else ""
+
+
+def _quoted(text: str) -> str:
+    return repr(printable(text))

@@ -1,0 +1,208 @@
+"""Cells of `compare` on planning problems: a solver, a budget and a seed each.
+
+Names of solvers are in solver_names.py, what a trial is in trial.py. What a worker has
+built for one seed serves the next ones: KEPT scenarios with solvers at most.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+
+from swarmstart.cases.campaign.trials.building import SEARCH_SHARE, Built, Trial, built
+from swarmstart.cases.campaign.trials.peer_names import PEERS
+from swarmstart.cases.campaign.trials.solver_names import (
+    IPOPT,
+    MULTISTART,
+    NULL_HYPOTHESIS,
+    SEARCHED,
+    MissingPackageError,
+    Solver,
+    UnknownSolverError,
+    solver_of,
+    solvers_of,
+)
+from swarmstart.cases.campaign.trials.trial import (
+    answer_of,
+    answered,
+    judged_checkpoint,
+)
+from swarmstart.cases.format.kind import PlanningProblem
+from swarmstart.cases.format.registry import KINDS, SEARCHES
+from swarmstart.cases.format.scenario import resolved_again
+from swarmstart.cases.kinds.flight import first_problem
+from swarmstart.errors import SwarmstartError
+
+__all__ = [
+    "IPOPT",
+    "MULTISTART",
+    "NULL_HYPOTHESIS",
+    "SEARCHED",
+    "InvalidBudgetTextError",
+    "MissingPackageError",
+    "Solver",
+    "Trial",
+    "UnknownSolverError",
+    "answered",
+    "budget_of",
+    "judge_checkpoint",
+    "modules_of",
+    "search_share",
+    "solve_cell",
+    "solver_of",
+    "solvers_of",
+]
+
+LARGEST = 1e12
+"""Budgets are below it."""
+KEPT = 16
+"""Of what a worker has built: the last ones used."""
+_BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m|h)")
+_UNITS = {"evals": 1, "s": 1, "m": 60, "h": 3600}
+
+
+class InvalidBudgetTextError(SwarmstartError, ValueError):
+    """The text after --budget is not a budget."""
+
+
+def budget_of(text: str) -> dict[str, float | int]:
+    """Return a budget as `heuristics.Budget` takes it.
+
+    Args:
+        text: "4000evals", "5s", "2m", "1h", or two of them with "|" between.
+
+    Raises:
+        InvalidBudgetTextError: If it is not one of these.
+    """
+    budget: dict[str, float | int] = {}
+    for part in text.split("|"):
+        match = _BUDGET.fullmatch(part.strip())
+        key = "evaluations" if match and match["unit"] == "evals" else "seconds"
+        number = _number(match["number"]) if match else 0.0
+        whole = key == "seconds" or number.is_integer()
+        if match is None or not 0 < number < LARGEST or not whole or key in budget:
+            raise InvalidBudgetTextError(
+                "expected a budget such as 4000evals, 5s or 4000evals|5s, "
+                f"found {text!r}"
+            )
+        scale = _UNITS[match["unit"]]
+        budget[key] = int(number) if key == "evaluations" else number * scale
+    return budget
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
+def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what of a budget a scenario's search has: for its checks.
+
+    A trial gives it less where the NLP solver needs more; see trial.py.
+    """
+    share = SEARCH_SHARE if solver.polished else 1.0
+    parts = {name: share * value for name, value in budget.items()}
+    if "evaluations" in parts:
+        parts["evaluations"] = max(1, int(parts["evaluations"]))
+    return parts
+
+
+def solve_cell(
+    job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
+) -> dict[str, Any]:
+    """Solve a scenario's planning problem; called in a worker.
+
+    Only where the command has given `python_in` may a file of that folder be run.
+
+    Args:
+        job: "settings" and "variant" of the scenario, "solver" (its name), "budget",
+            "seed", "repair".
+        folder: Where checkpoints are kept.
+        python_in: The folder whose files may be run; None: none may.
+    """
+    text = _common(job)
+    trial = _trial(text, python_in, job)
+    return answer_of(_built(text, python_in), trial, folder)
+
+
+def judge_checkpoint(
+    job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
+) -> dict[str, Any]:
+    """Return what a cell had found when the hard limit ended its process.
+
+    Args:
+        job: As in `solve_cell`.
+        folder: As in `solve_cell`.
+        python_in: As in `solve_cell`.
+    """
+    text = _common(job)
+    posed, _ = _posed(text, python_in)
+    return judged_checkpoint(posed, _trial(text, python_in, job), folder)
+
+
+def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return further modules whose code a cell uses: those that registries name.
+
+    Args:
+        job: As in `solve_cell`.
+    """
+    solver = solver_of(job["solver"])
+    named = [KINDS[job["settings"]["kind"]].kind]
+    if solver.peer:
+        named.append(PEERS[solver.peer].minimize)
+    modules = [name.partition(":")[0] for name in named]
+    settings = SEARCHES[solver.search].settings
+    if settings:
+        modules.append(resolve_name(settings).__module__)
+    return tuple(sorted(set(modules)))
+
+
+def _common(job: Mapping[str, Any]) -> str:
+    """Return all of a job that its seeds have in common, as text.
+
+    In its own order: what a scenario defines may follow from what it defines before.
+    """
+    keys = ("settings", "variant", "solver", "budget")
+    return json.dumps({key: job[key] for key in keys})
+
+
+def _trial(text: str, python_in: str | None, job: Mapping[str, Any]) -> Trial:
+    _, first = _posed(text, python_in)
+    return Trial(
+        solver=first.solver,
+        budget=first.budget,
+        seed=job["seed"],
+        search=first.search,
+        repair=job["repair"],
+        backend=first.backend,
+        order=first.order,
+    )
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _posed(text: str, python_in: str | None) -> tuple[PlanningProblem, Trial]:
+    """Return the planning problem of jobs, and the trial with seed 0."""
+    job = json.loads(text)
+    resolved = resolved_again(job["settings"], job["variant"], python_in=python_in)
+    scenario = resolved.scenario
+    trial = Trial(
+        solver=solver_of(job["solver"]),
+        budget=job["budget"],
+        seed=0,
+        search=scenario.search_settings(),
+        backend=scenario.backend,
+        order=None if scenario.order is None else scenario.order.order(),
+    )
+    return first_problem(resolved.posed()), trial
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _built(text: str, python_in: str | None) -> Built:
+    return built(*_posed(text, python_in))

@@ -1,0 +1,141 @@
+"""A cell's key changes with what determines its result, and with nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from swarmstart import fingerprint
+from swarmstart.cases.campaign.engine import cell_keys
+from swarmstart.cases.campaign.engine.cell_keys import key_of, modules_of_settings
+from swarmstart.cases.campaign.run_cell import run_cell
+from swarmstart.cases.chapter import computations
+from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.format.scenario import read_document, resolve
+
+RUN = "swarmstart.cases.campaign.flown:fly"
+SOLVE = "swarmstart.cases.campaign.trials.solvers:solve_cell"
+JOB = {"settings": {"kind": "transfer", "search": {"name": "de"}}, "figures": False}
+WORK = "swarmstart.tests.cases.campaign.campaign_work:square"
+
+
+@pytest.fixture(autouse=True)
+def fresh() -> Iterator[None]:
+    """No hashes of another test."""
+    cell_keys._code.cache_clear()
+    yield
+    cell_keys._code.cache_clear()
+
+
+def changes(
+    monkeypatch: pytest.MonkeyPatch, module: str, work: str, job: dict[str, object]
+) -> bool:
+    """Return whether an edit of a module makes another key."""
+    text = fingerprint.source(module)  # A name that is none would change nothing.
+    before = key_of(work, job)
+    cell_keys._code.cache_clear()
+    with monkeypatch.context() as patch:
+        source = fingerprint.source
+        patch.setattr(
+            fingerprint,
+            "source",
+            lambda name: text + b"\n# edited" if name == module else source(name),
+        )
+        after = key_of(work, job)
+    cell_keys._code.cache_clear()
+    return after != before
+
+
+@pytest.mark.parametrize("work", [RUN, SOLVE])
+@pytest.mark.parametrize(
+    "module",
+    [
+        "swarmstart.cases.commands.compare",
+        "swarmstart.cases.commands.cli",
+        "swarmstart.cases.drawing.drawing",
+        "swarmstart.cases.drawing.problem_figures",
+        "swarmstart.cases.campaign.judging.statistics",
+        "swarmstart.cases.campaign.judging.comparison",
+        "swarmstart.cases.campaign.engine.cells",
+        "swarmstart.cases.campaign.run_cell",
+        "swarmstart.cases.kinds.transfer.figures",
+        "swarmstart.cases.kinds.formation_flight.kind",
+        "swarmstart.cases.kinds.problem.kind",
+        "swarmstart.cases.kinds.close_formation.measures",
+    ],
+)
+def test_an_edit_of_what_no_result_depends_on_leaves_the_key(
+    monkeypatch: pytest.MonkeyPatch, module: str, work: str
+) -> None:
+    assert not changes(monkeypatch, module, work, JOB)
+
+
+@pytest.mark.parametrize("work", [RUN, SOLVE])
+@pytest.mark.parametrize(
+    "module",
+    [
+        "swarmstart.ocp.planner",
+        "swarmstart.heuristics.de",
+        "swarmstart.kernel",
+        "swarmstart.cases.kinds.transfer.kind",
+        "swarmstart.cases.kinds.transfer.pose",
+        "swarmstart.cases.kinds.flight",
+    ],
+)
+def test_an_edit_of_what_the_result_depends_on_changes_the_key(
+    monkeypatch: pytest.MonkeyPatch, module: str, work: str
+) -> None:
+    assert changes(monkeypatch, module, work, JOB)
+
+
+def test_figures_count_where_they_are_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = "swarmstart.cases.drawing.drawing"
+    assert changes(monkeypatch, module, RUN, {**JOB, "figures": True})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_kind_reaches_what_draws(kind: str) -> None:
+    waiting, seen = [KINDS[kind].kind.partition(":")[0]], set[str]()
+    while waiting:
+        name = waiting.pop()
+        if name not in seen:
+            seen.add(name)
+            waiting += fingerprint._imported(fingerprint.source(name))
+    assert not [name for name in seen if ".drawing" in name or ".commands" in name]
+
+
+def test_a_scenario_s_own_modules_are_those_of_its_kind_and_search() -> None:
+    resolved = resolve(read_document("passing_side"))
+    assert resolved.kind is not None
+    settings = run_cell(resolved, 0).job["settings"]
+    kind = KINDS[settings["kind"]].kind.partition(":")[0]
+    assert modules_of_settings(settings) == (kind, "swarmstart.heuristics")
+    assert modules_of_settings({"kind": [], "search": None}) == ()
+
+
+def test_computations_depend_on_the_shipped_scenarios(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    work = f"{computations.__name__}:input_levels"
+    before, settled = key_of(work, {}), key_of(RUN, JOB)
+    monkeypatch.setattr(cell_keys, "_shipped_scenarios", lambda: "edited")
+    assert key_of(work, {}) != before
+    assert key_of(RUN, JOB) == settled
+
+
+def test_sources_are_read_once_for_many_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[str] = []
+    source = fingerprint.source
+
+    def noted(name: str) -> bytes:
+        read.append(name)
+        return source(name)
+
+    monkeypatch.setattr(fingerprint, "source", noted)
+    assert len({key_of(WORK, {"number": n}) for n in range(100)}) == 100
+    assert len(read) == len(set(read)) > 0
+
+
+def test_a_work_that_is_not_there_has_a_key_too() -> None:
+    assert len(key_of("swarmstart.missing:nothing", {})) == cell_keys.DIGITS
