@@ -63,7 +63,7 @@ def convergence(
     )  # fmt: skip
     runs = max(row["runs"] for row in scenario["rows"])
     caption = (
-        f"The best feasible answer so far, median (line) and middle half (band) of "
+        f"The best feasible answer so far, median (line), lowest and highest (band) of "
         f"{runs} seeds at most, over evaluations worth one rollout; budget {budget}. "
         + (
             f"Gaps below {FLOOR:g} are drawn there; dotted: within "

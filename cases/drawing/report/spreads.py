@@ -159,8 +159,8 @@ def ranks(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure |
     ]
     return Figure(
         identity="ranks", title="Mean ranks over scenarios",
-        caption=f"Rank of a solver's median cost among all solvers of a scenario, mean "
-        f"over {len(content['scenarios'])} scenarios, with the 95 % interval from "
+        caption=f"Rank of a solver's cost among all solvers, seed by seed, mean over "
+        f"the seeds of each of {len(content['scenarios'])} scenarios, with the 95 % interval from "
         f"resampling the scenarios (bootstrap). Budget {content['budget_text']}.",
         chart="".join(parts), height=round(bottom + 50), levels=levels,
         columns=["solver", "mean rank", "low", "high"], rows=told,
@@ -179,9 +179,9 @@ def judged(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure 
     x = Axis(low=0.0, high=100.0, start=_NAMES, end=RIGHT, label="per cent of all runs")
     parts = [svg.frame(x, _upright(bottom), has_y_ticks=False)]
     for total, level in zip(totals, levels, strict=True):
-        name, runs, feasible, _, false = total
+        name, runs, _, claimed, false = total
         parts.append(_name(name, numbers[name], level + _ROW / 2))
-        honest = max(feasible - false, 0)
+        honest = max(claimed - false, 0)
         at = 0.0
         for count, kind in ((honest, "confirmed"), (false, "refused")):
             width = 100.0 * count / runs
@@ -195,8 +195,8 @@ def judged(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure 
             at += width
     return Figure(
         identity="judged", title="Claimed and verified, all scenarios",
-        caption="Runs whose answer was confirmed along the whole path on a grid ten "
-        "times finer (plain), and false successes (hatched edge): claimed feasible but "
+        caption="Runs whose claim was confirmed along the whole path on a grid ten "
+        "times finer (plain), and false successes (dashed edge): claimed feasible but "
         "not confirmed, or a claimed cost off by more than "
         f"{percent(content['near'][0])}. The rest claimed nothing, or failed.",
         chart="".join(parts), height=round(bottom + 50), levels=levels,
