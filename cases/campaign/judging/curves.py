@@ -111,9 +111,7 @@ def _has_history(runs: Runs) -> bool:
 
 def _worst_first(courses: Courses) -> float:
     """Return the worst first feasible cost of the runs."""
-    first = np.isfinite(courses.cost).argmax(axis=1)
-    costs = np.take_along_axis(courses.cost, first[:, None], axis=1)[:, 0]
-    return float(costs[np.isfinite(costs)].max(initial=-math.inf))
+    return float(courses.first_costs().max(initial=-math.inf))
 
 
 def _seconds_at(runs: Runs, marks: Array) -> Array:

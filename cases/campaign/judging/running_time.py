@@ -46,6 +46,15 @@ class Courses:
     ends: Array
     final: Array
 
+    def first_costs(self) -> Array:
+        """Return the first feasible cost of each run that has one, shape (n,)."""
+        if not self.cost.size:
+            return np.empty(0)
+        first = np.isfinite(self.cost).argmax(axis=1)
+        costs = np.take_along_axis(self.cost, first[:, None], axis=1)[:, 0]
+        known: Array = costs[np.isfinite(costs)]
+        return known
+
 
 def courses_of(
     histories: Sequence[Mapping[str, Any] | None],

@@ -37,6 +37,8 @@ from swarmstart.cases.campaign.judging.statistics import (
 )
 
 Array = NDArray[np.float64]
+FIRST_ROUND_OFF = 1e-12
+"""Of the usual first cost of a history."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -53,6 +55,7 @@ class Judged:
         costs: Seed by seed, shape (solvers, seeds).
         pairs: What can be claimed.
         is_seeded: Whether each seed is a problem of its own.
+        slack: Difference of costs that is round-off.
     """
 
     runs: tuple[Runs, ...]
@@ -62,6 +65,7 @@ class Judged:
     costs: Array
     pairs: tuple[Pair, ...]
     is_seeded: bool = False
+    slack: float = 0.0
 
     def near(self, runs: Runs, which: int) -> NDArray[np.bool_]:
         """Return which runs of a solver end near the best.
@@ -108,8 +112,8 @@ def judged_scenario(
     costs = np.array([one.for_seeds(one.costs, seeds) for one in runs])
     best = min(float(costs.min(initial=math.inf)), _given(known_cost))
     bests = costs.min(axis=0) if is_seeded else np.full(seeds, best)
-    finite = np.abs(costs[np.isfinite(costs)])
-    slack = ROUND_OFF * float(finite.max(initial=0.0))
+    slack = slack_of(runs, costs)
+    costs = np.where(costs <= bests + slack, bests, costs)
     limits = np.array(
         [bests + np.maximum(near * np.abs(bests), slack) for near in asked.near]
     )
@@ -133,7 +137,25 @@ def judged_scenario(
         costs=costs,
         pairs=tuple(pairs),
         is_seeded=is_seeded,
+        slack=slack,
     )
+
+
+def slack_of(runs: Sequence[Runs], costs: Array) -> float:
+    """Return the difference of costs that is none: round-off.
+
+    Where the best is about 0, costs differ by round-off of what was summed up, whose
+    size the answers themselves do not tell: the first ones of their histories do.
+
+    Args:
+        runs: Of each solver.
+        costs: Verified ones, infinite if not feasible.
+    """
+    finite = np.abs(costs[np.isfinite(costs)])
+    first = [one.evaluations.first_costs() for one in runs]
+    known = np.abs(np.concatenate([[0.0], *first]))
+    usual = float(np.median(known[known > 0])) if (known > 0).any() else 0.0
+    return max(ROUND_OFF * float(finite.max(initial=0.0)), FIRST_ROUND_OFF * usual)
 
 
 def _given(cost: float | None) -> float:
@@ -227,7 +249,7 @@ def _row(
         "cut": sum(bool(getattr(one, "was_cut", False)) for one in runs.outcomes),
         "feasible": int(np.isfinite(costs).sum()),
         "claimed_feasible": int(word.sum()),
-        "false_successes": int((word & _is_false(claimed, costs, asked.near[0])).sum()),
+        "false_successes": int((word & _is_false(claimed, costs, asked.near[0], found.slack)).sum()),
         "near": near,
         "near_intervals": None
         if alone
@@ -258,12 +280,13 @@ def _or_none(result: Mapping[str, Any], key: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _is_false(claimed: Array, costs: Array, near: float) -> NDArray[np.bool_]:
+def _is_false(
+    claimed: Array, costs: Array, near: float, slack: float
+) -> NDArray[np.bool_]:
     """Return where an answer is not feasible, or its cost is not as claimed."""
     with np.errstate(invalid="ignore"):
-        off = np.abs(claimed - costs) > near * np.abs(costs) + ROUND_OFF * np.abs(
-            claimed
-        )
+        most = near * np.abs(costs) + ROUND_OFF * np.abs(claimed) + slack
+        off = np.abs(claimed - costs) > most
     return ~np.isfinite(costs) | (np.isfinite(claimed) & off)
 
 

@@ -127,6 +127,35 @@ def test_beside_a_best_of_0_round_off_is_near() -> None:
     assert made_up({"s": own})["scenarios"][0]["rows"][0]["near"] == [2, 2]
 
 
+def test_round_off_of_what_was_summed_up_is_no_difference() -> None:
+    """In its slot already: costs of 1e-29 and 1e-19, where a search began at 8."""
+    rng = np.random.default_rng(0)
+    own = {
+        "de": list(1e-29 * rng.random(30)),
+        "multistart-ipopt": list(1e-19 * (1 + rng.random(30))),
+    }
+    (scenario,) = made_up({"s": own}, more=with_history)["scenarios"]
+    assert [row["near"] for row in scenario["rows"]] == [[30, 30]] * 2
+    assert [row["false_successes"] for row in scenario["rows"]] == [0, 0]
+    (pair,) = scenario["pairs"]
+    assert pair["verdict"] == "no difference shown"
+
+
+def test_where_seeds_draw_gusts_each_has_a_best_known_of_its_own() -> None:
+    """Seed k costs k + 1 at least; `ga` is always 5 % dearer."""
+    calm = [1.0 + k for k in range(8)]
+    own = {"de": calm, "ga": [1.05 * c for c in calm[:7]] + [8.0]}
+    drawn = {"s": About(is_seeded=True)}
+    (scenario,) = made_up({"s": own}, about=drawn)["scenarios"]
+    assert scenario["bests"] == calm
+    assert [row["near"][0] for row in scenario["rows"]] == [8, 1]
+    gaps = scenario["rows"][1]["gaps"]
+    assert gaps == pytest.approx([0.05] * 7 + [0.0])
+    (pooled,) = made_up({"s": own})["scenarios"]
+    assert pooled["bests"] is None
+    assert [row["near"][0] for row in pooled["rows"]] == [1, 0]
+
+
 def test_marks_are_feasible_by_the_solvers_own_tolerance() -> None:
     """The second mark, at 10, has 1e-5; answers of 1e-4 were called feasible."""
     content = CASES["two solvers"]
