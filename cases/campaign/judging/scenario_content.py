@@ -240,6 +240,7 @@ def _row(
     seconds, counts = runs.seconds.ends, runs.evaluations.ends
     claimed = np.array([number(r.get("claimed_cost")) for r in runs.results])
     word = np.array([bool(r.get("claimed_feasible")) for r in runs.results])
+    wrong = _is_false(claimed, costs, asked.near[0], found.slack)
     return {
         "solver": runs.name,
         "deterministic": alone,
@@ -249,7 +250,7 @@ def _row(
         "cut": sum(bool(getattr(one, "was_cut", False)) for one in runs.outcomes),
         "feasible": int(np.isfinite(costs).sum()),
         "claimed_feasible": int(word.sum()),
-        "false_successes": int((word & _is_false(claimed, costs, asked.near[0], found.slack)).sum()),
+        "false_successes": int((word & wrong).sum()),
         "near": near,
         "near_intervals": None
         if alone

@@ -161,7 +161,8 @@ def ranks(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure |
         identity="ranks", title="Mean ranks over scenarios",
         caption=f"Rank of a solver's cost among all solvers, seed by seed, mean over "
         f"the seeds of each of {len(content['scenarios'])} scenarios, with the 95 % "
-        f"interval from resampling the scenarios (bootstrap). Budget {content['budget_text']}.",
+        "interval from resampling the scenarios (bootstrap). "
+        f"Budget {content['budget_text']}.",
         chart="".join(parts), height=round(bottom + 50), levels=levels,
         columns=["solver", "mean rank", "low", "high"], rows=told,
         values=[["solver", "mean", "low", "high"]] + [
