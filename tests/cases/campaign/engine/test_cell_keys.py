@@ -16,7 +16,11 @@ from swarmstart.cases.format.scenario import read_document, resolve
 
 RUN = "swarmstart.cases.campaign.flown:fly"
 SOLVE = "swarmstart.cases.campaign.trials.solvers:solve_cell"
-JOB = {"settings": {"kind": "transfer", "search": {"name": "de"}}, "figures": False}
+JOB = {
+    "settings": {"kind": "transfer", "search": {"name": "de"}},
+    "solver": "de",
+    "figures": False,
+}
 WORK = "swarmstart.tests.cases.campaign.campaign_work:square"
 
 

@@ -153,7 +153,8 @@ def test_the_system_ends_what_does_not_look_at_the_clock(tmp_path: Path) -> None
     import json, os, sys
     from pathlib import Path
     import numpy as np
-    from swarmstart.cases.campaign import peers, solvers, wall_limit
+    from swarmstart.cases.campaign.engine import wall_limit
+    from swarmstart.cases.campaign.trials import peers, solvers
 
     def stuck(task):
         rng = np.random.default_rng(0)
