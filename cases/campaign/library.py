@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
+from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.cases.campaign.comparing import Contest, contest_of
+from swarmstart.cases.campaign.comparison_plan import Chosen, ComparisonPlan
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
 from swarmstart.cases.campaign.judging.comparison import Entry, Row, rows_of
 from swarmstart.cases.campaign.run import Run
 from swarmstart.cases.campaign.run import run as run_resolved
-from swarmstart.cases.campaign.trials.building import Built, Trial, built
+from swarmstart.cases.campaign.trials.building import Trial, built
 from swarmstart.cases.campaign.trials.solvers import (
     Solver,
     budget_of,
@@ -26,7 +30,6 @@ from swarmstart.cases.campaign.trials.solvers import (
 from swarmstart.cases.campaign.trials.trial import answer_of
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
-from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
 from swarmstart.errors import SwarmstartError
@@ -38,6 +41,8 @@ from swarmstart.ocp.search_settings import search_settings
 Scenario = str | Path
 Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]
 """A scenario; or a problem, its initial state and, where it has any, what is known."""
+NEVER_S = 10**9
+"""Nothing here is given up after a time [s]."""
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -107,6 +112,9 @@ def compare(  # noqa: PLR0913 - the options of a command
 ) -> list[Row]:
     """Solve problems by several solvers and seeds under equal budgets, side by side.
 
+    A scenario that flies in closed loop, or has several planners, is compared by whole
+    flights, with those of the solvers that can plan in one.
+
     All is done here, one after the other, and nothing is kept; `swarmstart compare`
     takes processes and goes on where it was interrupted. The same seeds give the same
     answers in both.
@@ -131,7 +139,6 @@ def compare(  # noqa: PLR0913 - the options of a command
     Raises:
         UnknownSolverError: If there is no such solver.
         InvalidBudgetTextError: If the budget is invalid.
-        SeveralPlansError: If a step of a scenario has several planning problems.
         CodeNotAllowedError: If a file is to be run, and may not.
         UserCodeError: If that file gives no problem.
     """
@@ -139,36 +146,73 @@ def compare(  # noqa: PLR0913 - the options of a command
     listed = [one for text in given for one in solvers_of(text)]
     chosen = list({solver.name: solver for solver in listed}.values())
     share = budget_of(f"{budget}evals" if isinstance(budget, int) else budget)
-    named = _named(problems)
-    ways = {  # All are refused here, before any is solved.
-        (name, solver.name): _way(problem, solver, share, settings, allow_python)
-        for name, problem in named.items()
-        for solver in chosen
-    }
-    entries = [[_entry(name, solver, seeds) for solver in chosen] for name in named]
+    plan = ComparisonPlan(
+        scenarios=(), solvers=(), seeds=seeds, timeout_s=NEVER_S, repair=repair
+    )
+    entries, work = [], {}  # All is refused here, before anything is solved.
+    for name, problem in _named(problems).items():
+        if isinstance(problem, tuple):
+            each = [_entry(name, solver, seeds) for solver in chosen]
+            for entry in each:
+                first = _trial(problem, entry.solver, share, repair=repair)
+                work[name, entry.solver.name] = _solving(*first)
+        else:
+            contest = _contest(problem, chosen, plan, share, settings, allow_python)
+            each = [replace(entry, scenario=name) for entry in contest.entries]
+        entries.append(each)
     every = [entry for each in entries for entry in each]
     count = sum(len(entry.cells) for entry in every)
     outcomes: dict[str, Outcome] = {}
-    for entry in every:
-        posed, first = ways[entry.scenario, entry.solver.name]
-        made = cache(partial(built, posed, first))  # Once for all seeds.
-        for cell in entry.cells:
-            progress(len(outcomes), count, cell.label)
-            trial = replace(first, seed=cell.job["seed"], repair=repair)
-            outcomes[cell.key] = _outcome(made, trial)
+    with tempfile.TemporaryDirectory() as folder:
+        for entry in every:
+            one = work.get((entry.scenario, entry.solver.name), _carried_out)
+            for cell in entry.cells:
+                progress(len(outcomes), count, cell.label)
+                outcomes[cell.key] = _outcome(partial(one, cell, Path(folder)))
     return [row for each in entries for row in rows_of(each, outcomes, seeds=seeds)]
+
+
+def _contest(
+    scenario: Scenario,
+    solvers: Sequence[Solver],
+    plan: ComparisonPlan,
+    budget: Mapping[str, float | int],
+    settings: Mapping[str, Any],
+    allow_python: bool,
+) -> Contest:
+    """Return the cells of a scenario."""
+    chosen = Chosen(source=str(scenario), assignments=tuple(_assignments(settings)))
+    return contest_of(
+        chosen,
+        read_document(chosen.source),
+        solvers,
+        plan,
+        budget,
+        lambda resolved: replace(resolved, allow_python=allow_python),
+    )
+
+
+def _carried_out(cell: Cell, folder: Path) -> dict[str, Any]:
+    """Do the work of a scenario's cell in this process."""
+    work: Callable[..., dict[str, Any]] = resolve_name(cell.work)
+    return work(dict(cell.job), folder, **cell.permissions)
 
 
 def _resolved(
     scenario: Scenario, settings: Mapping[str, Any], **given: Any
 ) -> Resolved:
     """Return a scenario with settings laid over it, arrays of NumPy among them."""
+    document = read_document(str(scenario))
+    return resolve(document, assignments=_assignments(settings), **given)
+
+
+def _assignments(settings: Mapping[str, Any]) -> list[str]:
+    """Return settings as --set has them."""
     plain = {
         key: value.tolist() if isinstance(value, np.ndarray | np.generic) else value
         for key, value in settings.items()
     }
-    assignments = [f"{key}={to_json(value)}" for key, value in plain.items()]
-    return resolve(read_document(str(scenario)), assignments=assignments, **given)
+    return [f"{key}={to_json(value)}" for key, value in plain.items()]
 
 
 def _named(
@@ -187,39 +231,39 @@ def _named(
     }
 
 
-def _way(
-    problem: Compared,
+def _trial(
+    problem: tuple[Any, ...],
     solver: Solver,
     budget: Mapping[str, float | int],
-    settings: Mapping[str, Any],
-    allow_python: bool,
+    *,
+    repair: bool,
 ) -> tuple[PlanningProblem, Trial]:
     """Return what is solved, and the solver's trial with seed 0."""
-    searched = solver.search != "none"
-    share = search_share(solver, budget)
-    trial = Trial(solver=solver, budget=budget, seed=0, search=None)
-    if isinstance(problem, tuple):
-        ocp, x0, *known = problem
-        state = np.asarray(x0, dtype=np.float64)
-        posed = PlanningProblem(
-            problem=ocp, x0=state, known=known[0] if known else Known()
-        )
-        named = search_settings(solver.search, Budget(**share)) if searched else None
-        return posed, replace(trial, search=named)
-    resolved = _resolved(
-        problem,
-        {**settings, "budget": share} if searched else settings,
-        search=solver.search,
-        polish="ipopt" if solver.polished else "none",
+    ocp, x0, *known = problem
+    posed = PlanningProblem(
+        problem=ocp,
+        x0=np.asarray(x0, dtype=np.float64),
+        known=known[0] if known else Known(),
     )
-    scenario = resolved.scenario
-    posed = first_problem(replace(resolved, allow_python=allow_python).posed())
-    return posed, replace(
-        trial,
-        search=scenario.search_settings(),
-        backend=scenario.backend,
-        order=None if scenario.order is None else scenario.order.order(),
+    share, search = Budget(**search_share(solver, budget)), None
+    if solver.search != "none":
+        search = search_settings(solver.search, share)
+    return posed, Trial(
+        solver=solver, budget=budget, seed=0, search=search, repair=repair
     )
+
+
+def _solving(
+    posed: PlanningProblem, first: Trial
+) -> Callable[[Cell, Path], dict[str, Any]]:
+    """Return what solves a problem with the seed of a cell; it builds once."""
+    made = cache(partial(built, posed, first))
+
+    def solve(cell: Cell, folder: Path) -> dict[str, Any]:
+        del folder
+        return answer_of(made(), replace(first, seed=cell.job["seed"]))
+
+    return solve
 
 
 def _entry(name: str, solver: Solver, seeds: int) -> Entry:
@@ -235,11 +279,11 @@ def _entry(name: str, solver: Solver, seeds: int) -> Entry:
     return Entry(scenario=name, solver=solver, cells=tuple(cells))
 
 
-def _outcome(made: Callable[[], Built], trial: Trial) -> Outcome:
+def _outcome(work: Callable[[], dict[str, Any]]) -> Outcome:
     """Return a solver's answer, or why it failed."""
     result, failure = None, ""
     try:
-        result = answer_of(made(), trial)
+        result = work()
     except SwarmstartError as error:
         failure = str(error)
     seconds = result["seconds"] if result else 0.0

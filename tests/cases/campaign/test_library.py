@@ -120,8 +120,6 @@ def test_wrong_names_and_budgets_are_refused_before_anything_is_solved() -> None
         ss.compare(landing(), ["lshade", "snopt"])
     with pytest.raises(ss.InvalidBudgetTextError, match="found '0evals'"):
         ss.compare(landing(), "lshade", budget=0)
-    with pytest.raises(ss.SeveralPlansError):
-        ss.compare([landing(), "formation_v"], "ipopt", seeds=1)
 
 
 def decided() -> tuple[ss.OptimalControlProblem, list[float]]:
@@ -175,3 +173,18 @@ def test_scenario_that_decides_its_end_time_is_compared(tmp_path: Path) -> None:
     for row in rows:
         assert row.feasible == len(row.outcomes)
         assert row.costs == pytest.approx([0.824884] * len(row.costs), rel=1e-5)
+
+
+def test_whole_flights_are_compared_where_several_plan() -> None:
+    small = {"steps": 2}
+    rows = ss.compare(
+        "formation_v", "de,ipopt,scipy-de", seeds=2, budget=60, settings=small
+    )
+    # The search of another package cannot plan in closed loop, and is left out.
+    assert [row.entry.solver.name for row in rows] == ["de", "ipopt"]
+    flown = ss.run(
+        "formation_v", seed=1, search="de", polish="none",
+        settings={**small, "budget.evaluations": 60, "lanes": 0},
+    )  # fmt: skip
+    assert flown.measures["closed_loop_cost"] in rows[0].costs
+    assert len(rows[0].costs) == 2 and len(rows[1].costs) == 1
