@@ -166,10 +166,23 @@ def _is_gained(content: Content, null: str) -> bool:
     return max(best.merit) > 0 and max(len(best.more), len(best.cheaper)) >= without
 
 
+def _successes(content: Content, shown: Shown) -> int:
+    """Return how many runs come near the best where a solver does so more often."""
+    return sum(
+        row["near"][0]
+        for scenario in content["scenarios"]
+        if scenario["name"] in shown.more
+        for row in scenario["rows"]
+        if row["solver"] == shown.solver
+    )
+
+
 def _gain(content: Content, null: str) -> str:
     """Return what is gained over the null hypothesis, by the solver that gains most."""
     every = shown_against(content, null)
-    best = max(every, key=lambda one: one.merit)
+    best = max(
+        every, key=lambda one: (one.merit[0], _successes(content, one), one.merit)
+    )
     near = f"within {_near(content)} of the best known"
     if best.more:
         lost = f", and in fewer on {len(best.fewer)}" if best.fewer else ""

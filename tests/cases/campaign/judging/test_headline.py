@@ -49,6 +49,13 @@ def test_one_scenario_is_told_with_its_counts() -> None:
     )
 
 
+def test_of_those_that_gain_alike_the_one_that_succeeds_more_often_is_named() -> None:
+    own = {**BASINS, "cpso+ipopt": found(13)}
+    for order in (own, dict(reversed(own.items()))):
+        said = made_up({"catalyst": order})["headline"]
+        assert "lshade+ipopt comes within" in said and "27 of 30 against" in said
+
+
 def test_the_order_of_the_solvers_changes_nothing() -> None:
     turned = dict(reversed(BASINS.items()))
     second = {name: BASINS[name] for name in sorted(BASINS, reverse=True)}
