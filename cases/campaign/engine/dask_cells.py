@@ -78,6 +78,10 @@ def _connected(address: str) -> Iterator[Any]:
     make: Any = distributed.Client  # In part typed.
     try:
         client = make(address, timeout=CONNECT_S, set_as_default=False)
+    except AssertionError as error:  # Its thread has not begun within 10 s.
+        raise DaskError(
+            "Dask could not begin on this machine, which is busy: try again"
+        ) from error
     except (OSError, ValueError, TypeError) as error:
         raise DaskError(
             f"expected a Dask scheduler at {address}, found none: "
