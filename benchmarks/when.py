@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmstart.benchmarks.tables import head, row
+from swarmstart.cases.format.scenario import shipped
 
 COLD, MANY = "ipopt", "multistart-ipopt"
 OWN = ("multistart+ipopt", "lshade+ipopt")
@@ -152,8 +153,16 @@ def _preface(
         "chosen since they have local optima; yours may be otherwise, and "
         "`swarmstart compare` says so ([compare.md](compare.md)).",
         "",
+        f"Shipped and not compared here: {', '.join(_left_out(contents))}.",
+        "",
     ]
     return lines
+
+
+def _left_out(contents: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the shipped scenarios that were not compared."""
+    compared = {one["name"] for c in contents for one in c["scenarios"]}
+    return sorted(f"`{name}`" for name in shipped() if name not in compared)
 
 
 def _seeds(contents: Sequence[Mapping[str, Any]]) -> str:
