@@ -75,19 +75,18 @@ def _connected(address: str) -> Iterator[Any]:
             "the engine dask needs the package distributed, found none: "
             "pip install 'swarmstart[dask]'"
         ) from error
-    make: Any = distributed.Client  # In part typed.
+    kind: Any = distributed.Client  # In part typed.
+    # One that has not connected is closed here as well: Dask's own `__del__` closes
+    # it at whatever moment it is collected, and the next client may wait for that.
+    client = kind.__new__(kind)
     try:
-        client = make(address, timeout=CONNECT_S, set_as_default=False)
-    except AssertionError as error:  # Its thread has not begun within 10 s.
-        raise DaskError(
-            "Dask could not begin on this machine, which is busy: try again"
-        ) from error
-    except (OSError, ValueError, TypeError) as error:
-        raise DaskError(
-            f"expected a Dask scheduler at {address}, found none: "
-            f"{' '.join(str(error).split())}"
-        ) from error
-    try:
+        try:
+            client.__init__(address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise DaskError(
+                f"expected a Dask scheduler at {address}, found none: "
+                f"{' '.join(str(error).split())}"
+            ) from error
         yield client
     finally:
         with put_off(), suppress(Exception):

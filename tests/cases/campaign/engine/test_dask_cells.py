@@ -89,7 +89,8 @@ def test_what_is_missing_is_said_in_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(dask_cells, "CONNECT_S", 0.3)
-    for address in ("tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:x", ""):
+    addresses = ("tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:x", "")
+    for address in addresses * 3:  # What is left of one is not to hold up the next.
         with pytest.raises(DaskError, match=r"expected a Dask scheduler at .*, found"):
             on_dask([cell("square", 3)], tmp_path, address)
     monkeypatch.setitem(sys.modules, "distributed", None)
