@@ -146,6 +146,12 @@ class Resolved:
         """
         return self.kind.pose(self.scenario, allow_python=self.allow_python)
 
+    def permissions(self) -> dict[str, str]:
+        """Return what lets `resolved_again` run the user's file, or nothing."""
+        if self.code is None or not self.allow_python:
+            return {}
+        return {"python_in": str(self.code.parent.resolve())}
+
     def anonymous_settings(self) -> dict[str, Any]:
         """Return the settings without title, name and others that change no result."""
         told = {"claims": [], "title": "", "source": "", "name": "cell"}

@@ -59,10 +59,7 @@ def entry_of(
         repair: Whether answers that break constraints between the checks are solved
             again with a margin.
     """
-    settings, code = resolved.anonymous_settings(), resolved.code
-    permissions = {}
-    if code is not None and resolved.allow_python:
-        permissions["python_in"] = str(code.parent.resolve())
+    settings, permissions = resolved.anonymous_settings(), resolved.permissions()
     cells = [
         Cell(
             work="swarmstart.cases.campaign.trials.solvers:solve_cell",

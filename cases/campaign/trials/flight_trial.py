@@ -43,16 +43,13 @@ def flight_cell(
         by: What flies it, for the label; empty: the scenario's own search.
     """
     settings = dict(resolved.settings) if named else resolved.anonymous_settings()
-    code, permissions = resolved.code, {}
-    if code is not None and resolved.allow_python:
-        permissions["python_in"] = str(code.parent.resolve())
     solver = f", {by}" if by else ""
     return Cell(
         work="swarmstart.cases.campaign.trials.flight_trial:fly_cell",
         job={"settings": settings, "variant": resolved.variant, "seed": seed},
         label=f"{resolved.scenario.name}{solver}, seed {seed}",
         timeout_s=timeout_s,
-        permissions=permissions,
+        permissions=resolved.permissions(),
     )
 
 

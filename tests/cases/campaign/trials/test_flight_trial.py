@@ -1,6 +1,7 @@
 """Whole flights as trials: judged by what was flown."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,9 @@ def test_two_uavs_nearer_than_the_safe_distance_are_no_feasible_flight() -> None
     assert excess == pytest.approx(1 - 1 / 1.1)
     assert excess > FLOWN_TOLERANCE
     assert kind.flown(scenario, near.flight, near.trajectory, near.measures).excess == 0
+    assert flown_trial(near)["feasible"]
+    judged = flown_trial(replace(near, resolved=replace(near.resolved, scenario=asked)))
+    assert judged["claimed_feasible"] and not judged["feasible"]
 
 
 def test_gusts_differ_from_seed_to_seed_and_solvers_meet_the_same() -> None:
