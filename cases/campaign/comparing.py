@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from swarmstart.cases.campaign.comparison_plan import Chosen, ComparisonPlan
+from swarmstart.cases.campaign.comparison_plan import Chosen, ComparisonPlan, Of
 from swarmstart.cases.campaign.engine.cells import Cell
 from swarmstart.cases.campaign.judging.entry import Entry, entry_of
 from swarmstart.cases.campaign.trials.flight_trial import flight_cell
@@ -91,9 +91,8 @@ def contest_of(
         )
 
     base = resolved()
-    of = chosen.of if chosen.of != "auto" else _of(base)
+    of = _of(base, chosen.of)
     if of == "plan":
-        first_problem(base.posed())
         entries = []
         for solver in solvers:
             share = [f"budget={to_json(search_share(solver, budget))}"]
@@ -119,14 +118,18 @@ def contest_of(
     )
 
 
-def _of(resolved: Resolved) -> str:
+def _of(resolved: Resolved, asked: Of) -> str:
     """Return what a scenario is compared by: one plan, if it has no more than one."""
-    posed = resolved.posed()
-    if not posed.open_loop and resolved.scenario.steps > 1:
+    posed = resolved.posed()  # What cannot be posed is refused now.
+    if asked == "flight":
+        return "flight"
+    if asked == "auto" and not posed.open_loop and resolved.scenario.steps > 1:
         return "flight"
     try:
         first_problem(posed)
     except SeveralPlansError:
+        if asked == "plan":
+            raise
         return "flight"
     return "plan"
 
