@@ -242,7 +242,7 @@ def _add_run(run: _Parser) -> None:
         help="run seeds 0 to N - 1; lowest, median and highest of every measure",
     )  # fmt: skip
     run.add_argument(
-        "--workers", type=_count, metavar="N",
+        "--workers", type=_count, default=os.cpu_count() or 1, metavar="N",
         help="processes for --seeds; default: every core",
     )  # fmt: skip
     run.add_argument("--out", metavar="DIR", help="default: results/<scenario>/<key>")
@@ -379,8 +379,9 @@ def _add_scenario_options(command: argparse.ArgumentParser) -> None:
 def _add_campaign(command: argparse.ArgumentParser, *, markdown: bool = False) -> None:
     """Add what all commands of many runs have."""
     command.add_argument(
-        "--workers", type=_count, metavar="N", help="processes; default: every core"
-    )
+        "--workers", type=_count, default=os.cpu_count() or 1, metavar="N",
+        help="processes; default: every core",
+    )  # fmt: skip
     printed = command.add_mutually_exclusive_group()
     printed.add_argument("--json", action="store_true", help="one JSON object")
     if markdown:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import functools
 import json
-import os
 import shlex
 import statistics
 from collections.abc import Mapping, Sequence
@@ -33,7 +32,6 @@ from swarmstart.cases.campaign.engine.cells import (
     carried_out,
     finished,
 )
-from swarmstart.cases.campaign.judging.comparison import rows_of
 from swarmstart.cases.campaign.judging.comparison_file import read_comparison
 from swarmstart.cases.campaign.judging.comparison_table import report_text
 from swarmstart.cases.campaign.judging.content import content_of
@@ -43,8 +41,11 @@ from swarmstart.cases.campaign.judging.parquet import (
     write_parquet,
 )
 from swarmstart.cases.campaign.judging.regression import regression
-from swarmstart.cases.campaign.judging.results_table import append_rows, require_table
-from swarmstart.cases.campaign.judging.results_table import runs_of as tabled
+from swarmstart.cases.campaign.judging.results_table import (
+    append_runs,
+    require_table,
+    tabled_runs,
+)
 from swarmstart.cases.campaign.judging.runs import About, Asked
 from swarmstart.cases.campaign.trials.solver_names import (
     NULL_HYPOTHESIS,
@@ -64,7 +65,13 @@ from swarmstart.cases.commands.output import (
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.format.document import Document
 from swarmstart.cases.format.scenario import read_document
-from swarmstart.cases.record.files import locked, require_ours, to_json, write_json
+from swarmstart.cases.record.files import (
+    is_record,
+    locked,
+    require_ours,
+    to_json,
+    write_json,
+)
 from swarmstart.errors import SwarmstartError
 
 RESULTS = Path("results") / "compare"
@@ -107,17 +114,18 @@ def compare_command(options: argparse.Namespace) -> int:
     ])  # fmt: skip
     root = Path(options.out) if options.out else RESULTS
     require_table(root / TABLE)
-    require_ours(root / CONTENT, _is_content, "a comparison")
+    require_ours(
+        root / CONTENT, functools.partial(is_record, name="comparison"), "a comparison"
+    )
     cells = interleaved(contests)
-    workers = options.workers or os.cpu_count() or 1
     if options.dry_run:
-        answer(_dry_run(cells, root / CELLS, workers, budget))
+        answer(_dry_run(cells, root / CELLS, options.workers, budget))
         return DONE
     with Progress("compare", quiet=options.quiet) as progress:
         outcomes = carried_out(
             cells,
             root / CELLS,
-            workers=workers,
+            workers=options.workers,
             told=progress.update,
             engine=options.scheduler or LOCAL,
         )
@@ -128,7 +136,7 @@ def compare_command(options: argparse.Namespace) -> int:
         content["regression"] = regression(
             old, content, margin=options.margin, against=path
         )
-    table = _write(root, content, contests, by_key, plan, parquet=options.parquet)
+    table = _write(root, content, contests, by_key, parquet=options.parquet)
     _say_what_is_left_out(contests)
     answer(
         to_json(content)
@@ -203,13 +211,6 @@ def _baseline(options: argparse.Namespace) -> tuple[Mapping[str, Any], str] | No
     return read_comparison(file), str(options.baseline)
 
 
-def _is_content(text: str) -> bool:
-    try:
-        return bool(json.loads(text)["record"] == "comparison")
-    except (ValueError, LookupError, TypeError):
-        return False
-
-
 def _dry_run(
     cells: Sequence[Cell], root: Path, workers: int, budget: Mapping[str, float | int]
 ) -> str:
@@ -277,23 +278,19 @@ def _write(
     content: Mapping[str, Any],
     contests: Sequence[Contest],
     outcomes: Mapping[str, Outcome],
-    plan: ComparisonPlan,
     *,
     parquet: bool,
 ) -> Path:
     """Append the runs to the table, which is returned; keep an earlier comparison."""
-    rows = [
-        row
-        for contest in contests
-        for row in rows_of(contest.entries, outcomes, seeds=plan.seeds)
-    ]
+    entries = [entry for contest in contests for entry in contest.entries]
+    runs = list(tabled_runs(entries, outcomes))
     with locked(root):
-        table = append_rows(root / TABLE, rows)
+        table = append_runs(root / TABLE, runs)
         _put_aside(root / CONTENT, content)
         write_json(root / CONTENT, content)
         if parquet:
             write_parquet(table, root / "results.parquet")
-            write_curves(tabled(rows), root / "curves.parquet")
+            write_curves(runs, root / "curves.parquet")
     return table
 
 
@@ -306,7 +303,11 @@ def _put_aside(file: Path, content: Mapping[str, Any]) -> None:
     if earlier.get("command") == content["command"]:
         return
     stamp = "".join(c for c in str(earlier.get("date")) if c.isalnum())
-    file.rename(file.with_name(f"comparison-{stamp}.json"))
+    aside, number = file.with_name(f"comparison-{stamp}.json"), 2
+    while aside.exists():  # Two within a second.
+        aside = file.with_name(f"comparison-{stamp}-{number}.json")
+        number += 1
+    file.rename(aside)
 
 
 def _say_what_is_left_out(contests: Sequence[Contest]) -> None:

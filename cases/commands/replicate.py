@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shlex
 import statistics
 import time as clock
@@ -90,15 +89,16 @@ def replicate_command(options: argparse.Namespace) -> int:
     plan = _planned(options.only, seeds)
     root = Path(options.out) if options.out else RESULTS
     cells, folder = plan.cells(), root / "cells"
-    workers = options.workers or os.cpu_count() or 1
     if options.dry_run:
-        foreseen = _foreseen(cells, folder, workers)
+        foreseen = _foreseen(cells, folder, options.workers)
         answer(to_json(foreseen) if options.json else _dry(foreseen))
         return DONE
     stem = "-".join(["replication", *map(str, sorted(set(options.only)))])
     _require_own(root, stem)
     with Progress("replicate", quiet=options.quiet) as progress:
-        outcomes = carried_out(cells, folder, workers=workers, told=progress.update)
+        outcomes = carried_out(
+            cells, folder, workers=options.workers, told=progress.update
+        )
     by_key = dict(zip((cell.key for cell in cells), outcomes, strict=True))
     claims = [
         judged(claim, parts, by_key)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import hashlib
-import json
-import os
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -28,7 +27,13 @@ from swarmstart.cases.drawing.drawing import write_figures
 from swarmstart.cases.drawing.seed_figures import seed_figures
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.scenario import Resolved
-from swarmstart.cases.record.files import locked, require_ours, to_json, write_json
+from swarmstart.cases.record.files import (
+    is_record,
+    locked,
+    require_ours,
+    to_json,
+    write_json,
+)
 from swarmstart.cases.record.record import FIGURES
 
 HEAD = ("measure", "lowest", "median", "highest", "")
@@ -51,12 +56,14 @@ def run_seeds(
     """
     cells = [flight_cell(resolved, seed, named=True) for seed in range(options.seeds)]
     folder = Path(options.out) if options.out else root / _name(resolved, cells)
-    require_ours(folder / SEEDS, _is_seeds, "runs over seeds")
+    require_ours(
+        folder / SEEDS, functools.partial(is_record, name="seeds"), "runs over seeds"
+    )
     with Progress(resolved.scenario.name, quiet=options.quiet) as progress:
         outcomes = carried_out(
             cells,
             folder / CELLS,
-            workers=options.workers or os.cpu_count() or 1,
+            workers=options.workers,
             told=progress.update,
         )
     command = shlex.join(["swarmstart", *options.words])
@@ -74,13 +81,6 @@ def _name(resolved: Resolved, cells: Sequence[Cell]) -> Path:
     """Return <scenario>/seeds-<key>, a hash of all that determines the runs."""
     keys = hashlib.sha256("".join(cell.key for cell in cells).encode()).hexdigest()
     return Path(resolved.scenario.name) / f"seeds-{keys[:16]}"
-
-
-def _is_seeds(text: str) -> bool:
-    try:
-        return bool(json.loads(text)["record"] == "seeds")
-    except (ValueError, LookupError, TypeError):
-        return False
 
 
 def _report(content: Mapping[str, Any], folder: Path) -> str:

@@ -164,6 +164,14 @@ def require_ours(path: Path, is_ours: Callable[[str], bool], what: str) -> None:
         )
 
 
+def is_record(text: str, name: str) -> bool:
+    """Return whether a text is the JSON of a record of that name."""
+    try:
+        return bool(json.loads(text)["record"] == name)
+    except (ValueError, LookupError, TypeError):
+        return False
+
+
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Make a folder, and keep other commands out of it while in the context.

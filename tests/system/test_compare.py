@@ -133,6 +133,19 @@ def test_another_comparison_appends_to_the_table(
     assert after.startswith(before) and after.count("\n") == before.count("\n") + 3
 
 
+def test_a_comparison_of_other_things_moves_an_earlier_one_aside(
+    folder: Path, command: Command
+) -> None:
+    command(*SMALL, "--out", folder)
+    earlier = (folder / "comparison.json").read_bytes()
+    before = set(folder.glob("comparison-*.json"))
+    command(*SMALL, "--out", folder)  # The same again moves nothing.
+    assert set(folder.glob("comparison-*.json")) == before
+    command(*SMALL[:2], "--solvers", "ipopt", *SMALL[4:], "--out", folder)
+    (aside,) = set(folder.glob("comparison-*.json")) - before
+    assert json.loads(aside.read_text()) == json.loads(earlier)
+
+
 def test_no_feasible_answer_has_an_exit_code_of_its_own(
     command: Command, tmp_path: Path
 ) -> None:

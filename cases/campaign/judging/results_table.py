@@ -12,14 +12,14 @@ import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
+from swarmstart.cases.campaign.judging.entry import Entry
+from swarmstart.cases.campaign.judging.runs import NEAR, is_false_success
 from swarmstart.cases.record.files import require_ours, write_text
 from swarmstart.cases.record.record import RECORDED
 
-NEAR = 0.01
-"""Relative difference beyond which a claimed cost is not the verified one."""
 FIRST = "scenario,variant,solver,seed,"
 """What every table of comparisons begins with, whatever its version."""
 
@@ -61,7 +61,7 @@ COLUMNS: Mapping[str, Column] = {
     "false_success": Column(
         "flag",
         "Whether the solver claims a feasible answer that is not confirmed, or a cost "
-        f"that is off by more than {NEAR:.0%}",
+        f"that is off by more than {NEAR[0]:.0%}",
     ),
     "of": Column("text", "What was solved: a plan or a flight"),
     "sense": Column("integer", "1: the cost is minimised; -1: its negative maximised"),
@@ -110,51 +110,22 @@ class TabledRun:
     outcome: Outcome
 
 
-class Named(Protocol):
-    """Anything with a name."""
+def tabled_runs(
+    entries: Iterable[Entry], outcomes: Mapping[str, Outcome]
+) -> Iterator[TabledRun]:
+    """Yield the runs of solvers, in their order.
 
-    @property
-    def name(self) -> str:
-        """The name."""
-
-
-class SolverOnScenario(Protocol):
-    """A solver on a scenario, with the cells of its runs; `comparison.Entry`."""
-
-    @property
-    def scenario(self) -> str:
-        """Name of the scenario."""
-
-    @property
-    def solver(self) -> Named:
-        """The solver."""
-
-    @property
-    def cells(self) -> Sequence[Cell]:
-        """One a seed."""
-
-
-class Shown(Protocol):
-    """Results of a solver on a scenario; `comparison.Row`."""
-
-    @property
-    def entry(self) -> SolverOnScenario:
-        """The solver on the scenario."""
-
-    @property
-    def outcomes(self) -> Sequence[Outcome]:
-        """Of its cells."""
-
-
-def runs_of(rows: Iterable[Shown]) -> Iterator[TabledRun]:
-    """Yield the runs of what solvers have shown."""
-    for row in rows:
-        for cell, outcome in zip(row.entry.cells, row.outcomes, strict=True):
+    Args:
+        entries: The solvers on their scenarios.
+        outcomes: By the cells' keys.
+    """
+    for entry in entries:
+        for cell in entry.cells:
             yield TabledRun(
-                scenario=row.entry.scenario,
-                solver=row.entry.solver.name,
+                scenario=entry.scenario,
+                solver=entry.solver.name,
                 cell=cell,
-                outcome=outcome,
+                outcome=outcomes[cell.key],
             )
 
 
@@ -188,12 +159,12 @@ def _head(path: Path) -> str:
         return file.readline().rstrip("\r\n")
 
 
-def append_rows(path: Path, rows: Iterable[Shown]) -> Path:
-    """Append the runs of solvers that the table does not have.
+def append_runs(path: Path, runs: Iterable[TabledRun]) -> Path:
+    """Append the runs that the table does not have.
 
     Args:
         path: The table; made if it is missing.
-        rows: What the solvers have shown.
+        runs: The runs.
 
     Returns:
         The table that has them; see `require_table`.
@@ -202,11 +173,6 @@ def append_rows(path: Path, rows: Iterable[Shown]) -> Path:
         ForeignFileError: If the file is no such table.
         RecordError: If it cannot be read or written.
     """
-    return append_runs(path, runs_of(rows))
-
-
-def append_runs(path: Path, runs: Iterable[TabledRun]) -> Path:
-    """Append runs that the table does not have; see `append_rows`."""
     place = require_table(path)
     is_there = place.exists()
     kept = place.read_text(encoding="utf-8") if is_there else _line(list(COLUMNS))
@@ -244,7 +210,7 @@ def content_of_run(run: TabledRun) -> dict[str, Any]:
         "seed": run.cell.job.get("seed"),
         "failure": " ".join(outcome.failure.split()),
         "cell": run.cell.key,
-        "false_success": _is_false(result),
+        "false_success": is_false_success(result),
         "cut": outcome.was_cut,
         "wall_seconds": outcome.seconds,
         "cpu_seconds": outcome.cpu_s,
@@ -252,21 +218,6 @@ def content_of_run(run: TabledRun) -> dict[str, Any]:
         "load_end": ended,
         "date": outcome.date,
     }
-
-
-def _is_false(result: Mapping[str, Any]) -> bool | None:
-    """Return whether a claimed success is none; None: nothing was claimed."""
-    claims = result.get("claimed_feasible")
-    if claims is None:
-        return None
-    claimed, verified = result.get("claimed_cost"), result.get("verified_cost")
-    if not claims:
-        return False
-    if not result.get("feasible"):
-        return True
-    if claimed is None or verified is None:
-        return False
-    return bool(abs(claimed - verified) > NEAR * abs(verified))
 
 
 def _line(values: Sequence[object]) -> str:

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 NEAR = (0.01, 0.0001)
 ROUND_OFF = 1e-9
 """Of the largest cost: where the best is about 0, this is near it."""
+FIRST_ROUND_OFF = 1e-12
+"""Of the first cost of a history: so much is lost where what is summed up cancels."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -189,6 +191,31 @@ def _cost(result: Mapping[str, Any]) -> float:
     """Return the verified cost; infinity where the answer is not feasible."""
     cost = number(result.get("verified_cost"))
     return cost if result.get("feasible") and math.isfinite(cost) else math.inf
+
+
+def is_false_success(result: Mapping[str, Any], near: float = NEAR[0]) -> bool | None:
+    """Return whether an answer called feasible is not, or costs other than claimed.
+
+    Args:
+        result: Of a run.
+        near: Relative difference of costs that is none. One of round-off is none
+            either: of the claimed cost, and of the first cost of its history.
+
+    Returns:
+        None if nothing is known of a claim.
+    """
+    claims = result.get("claimed_feasible")
+    if claims is None:
+        return None
+    claimed, verified = number(result.get("claimed_cost")), _cost(result)
+    if not claims:
+        return False
+    if math.isinf(verified):
+        return True
+    history = (result.get("history") or {}).get("cost", ())
+    first = next((abs(cost) for cost in history if cost is not None), 0.0)
+    slack = ROUND_OFF * abs(claimed) + FIRST_ROUND_OFF * first
+    return abs(claimed - verified) > near * abs(verified) + slack
 
 
 def plain(values: ArrayLike) -> list[float | None]:

@@ -23,10 +23,12 @@ from swarmstart.cases.campaign.judging.running_time import (
     reached,
 )
 from swarmstart.cases.campaign.judging.runs import (
+    FIRST_ROUND_OFF,
     ROUND_OFF,
     About,
     Asked,
     Runs,
+    is_false_success,
     number,
     plain,
 )
@@ -37,8 +39,6 @@ from swarmstart.cases.campaign.judging.statistics import (
 )
 
 Array = NDArray[np.float64]
-FIRST_ROUND_OFF = 1e-12
-"""Of the usual first cost of a history."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -55,7 +55,6 @@ class Judged:
         costs: Seed by seed, shape (solvers, seeds).
         pairs: What can be claimed.
         is_seeded: Whether each seed is a problem of its own.
-        slack: Difference of costs that is round-off.
     """
 
     runs: tuple[Runs, ...]
@@ -65,7 +64,6 @@ class Judged:
     costs: Array
     pairs: tuple[Pair, ...]
     is_seeded: bool = False
-    slack: float = 0.0
 
     def near(self, runs: Runs, which: int) -> NDArray[np.bool_]:
         """Return which runs of a solver end near the best.
@@ -137,7 +135,6 @@ def judged_scenario(
         costs=costs,
         pairs=tuple(pairs),
         is_seeded=is_seeded,
-        slack=slack,
     )
 
 
@@ -240,7 +237,7 @@ def _row(
     seconds, counts = runs.seconds.ends, runs.evaluations.ends
     claimed = np.array([number(r.get("claimed_cost")) for r in runs.results])
     word = np.array([bool(r.get("claimed_feasible")) for r in runs.results])
-    wrong = _is_false(claimed, costs, asked.near[0], found.slack)
+    wrong = [is_false_success(r, asked.near[0]) for r in runs.results]
     return {
         "solver": runs.name,
         "deterministic": alone,
@@ -250,7 +247,7 @@ def _row(
         "cut": sum(bool(getattr(one, "was_cut", False)) for one in runs.outcomes),
         "feasible": int(np.isfinite(costs).sum()),
         "claimed_feasible": int(word.sum()),
-        "false_successes": int((word & wrong).sum()),
+        "false_successes": sum(map(bool, wrong)),
         "near": near,
         "near_intervals": None
         if alone
@@ -279,16 +276,6 @@ def _row(
 def _or_none(result: Mapping[str, Any], key: str) -> float | None:
     value = number(result.get(key))
     return value if math.isfinite(value) else None
-
-
-def _is_false(
-    claimed: Array, costs: Array, near: float, slack: float
-) -> NDArray[np.bool_]:
-    """Return where an answer is not feasible, or its cost is not as claimed."""
-    with np.errstate(invalid="ignore"):
-        most = near * np.abs(costs) + ROUND_OFF * np.abs(claimed) + slack
-        off = np.abs(claimed - costs) > most
-    return ~np.isfinite(costs) | (np.isfinite(claimed) & off)
 
 
 def _gaps(costs: Array, bests: Array) -> Array:

@@ -8,42 +8,33 @@ from pathlib import Path
 import pytest
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
-from swarmstart.cases.campaign.judging.comparison import Entry, Row
+from swarmstart.cases.campaign.judging.entry import Entry
 from swarmstart.cases.campaign.judging.results_table import (
     COLUMNS,
     TabledRun,
-    append_rows,
     append_runs,
     content_of_run,
     require_table,
+    tabled_runs,
 )
 from swarmstart.cases.campaign.trials.solvers import solver_of
 from swarmstart.cases.record.files import ForeignFileError
 
 
-def row(name: str, *costs: float | str) -> Row:
-    """Return what a solver has shown; a text is the reason of a failure."""
-    cells, outcomes = [], []
+def runs(name: str, *costs: float | str) -> list[TabledRun]:
+    """Return the runs of a solver; a text is the reason of a failure."""
+    cells, outcomes = [], {}
     for seed, cost in enumerate(costs):
         job = {"variant": "", "seed": seed, "solver": name}
         cells.append(Cell(work="a:b", job=job, label=name))
         failed = isinstance(cost, str)
         result = None if failed else {"feasible": True, "verified_cost": cost}
         failure = str(cost) if failed else ""
-        outcomes.append(
-            Outcome(result=result, failure=failure, seconds=1.0, folder=Path())
+        outcomes[cells[-1].key] = Outcome(
+            result=result, failure=failure, seconds=1.0, folder=Path()
         )
     entry = Entry(scenario="s", solver=solver_of(name), cells=tuple(cells))
-    return Row(
-        entry=entry,
-        outcomes=tuple(outcomes),
-        feasible=0,
-        successes=0,
-        success_interval=None,
-        costs=(),
-        evaluations=None,
-        against_first="",
-    )
+    return list(tabled_runs([entry], outcomes))
 
 
 def content(file: Path) -> list[tuple[str, ...]]:
@@ -56,22 +47,22 @@ def content(file: Path) -> list[tuple[str, ...]]:
 
 def test_rows_are_appended_once_and_none_is_replaced(tmp_path: Path) -> None:
     file = tmp_path / "results.csv"
-    append_rows(file, [row("de", 1.5, "it died\nearly")])
+    append_runs(file, runs("de", 1.5, "it died\nearly"))
     first = file.read_bytes()
     kept = [("de", "0", "1.5", ""), ("de", "1", "", "it died early")]
     assert content(file) == kept
-    append_rows(file, [row("de", 1.5, "it died\nearly")])
+    append_runs(file, runs("de", 1.5, "it died\nearly"))
     assert file.read_bytes() == first
-    append_rows(file, [row("ga", 2.5), row("de", 1.5, 3.5)])
+    append_runs(file, [*runs("ga", 2.5), *runs("de", 1.5, 3.5)])
     assert file.read_bytes().startswith(first)
     assert content(file) == [*kept, ("ga", "0", "2.5", ""), ("de", "1", "3.5", "")]
 
 
 def test_a_last_line_without_an_end_is_ended(tmp_path: Path) -> None:
     file = tmp_path / "results.csv"
-    append_rows(file, [row("de", 1.5)])
+    append_runs(file, runs("de", 1.5))
     file.write_text(file.read_text().rstrip("\n"))
-    append_rows(file, [row("ga", 2.5)])
+    append_runs(file, runs("ga", 2.5))
     assert [each[0] for each in content(file)] == ["de", "ga"]
 
 
@@ -81,7 +72,7 @@ def test_a_table_of_something_else_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ForeignFileError, match="expected a table of comparisons"):
         require_table(file)
     with pytest.raises(ForeignFileError, match="expected a table of comparisons"):
-        append_rows(file, [])
+        append_runs(file, [])
     assert file.read_text() == "mine,yours\n1,2\n"
 
 
@@ -102,6 +93,14 @@ def judged(**result: object) -> dict[str, object]:
     cell = Cell(work="a:b", job={"variant": "", "seed": 7}, label="")
     run = TabledRun(scenario="s", solver="de", cell=cell, outcome=outcome)
     return content_of_run(run)
+
+
+def test_round_off_beside_what_a_search_began_with_is_no_false_success() -> None:
+    """A cost of 1e-25 by one way of summing up and 0 by another, at first 4."""
+    claim = {"claimed_feasible": True, "feasible": True, "claimed_cost": 1e-25}
+    began = {"history": {"cost": [None, 4.0, 1e-25]}}
+    assert judged(**claim, verified_cost=0.0, **began)["false_success"] is False
+    assert judged(**claim, verified_cost=1e-9, **began)["false_success"] is True
 
 
 def test_a_row_says_where_when_and_how_it_ended() -> None:
@@ -158,15 +157,15 @@ def test_a_table_of_a_former_version_is_left_and_the_next_goes_on(
     )
     file.write_text(former)
     assert require_table(file) == second
-    assert append_rows(file, [row("de", 1.5)]) == second
-    assert append_rows(file, [row("de", 1.5), row("ga", 2.5)]) == second
+    assert append_runs(file, runs("de", 1.5)) == second
+    assert append_runs(file, [*runs("de", 1.5), *runs("ga", 2.5)]) == second
     assert file.read_text() == former
     assert [each[0] for each in content(second)] == ["de", "ga"]
     second.write_text(former)
     assert require_table(file) == tmp_path / "results-3.csv"
     second.write_text("mine\n")
     with pytest.raises(ForeignFileError, match=r"results-2.csv: expected a table"):
-        append_rows(file, [row("ga", 2.5)])
+        append_runs(file, runs("ga", 2.5))
     assert second.read_text() == "mine\n"
 
 
