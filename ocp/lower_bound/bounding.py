@@ -1,0 +1,401 @@
+"""Lower bounds of optimal-control problems, from the problem to the answer.
+
+    statement -> tube -> (prunings, by what is known of the answer) -> polynomials of
+    rising degree, each proven, until time is up or the gap is closed
+
+Source: Lasserre, Henrion, Prieur and Trelat (2008), Nonlinear optimal control via
+occupation measures and LMI relaxations: V is the dual of their linear program.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import shortened
+from swarmstart.ocp.fitness import NOTHING, Known
+from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.lower_bound.evidence import Evidence, Pruning, Step, Tube
+from swarmstart.ocp.lower_bound.region import Region
+from swarmstart.ocp.lower_bound.stage import Stage
+from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.stating import (
+    NoBoundError,
+    affine_form,
+    statement_of,
+)
+from swarmstart.ocp.lower_bound.subsolution import (
+    Aim,
+    Cuts,
+    Forms,
+    Round,
+    Search,
+    Setting,
+    worth,
+)
+from swarmstart.ocp.lower_bound.tube import NoTubeError, tube_of
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.solution import Solution
+from swarmstart.terminal_set.intervals import (
+    UnknownIntervalOperationError,
+    interval_function,
+)
+
+Array = NDArray[np.float64]
+SLACK_SHARE = 3e-4
+"""Slack hoped for, times the horizon, in parts of the cost's size."""
+ROUGH_SHARE = 0.01
+"""The same of the steps that prune."""
+CLOSED = 1e-5
+"""Gap at which the search ends, in parts of the known cost."""
+PRUNING_DEGREE = 4
+PRUNING_TIME = 0.35
+MOST_PRUNINGS = 4
+WORTHWHILE = 0.9
+"""A pruning that leaves more than this part of the volume is the last one."""
+DEGREES = {1: (4, 6, 8, 10, 12), 2: (4, 5, 6, 7, 8), 3: (3, 4, 5, 6)}
+SETTLED = 0.03
+"""Slack of a step, in parts of its gap, from which on the next degree is tried."""
+ABOVE = 1e-6
+"""By which part the cost that prunings compare with is above the known one."""
+
+
+def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
+    problem: OptimalControlProblem,
+    x0: ArrayLike,
+    *,
+    known: Known = NOTHING,
+    answer: Solution | float | None = None,
+    seconds: float = 60.0,
+    seed: int = 0,
+    progress: ProgressCallback = tell_nothing,
+) -> LowerBound:
+    """Prove a lower bound of what any answer to a problem costs.
+
+    Args:
+        problem: The problem, of at most three states.
+        x0: Initial state, shape (nx,).
+        known: Parameters, and the time at the start.
+        answer: An answer, or the cost of one as the problem states it: where a
+            trajectory must cost more, it need not be looked at. It need not be right:
+            a bound is never above it. None: the problem is solved for it.
+        seconds: Wall time, about [s].
+        seed: Of the samples. A bound does not hang on them, only its height does.
+        progress: Told (milliseconds, all of them, "bounding") now and then.
+
+    Returns:
+        The best bound that was proven; of kind NONE with a reason if there is none.
+        Ctrl-C ends the search as the time does.
+
+    Raises:
+        InvalidProblemError: If a shape is not the problem's, or seconds are not
+            positive.
+    """
+    if not isinstance(problem, OptimalControlProblem):
+        raise InvalidProblemError(
+            f"lower_bound takes an OptimalControlProblem, got {shortened(problem)}"
+        )
+    if not (isinstance(seconds, int | float) and 0 < seconds < math.inf):
+        raise InvalidProblemError(
+            f"seconds must be a number above 0, got {shortened(seconds)}"
+        )
+    began, cpu = clock.perf_counter(), clock.process_time()
+    try:
+        statement = statement_of(problem, x0, known)
+    except NoBoundError as error:
+        return _none(str(error), problem.sense)
+    cost = _cost_of(problem, x0, known, answer, seconds, seed)
+    found = _bounded(
+        statement, cost, began + seconds, np.random.default_rng(seed), progress
+    )
+    return replace(found, cpu_seconds=clock.process_time() - cpu)
+
+
+def _none(reason: str, sense: float) -> LowerBound:
+    return LowerBound(
+        kind=BoundKind.NONE, value=math.nan, reason=reason, sense=sense
+    )
+
+
+def _cost_of(  # noqa: PLR0913 - as lower_bound has them
+    problem: OptimalControlProblem,
+    x0: ArrayLike,
+    known: Known,
+    answer: Solution | float | None,
+    seconds: float,
+    seed: int,
+) -> float:
+    """Return the cost to compare with, as the problem states it; NaN if there is none.
+
+    That of an answer which is not feasible would cut nothing sensible off.
+    """
+    if answer is None:
+        from swarmstart.ocp.solving import solve  # It has a bound of its own.
+
+        try:
+            answer = solve(problem, x0, known=known, search=None, seed=seed)
+        except InvalidProblemError:
+            return math.nan
+    if isinstance(answer, Solution):
+        return answer.verified_cost if answer.status.is_confirmed else math.nan
+    try:
+        return float(answer)
+    except (TypeError, ValueError) as error:
+        raise InvalidProblemError(
+            f"answer must be a Solution or a cost, got {shortened(answer)}"
+        ) from error
+
+
+@dataclass(eq=False)
+class _Best:
+    """The best bound so far, of a statement's cost without its offset."""
+
+    statement: Statement
+    value: float
+    kind: BoundKind
+    reason: str
+    degree: int = 0
+    slack: float = 0.0
+    boxes: int = 0
+    set_name: str = ""
+    evidence: Evidence | None = None
+
+    def answer(self) -> LowerBound:
+        """Return it as the problem states it."""
+        sense = self.statement.sense
+        value = sense * (self.value + self.statement.offset)
+        return LowerBound(
+            kind=self.kind,
+            value=value if self.kind.is_bound else math.nan,
+            reason=self.reason,
+            degree=self.degree,
+            slack=self.slack,
+            boxes=self.boxes,
+            set_name=self.set_name,
+            evidence=self.evidence,
+            sense=sense,
+        )
+
+
+def _bounded(
+    statement: Statement,
+    cost: float,
+    until: float,
+    rng: np.random.Generator,
+    progress: ProgressCallback,
+) -> LowerBound:
+    """Return the best bound that can be proven until a time."""
+    best = _trivial(statement, None)
+    try:
+        tube = tube_of(statement)
+        best = _better(best, _trivial(statement, tube))
+        goal = statement.sense * cost - statement.offset
+        path = _Path(statement, tube, goal, until, rng)
+        for found in path.bounds():
+            best = _better(best, found)
+            _tell(progress, until)
+            if goal - best.value < CLOSED * abs(goal):
+                break
+    except (NoTubeError, UnknownIntervalOperationError) as error:
+        best = replace(best, reason=f"{best.reason}; {error}")
+    except KeyboardInterrupt:
+        best = replace(best, reason=f"{best.reason}; interrupted")
+    return best.answer()
+
+
+def _tell(progress: ProgressCallback, until: float) -> None:
+    left = max(0.0, until - clock.perf_counter())
+    progress(0, int(1e3 * left), "bounding")
+
+
+def _better(one: _Best, other: _Best) -> _Best:
+    if not other.kind.is_bound:
+        return one
+    return other if not one.kind.is_bound or other.value > one.value else one
+
+
+def _trivial(statement: Statement, tube: Tube | None) -> _Best:
+    """Return the bound that the least stage cost gives.
+
+    Args:
+        statement: The problem.
+        tube: Where the states are; None: within their bounds alone.
+    """
+    n, latest = statement.n, statement.horizon[1]
+    low, high = statement.state_box
+    if tube is not None:
+        low = np.maximum(low, -tube.levels[:, 1 : 2 * n : 2].max(axis=0))
+        high = np.minimum(high, tube.levels[:, 0 : 2 * n : 2].max(axis=0))
+    at = ca.vertcat(statement.point, statement.controls)
+    costs = ca.Function(
+        "costs", [at], [ca.densify(ca.vertcat(statement.stage, statement.end))]
+    )
+    none = _Best(statement, math.nan, BoundKind.NONE, "no bound was proven in the time")
+    try:
+        evaluate = interval_function(costs)
+    except UnknownIntervalOperationError as error:
+        return replace(none, reason=str(error))
+    control_low, control_high = statement.control_box
+    lower = np.concatenate([[0.0], low, control_low])[:, None]
+    upper = np.concatenate([[latest], high, control_high])[:, None]
+    least, _ = evaluate(lower, upper)
+    stage, end = float(least[0, 0]), float(least[1, 0])
+    # A rate that is negative counts for all of the longest horizon.
+    duration = latest if stage < 0 else statement.horizon[0]
+    value = stage * duration + end
+    value -= 1e-14 * (abs(stage * duration) + abs(end))
+    if not math.isfinite(value):
+        return none
+    reason = "the least stage cost over the horizon, and the least terminal cost"
+    return _Best(statement, value, BoundKind.TRIVIAL, reason)
+
+
+@dataclass(eq=False)
+class _Path:
+    """The way from a tube to bounds."""
+
+    statement: Statement
+    tube: Tube
+    goal: float
+    until: float
+    rng: np.random.Generator
+
+    def __post_init__(self) -> None:
+        """Bring the problem into the form that the steps need."""
+        affine = affine_form(self.statement)
+        stage = Stage(self.statement, affine)
+        self._region = Region(self.statement, self.tube)
+        self._setting = Setting(self.statement, affine, stage, self._size(stage))
+        self._began = clock.perf_counter()
+        self._prunings: list[Pruning] = []
+        self._boxes = 0
+        known = self.goal + ABOVE * abs(self.goal)
+        self._known = known if math.isfinite(known) else math.inf
+
+    def _size(self, stage: Stage) -> float:
+        """Return the size of the costs."""
+        points = self._region.sampled(self.rng, 2000)
+        middle = sum(self.statement.control_box) / 2
+        u = np.repeat(np.atleast_1d(middle)[:, None], points.shape[1], axis=1)
+        _, L = stage.rates(points, u)
+        latest = self.statement.horizon[1]
+        usual = latest * float(np.median(np.abs(L))) if L.size else 0.0
+        usual += float(np.median(np.abs(stage.end(points)))) if L.size else 0.0
+        size = abs(self.goal) if math.isfinite(self.goal) else usual
+        return max(size, 1e-3 * usual, 1e-12)
+
+    def bounds(self) -> Iterator[_Best]:
+        """Yield proven bounds."""
+        if math.isfinite(self._known):
+            yield from self._pruned()
+        cuts: Cuts | None = None
+        best = -math.inf
+        for degree in DEGREES[self.statement.n]:
+            forms = Forms(self._setting, degree)
+            search = self._search(forms, "start", SLACK_SHARE)
+            for number, found in enumerate(search.rounds(cuts, best)):
+                cuts = found.cuts
+                if found.step is not None:
+                    bound = self._bound(found.step, degree)
+                    yield bound
+                    best = max(best, bound.value)
+                if found.converged or self._settled(found, best, number):
+                    break
+            if clock.perf_counter() > self.until:
+                return
+
+    def _settled(self, found: Round, best: float, number: int) -> bool:
+        """Return whether a higher degree promises more than another round."""
+        if not math.isfinite(best):
+            return False
+        apart = self._known - best
+        if not math.isfinite(apart):
+            apart = abs(best)
+        return number > 3 and found.value - best < SETTLED * apart  # noqa: PLR2004
+
+    def _search(self, forms: Forms, aim: Aim, share: float) -> Search:
+        hoped = share * self._setting.size / self.statement.horizon[1]
+        return Search(
+            self._setting, self._region, forms, aim, hoped, self.rng, self.until
+        )
+
+    def _bound(self, step: Step, degree: int) -> _Best:
+        """Return the bound that a step proves."""
+        self._boxes += step.boxes
+        value = min(self._known, worth(step, self.statement))
+        evidence = Evidence(
+            statement=self.statement,
+            tube=self.tube,
+            prunings=tuple(self._prunings),
+            final=step,
+            known=self._known,
+            bound=value + self.statement.offset,
+        )
+        latest = self.statement.horizon[1]
+        pruned = f", pruned {len(self._prunings)} times" if self._prunings else ""
+        return _Best(
+            self.statement,
+            value,
+            BoundKind.PROVEN,
+            "no admissible trajectory of the set that holds them all costs less",
+            degree=degree,
+            slack=step.slack * latest + (step.end_slack or 0.0),
+            boxes=self._boxes,
+            set_name=f"tube of {len(self.tube.directions)} faces{pruned}",
+            evidence=evidence,
+        )
+
+    def _pruned(self) -> Iterator[_Best]:
+        """Make the set smaller by the known cost; yield the bounds met on the way."""
+        limit = self._began + PRUNING_TIME * (self.until - self._began)
+        forms = Forms(self._setting, PRUNING_DEGREE)
+        for _ in range(MOST_PRUNINGS):
+            before = float(np.prod(self._region.box.half))
+            sample = self._region.sampled(self.rng, 8000)
+            steps = []
+            for aim in ("come", "go"):
+                share = 0.5 * max(0.0, limit - clock.perf_counter())
+                step = self._rough(forms, aim, clock.perf_counter() + share)
+                if step is None:
+                    return
+                steps.append(step)
+            pruning = Pruning(come=steps[0], go=steps[1])
+            bound = worth(steps[1], self.statement)
+            if bound > -math.inf:
+                yield self._bound(steps[1], PRUNING_DEGREE)
+            region = self._region.pruned(pruning, self._known)
+            left = float(region.inside(sample).mean()) if sample.size else 1.0
+            if left > 0.99 or not region.paving[0].size:  # noqa: PLR2004
+                return
+            self._region = region
+            self._prunings.append(pruning)
+            self._boxes += steps[0].boxes
+            if left > WORTHWHILE and np.prod(region.box.half) > WORTHWHILE * before:
+                return
+            if clock.perf_counter() > limit:
+                return
+
+    def _rough(self, forms: Forms, aim: Aim, until: float) -> Step | None:
+        """Return a step that prunes, proven to within little."""
+        search = self._search(forms, aim, ROUGH_SHARE)
+        search.until = until
+        best, value = None, -math.inf
+        latest = self.statement.horizon[1]
+        enough = 3 * ROUGH_SHARE * self._setting.size
+        for found in search.rounds(None):
+            if found.step is None:
+                continue
+            loss = found.step.slack * latest + (found.step.end_slack or 0.0)
+            if found.value - loss > value:
+                best, value = found.step, found.value - loss
+            if loss < enough:
+                break
+        return best

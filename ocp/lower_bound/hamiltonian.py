@@ -1,0 +1,222 @@
+"""The Hamilton-Jacobi-Bellman inequality V_t + L + V_x f >= -slack, over boxes.
+
+Where f is affine in u and L separable and quadratic,
+
+    h = a + sum over k of p_k(b_k),    a = V_t + L0 + V_x f0,    b_k = V_x B_k + c_k,
+    p_k(b) = min over u in [low, high] of b u + q_k u^2
+
+p is concave, its slope is the minimiser u(b), and that falls by at most 1 / (2 q) for
+each unit of b. So with b_m the value in the middle of a box and u = u(b_m)
+
+    p(b) >= p(b_m) + u (b - b_m) - (b - b_m)^2 / (4 q)
+
+the last term only where u(b) is not the same end over the whole box. Where q = 0, p is
+the lower one of two lines: over a box in which b may change its sign it lies above its
+chord. Elsewhere u is a coordinate of the boxes, and h is a function of (t, x, u).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.lower_bound.basis import Basis
+from swarmstart.ocp.lower_bound.statement import Affine, Statement
+from swarmstart.ocp.lower_bound.taylor_form import (
+    PADDING,
+    Expansion,
+    TaylorForm,
+    least_quadratic,
+)
+
+Array = NDArray[np.float64]
+
+
+class Bounds(NamedTuple):
+    """Lower bounds of a function over m boxes.
+
+    Attributes:
+        low: Shape (m,); -inf where nothing is known.
+        spread: How much the function spreads along each coordinate, shape (d, m).
+    """
+
+    low: Array
+    spread: Array
+
+
+class Inequality:
+    """Lower bounds of h over boxes, for every polynomial of a degree."""
+
+    def __init__(
+        self, statement: Statement, affine: Affine | None, basis: Basis
+    ) -> None:
+        """Find the derivatives of h; affine: the problem in that form, if it has one.
+
+        Raises:
+            UnknownIntervalOperationError: If an operation has no interval form, or its
+                derivatives jump.
+        """
+        self._statement, self._affine = statement, affine
+        parameters = ca.SX.sym("parameters", basis.parameters)
+        point = statement.point
+        slope = ca.gradient(basis.expression(point, parameters), point)
+        if affine is None:
+            h = slope[0] + statement.stage + ca.dot(slope[1:, 0], statement.rate)
+            parts, point = [h], ca.vertcat(point, statement.controls)
+        else:
+            a = slope[0] + affine.stage + ca.dot(slope[1:, 0], affine.drift)
+            parts = [a] + [
+                ca.dot(slope[1:, 0], column) + float(c)
+                for column, c in zip(affine.columns, affine.linear, strict=True)
+            ]
+        self._form = TaylorForm(parts, point, parameters)
+
+    @property
+    def with_controls(self) -> bool:
+        """Whether boxes have the controls as coordinates."""
+        return self._affine is None
+
+    def bounds(self, parameters: Array, lower: Array, upper: Array) -> Bounds:
+        """Return lower bounds of h over boxes.
+
+        Args:
+            parameters: Of the polynomial, from `packed`.
+            lower: Lower corners of boxes of (t, x), or of (t, x, u); shape (d, m).
+            upper: Upper corners.
+        """
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            expansion = self._form.expanded(lower, upper, parameters)
+            return self._bounded(expansion)
+
+    def _bounded(self, at: Expansion) -> Bounds:
+        pairs = self._form.pairs
+        constant = at.value[0] - at.value_radius[0]
+        slope, bend = at.slope[0].copy(), at.bend[0].copy()
+        rest, pull = at.rest[0].copy(), at.pull[0].copy()
+        for k in range(1, len(at.value)):
+            line = self._line(at, k, pairs)
+            constant += line.constant
+            slope += line.u * at.slope[k]
+            bend += line.u * at.bend[k]
+            for number, (i, j) in enumerate(pairs):
+                bend[number] -= line.curved * at.slope[k, i] * at.slope[k, j]
+            rest += np.abs(line.u) * at.rest[k] + line.rest
+            pull += np.abs(line.u) * at.pull[k] + line.pull
+        return settled(at.reach, constant, slope, bend, rest, pull, pairs)
+
+    def _line(
+        self, at: Expansion, k: int, pairs: list[tuple[int, int]]
+    ) -> _Line:
+        """Return what bounds p_k from below over boxes; k counts from 1."""
+        affine = self._affine
+        q = 0.0 if affine is None else float(affine.quadratic[k - 1])
+        low, high = (float(ends[k - 1]) for ends in self._statement.control_box)
+        value, off = at.value[k], at.value_radius[k]
+        reach = (np.abs(at.slope[k]) * at.reach).sum(axis=0)
+        bent = at.rest[k].copy()
+        for number, (i, j) in enumerate(pairs):
+            area = at.reach[i] * at.reach[j] * (0.5 if i == j else 1.0)
+            bent += np.abs(at.bend[k, number]) * area
+        apart = (reach + bent + off) * (1 + PADDING) + PADDING * np.abs(value)
+        least, most = value - apart, value + apart
+        largest = max(abs(low), abs(high))
+        if q > 0:
+            u = np.clip(-value / (2 * q), low, high)
+            constant = value * u + q * u * u
+            # Rounding must not make a box look clipped that is not.
+            same = -most / (2 * q) > high + PADDING * largest
+            same |= -least / (2 * q) < low - PADDING * largest
+            curved = np.where(same, 0.0, 1 / (2 * q))
+            beyond = bent + off
+            rest = curved * (reach * beyond + beyond * beyond / 2)
+            # d'Hd / 2 of the square, whose rounding is that of its size.
+            rest += PADDING * curved * reach * reach
+            pull = np.zeros_like(at.reach)
+        else:
+            at_least, at_most = (np.minimum(low * b, high * b) for b in (least, most))
+            crosses = (least < 0) & (most > 0)
+            chord = (at_most - at_least) / np.where(crosses, most - least, 1.0)
+            u = np.where(crosses, chord, np.where(least >= 0, low, high))
+            # The chord through the ends of [least, most], at b = value.
+            constant = np.where(crosses, at_least + u * (value - least), u * value)
+            curved = np.zeros_like(value)
+            rest = PADDING * (high - low) * apart
+            sharp = np.where(crosses, (high - low) / 4, 0.0)
+            pull = sharp * np.abs(at.slope[k]) * at.reach
+        constant -= largest * off + PADDING * (np.abs(constant) + largest * apart)
+        return _Line(u=u, constant=constant, curved=curved, rest=rest, pull=pull)
+
+
+class _Line(NamedTuple):
+    """A lower bound of p(b): constant + u (b - b_m) - curved (g'd)^2 / 2 - rest."""
+
+    u: Array
+    constant: Array
+    curved: Array
+    rest: Array
+    pull: Array
+
+
+def settled(  # noqa: PLR0913 - the parts of a Taylor form
+    reach: Array,
+    constant: Array,
+    slope: Array,
+    bend: Array,
+    rest: Array,
+    pull: Array,
+    pairs: list[tuple[int, int]],
+) -> Bounds:
+    """Return lower bounds of constant + g'd + d'Hd / 2 - rest, rounded down.
+
+    Args:
+        reach: Of the boxes, shape (d, m).
+        constant: Shape (m,).
+        slope: Shape (d, m).
+        bend: Shape (pairs, m).
+        rest: Shape (m,).
+        pull: The part of the rest that each coordinate has, shape (d, m).
+        pairs: The pairs of coordinates.
+    """
+    least, spread = least_quadratic(slope, bend, reach, pairs)
+    size = np.abs(constant) + spread.sum(axis=0) + rest
+    low = constant + least - rest - PADDING * size
+    spread = spread + pull
+    lost = ~np.isfinite(low)
+    low[lost] = -np.inf
+    # Where nothing is known the longest side is cut.
+    known = np.isfinite(spread).all(axis=0) & ~lost
+    return Bounds(low, np.where(known, spread, reach))
+
+
+class Margin:
+    """Lower bounds over boxes of an expression with a polynomial's parameters."""
+
+    def __init__(self, expression: ca.SX, point: ca.SX, parameters: ca.SX) -> None:
+        """Find its derivatives.
+
+        Args:
+            expression: Scalar in the point and the parameters.
+            point: Shape (d, 1).
+            parameters: Shape (p, 1).
+
+        Raises:
+            UnknownIntervalOperationError: See TaylorForm.
+        """
+        self._form = TaylorForm([expression], point, parameters)
+
+    def bounds(self, parameters: Array, lower: Array, upper: Array) -> Bounds:
+        """Return lower bounds over boxes, shape (d, m); see Inequality."""
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            at = self._form.expanded(lower, upper, parameters)
+            return settled(
+                at.reach,
+                at.value[0] - at.value_radius[0],
+                at.slope[0],
+                at.bend[0],
+                at.rest[0],
+                at.pull[0],
+                self._form.pairs,
+            )

@@ -1,0 +1,291 @@
+"""Upper bounds of how fast trajectories move in a direction, over cells of space.
+
+A cell holds the points (t, x, u) with
+
+    x = W z + e,  z_0 = s(t) = s_a + slope (t - t_a),  z_j in [lower_j, upper_j] (j > 0),
+    |e_i| <= misfit,  t in [t_a, t_b],  u in a box
+
+that is, a part of a face that moves, in its own coordinates z. Of d'f over it two
+bounds are taken, and the better one counts: d'f in intervals, and the mean-value form
+
+    d'f(t, x, u) <= d'f(c) + |d'f_t + d'f_x W_0 slope| (t_b - t_a) / 2
+                    + sum over j of |d'f_x W_j| (half of cell j) + |d'f_u| (half of u)
+                    + |d'f_x| misfit,
+
+derivatives over the whole cell. Its excess falls with the square of the cell's size.
+Both are taken of f as weighted sums of terms, where d'f may lose some (`terms.py`).
+
+f has to be continuous; where it jumps unseen by its derivatives (atan2 at its cut), the
+second bound is left out, see `terminal_set/smoothness.py`.
+
+Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis, section 6.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.support import PAD
+from swarmstart.ocp.lower_bound.terms import terms_of
+from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
+from swarmstart.terminal_set.smoothness import Kinks
+
+Array = NDArray[np.float64]
+
+_CONTROL_CELLS = 4
+"""Into how many parts the box of a control is cut in which f is not affine."""
+_MOST_CONTROL_BOXES = 32
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Motion:
+    """The right-hand side f of a statement as functions of boxes of (t, x, u).
+
+    Attributes:
+        n: Number of states.
+        terms: The terms that f is a weighted sum of.
+        slopes: Their derivatives, column after column: of t, of x, of u.
+        weights: The numbers of the sums, shape (n, terms).
+        errors: How far off those may be, shape (n, terms).
+        kinks: Where f jumps unseen by its derivatives.
+        controls: Boxes that give the extremes of f over the control box, lower and
+            upper corners, shape (2, m, number).
+    """
+
+    n: int
+    terms: IntervalEvaluation
+    slopes: IntervalEvaluation
+    weights: Array
+    errors: Array
+    kinks: Kinks
+    controls: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Cells:
+    """Parts of moving faces; N of them, see the module's head.
+
+    Attributes:
+        times: t_a and t_b.
+        directions: d, shape (N, n).
+        frames: W, shape (N, n, n).
+        levels: s at t_a and at t_b, shape (2, N).
+        lower: Lower ends of z_j, j > 0, shape (N, n - 1).
+        upper: Upper ends.
+        misfit: Bound of |e_i|.
+    """
+
+    times: tuple[float, float]
+    directions: Array
+    frames: Array
+    levels: Array
+    lower: Array
+    upper: Array
+    misfit: float
+
+
+def motion_of(statement: Statement) -> Motion:
+    """Return the right-hand side of a statement as functions of boxes.
+
+    Args:
+        statement: The statement.
+
+    Raises:
+        UnknownIntervalOperationError: f jumps, or has an operation without interval
+            form.
+    """
+    y = ca.vertcat(statement.time, statement.states, statement.controls)
+    rate = ca.densify(ca.vec(statement.rate))
+    dynamics = ca.Function("dynamics", [y], [rate])
+    sums = terms_of(dynamics)
+    slopes = ca.densify(ca.vec(ca.jacobian(sums.terms, sums.symbols)))
+    return Motion(
+        n=statement.n,
+        terms=interval_function(
+            ca.Function("dynamics", [sums.symbols], [sums.terms])
+        ),
+        slopes=interval_function(
+            ca.Function("dynamics", [sums.symbols], [slopes]), takes_jumps=True
+        ),
+        weights=sums.weights,
+        errors=sums.errors,
+        kinks=Kinks(dynamics),
+        controls=_control_boxes(statement),
+    )
+
+
+def _control_boxes(statement: Statement) -> Array:
+    """Return boxes of u over which the extremes of f are those over all u.
+
+    In a control in which f is affine, whatever the others are, the two ends do.
+    """
+    low, high = statement.control_box
+    parts = []
+    for k in range(statement.m):
+        u = statement.controls[k]
+        if not ca.depends_on(ca.jacobian(statement.rate, u), u):
+            parts.append([(low[k], low[k]), (high[k], high[k])])
+        else:
+            cuts = np.linspace(low[k], high[k], _CONTROL_CELLS + 1)
+            parts.append(list(zip(cuts[:-1], cuts[1:], strict=True)))
+    if np.prod([len(part) for part in parts]) > _MOST_CONTROL_BOXES:
+        parts = [[(low[k], high[k])] for k in range(statement.m)]
+    boxes = list(product(*parts))
+    ends = np.array(boxes, dtype=np.float64).reshape(len(boxes), statement.m, 2)
+    return np.ascontiguousarray(ends.transpose(2, 1, 0))
+
+
+def rates_over(motion: Motion, cells: Cells) -> Array:
+    """Return upper bounds of d'f over cells and all u, infinite if there is none.
+
+    Args:
+        motion: f.
+        cells: N of them.
+
+    Returns:
+        Shape (N,) [1/s].
+    """
+    start, stop = cells.times
+    middle = 0.5 * (start + stop)
+    z_low = np.column_stack([cells.levels.min(axis=0), cells.lower])
+    z_high = np.column_stack([cells.levels.max(axis=0), cells.upper])
+    z_middle = 0.5 * (z_low + z_high)
+    low, high = _products(cells.frames, z_low, z_high)
+    point = np.einsum("kij,kj->ki", cells.frames, z_middle)
+    controls = motion.controls
+    count, times = controls.shape[2], len(low)
+    boxes = [
+        np.vstack(
+            [
+                np.full(times * count, time),
+                np.repeat(x, count, axis=0).T,
+                np.tile(u, times),
+            ]
+        )
+        for time, x, u in (
+            (start, low - cells.misfit, controls[0]),
+            (stop, high + cells.misfit, controls[1]),
+            (middle, point, 0.5 * (controls[0] + controls[1])),
+        )
+    ]
+    rates = _bounds(motion, _repeated(cells, count), boxes, 0.5 * (z_high - z_low))
+    return np.asarray(rates.reshape(times, count).max(axis=1))
+
+
+def _repeated(cells: Cells, count: int) -> Cells:
+    """Return the cells, each as often as there are boxes of controls."""
+    return Cells(
+        times=cells.times,
+        directions=np.repeat(cells.directions, count, axis=0),
+        frames=np.repeat(cells.frames, count, axis=0),
+        levels=np.repeat(cells.levels, count, axis=1),
+        lower=np.repeat(cells.lower, count, axis=0),
+        upper=np.repeat(cells.upper, count, axis=0),
+        misfit=cells.misfit,
+    )
+
+
+def _bounds(motion: Motion, cells: Cells, boxes: list[Array], half: Array) -> Array:
+    """Return the better one of both bounds for each box.
+
+    Args:
+        motion: f.
+        cells: One for each box.
+        boxes: Lower corners, upper corners and middles, each (1 + n + m, boxes).
+        half: Half of the cells in z, before they were repeated.
+    """
+    low, high, middle = boxes
+    number = low.shape[1]
+    sums = _weights(motion, cells.directions)
+    values = motion.terms(np.hstack([low, middle]), np.hstack([high, middle]))
+    over, at = (
+        _greatest(sums, values[0][:, part].T, values[1][:, part].T)
+        for part in (slice(number), slice(number, None))
+    )
+    half = np.repeat(half, number // len(half), axis=0)
+    mean = at + _variation(motion, cells, sums, (low, high), half)
+    jumps = motion.kinks(low, high)[1]
+    mean[jumps | np.isnan(mean)] = np.inf
+    return np.fmin(over, mean)
+
+
+def _weights(motion: Motion, directions: Array) -> tuple[Array, Array]:
+    """Return the numbers of the terms in d'f, and by how much they may be off."""
+    size = np.abs(directions)
+    return (
+        directions @ motion.weights,
+        size @ (motion.errors + PAD * np.abs(motion.weights)),
+    )
+
+
+def _greatest(sums: tuple[Array, Array], low: Array, high: Array) -> Array:
+    """Return the upper end of d'f for terms in [low, high], shape (N,)."""
+    weights, errors = sums
+    with np.errstate(invalid="ignore"):
+        terms = np.maximum(weights * low, weights * high)
+        off = (errors + PAD * np.abs(weights)) * np.maximum(np.abs(low), np.abs(high))
+    is_part = (weights != 0.0) | (errors != 0.0)
+    total = np.where(is_part, terms + off, 0.0).sum(axis=1)  # Not NaN: 0 times infinity.
+    total[np.isnan(total)] = np.inf
+    return np.asarray(total)
+
+
+def _variation(
+    motion: Motion,
+    cells: Cells,
+    sums: tuple[Array, Array],
+    box: tuple[Array, Array],
+    half: Array,
+) -> Array:
+    """Return how far d'f at most is from its value in the middle of a cell."""
+    n, number = motion.n, box[0].shape[1]
+    weights, errors = (part[:, None, :] for part in sums)
+    low, high = (
+        ends.reshape(-1, weights.shape[2], number).transpose(2, 1, 0)
+        for ends in motion.slopes(*box)
+    )
+    with np.errstate(invalid="ignore", over="ignore"):
+        # Middle and radius of the terms' derivatives, (N, terms, 1 + n + m); of d'f's.
+        value = 0.5 * (low + high)
+        radius = 0.5 * (high - low) + PAD * np.abs(value)
+        off = errors @ (np.abs(value) + radius)
+        value, radius = _combined(weights, value, radius)
+        radius += off
+        along_x, radius_x = value[:, :, 1 : 1 + n], radius[:, :, 1 : 1 + n]
+        along_z, radius_z = _combined(
+            along_x, cells.frames, np.zeros_like(cells.frames)
+        )
+        radius_z += np.einsum("kij,kjl->kil", radius_x, np.abs(cells.frames))
+        slope = (cells.levels[1] - cells.levels[0]) / (cells.times[1] - cells.times[0])
+        span = 0.5 * (cells.times[1] - cells.times[0])
+        in_time = np.abs(value[:, 0, 0] + along_z[:, 0, 0] * slope)
+        in_time += radius[:, 0, 0] + radius_z[:, 0, 0] * np.abs(slope)
+        in_time += PAD * np.abs(along_z[:, 0, 0] * slope)
+        in_face = (np.abs(along_z) + radius_z)[:, 0, 1:] * half[:, 1:]
+        controls = box[0][1 + n :].T, box[1][1 + n :].T
+        # The middle of a box of controls is rounded: by less than PAD of their size.
+        reach = 0.5 * (controls[1] - controls[0]) + PAD * np.abs(controls[1])
+        in_control = (np.abs(value) + radius)[:, 0, 1 + n :] * reach
+        astray = (np.abs(along_x) + radius_x)[:, 0].sum(axis=1) * cells.misfit
+        total = in_time * span + in_face.sum(axis=1) + in_control.sum(axis=1) + astray
+        # The pad holds the roundings of the halves and of these sums, all terms >= 0.
+        return np.asarray(total * (1.0 + PAD))
+
+
+def _combined(rows: Array, value: Array, radius: Array) -> tuple[Array, Array]:
+    """Return rows @ [value +- radius], as middle and radius, padded."""
+    combined = rows @ value
+    size = np.abs(rows) @ (PAD * np.abs(value) + radius * (1.0 + PAD))
+    return combined, size
+
+
+def _products(frames: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return the range of W z for z in [low, high], but for rounding, each (N, n)."""
+    one, other = frames * low[:, None, :], frames * high[:, None, :]
+    return np.minimum(one, other).sum(axis=2), np.maximum(one, other).sum(axis=2)

@@ -1,0 +1,302 @@
+"""The set that holds every trajectory worth looking at: S of evidence.py.
+
+Tube, bounds of the states and path constraints hold all admissible trajectories, the
+prunings leave those that cost less than what is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.lower_bound import tube_set as tubes
+from swarmstart.ocp.lower_bound.basis import Basis, Box, packed
+from swarmstart.ocp.lower_bound.evidence import Polynomial, Pruning, Tube
+from swarmstart.ocp.lower_bound.hamiltonian import Margin
+from swarmstart.ocp.lower_bound.proving import halved
+from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.taylor_form import PADDING
+from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+PAVING = 3000
+"""Boxes of a paving, about."""
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """The set S.
+
+    Attributes:
+        statement: The problem.
+        tube: Holds every admissible trajectory.
+        filters: One for each pruning.
+    """
+
+    statement: Statement
+    tube: Tube
+    filters: tuple[Filter, ...] = ()
+
+    def pruned(self, pruning: Pruning, known: float) -> Region:
+        """Return the part of the set that a pruning leaves."""
+        more = Filter(self.statement, pruning, known)
+        return Region(self.statement, self.tube, (*self.filters, more))
+
+    def outside(self, lower: Array, upper: Array) -> Mask:
+        """Return which boxes have surely no point of the set, shape (m,).
+
+        Args:
+            lower: Lower corners of boxes of (t, x), shape (1 + n, m); further
+                coordinates are ignored.
+            upper: Upper corners.
+        """
+        n = self.statement.n
+        lower, upper = lower[: 1 + n], upper[: 1 + n]
+        low, high = (limit[:, None] for limit in self.statement.state_box)
+        out = ((lower[1:] > high) | (upper[1:] < low)).any(axis=0)
+        out |= tubes.outside(self.tube, lower, upper)
+        tests = [one.excludes for one in self.filters]
+        if self.statement.path:
+            tests.insert(0, self._breaks_path)
+        for test in tests:
+            left = np.flatnonzero(~out)
+            if left.size:
+                out[left] = test(lower[:, left], upper[:, left])
+        return out
+
+    def inside(self, points: Array) -> Mask:
+        """Return which points are in the set, shape (N,); points: (1 + n, N)."""
+        points = points[: 1 + self.statement.n]
+        low, high = (limit[:, None] for limit in self.statement.state_box)
+        within = ((points[1:] >= low) & (points[1:] <= high)).all(axis=0)
+        within &= tubes.inside(self.tube, points)
+        tests = [one.keeps for one in self.filters]
+        if self.statement.path:
+            tests.insert(0, self._keeps_path)
+        for test in tests:
+            left = np.flatnonzero(within)
+            if left.size:
+                within[left] = test(points[:, left])
+        return within
+
+    @cached_property
+    def _path(self) -> tuple[ca.Function, IntervalEvaluation]:
+        column = ca.densify(ca.vertcat(*self.statement.path))
+        function = ca.Function("path", [self.statement.point], [column])
+        return function, interval_function(function)
+
+    def _breaks_path(self, lower: Array, upper: Array) -> Mask:
+        least, _ = self._path[1](lower, upper)
+        return np.asarray((least > 0).any(axis=0))
+
+    def _keeps_path(self, points: Array) -> Mask:
+        return np.asarray((np.array(self._path[0](points)) <= 0).all(axis=0))
+
+    @cached_property
+    def paving(self) -> tuple[Array, Array]:
+        """Boxes that cover the set, about PAVING of them, each (1 + n, m)."""
+        lower, upper = tubes.starting_boxes(self.tube)
+        low, high = (limit[:, None] for limit in self.statement.state_box)
+        lower[1:], upper[1:] = np.maximum(lower[1:], low), np.minimum(upper[1:], high)
+        fits = (lower <= upper).all(axis=0)
+        lower, upper = lower[:, fits], upper[:, fits]
+        kept = ~self.outside(lower, upper)
+        lower, upper = lower[:, kept], upper[:, kept]
+        for _ in range(12):
+            if not 0 < lower.shape[1] < PAVING / 2:
+                break
+            size = np.maximum(upper.max(axis=1) - lower.min(axis=1), 1e-300)
+            # The slabs already cut the time.
+            share = (upper - lower) / size[:, None]
+            lower, upper = halved(lower, upper, share)
+            kept = ~self.outside(lower, upper)
+            lower, upper = lower[:, kept], upper[:, kept]
+        return lower, upper
+
+    @cached_property
+    def box(self) -> Box:
+        """The box around the paving."""
+        lower, upper = self.paving
+        return Box.around(lower.min(axis=1), upper.max(axis=1))
+
+    def sampled(self, rng: np.random.Generator, count: int) -> Array:
+        """Return points of the set, shape (1 + n, <= count), about even in volume."""
+        lower, upper = self.paving
+        volume = np.prod(np.maximum(upper - lower, 1e-300), axis=0)
+        # Small boxes count, too: early times have little volume and much weight.
+        weight = 0.7 * volume / volume.sum() + 0.3 / volume.size
+        chosen = rng.choice(volume.size, size=count, p=weight)
+        low, high = lower[:, chosen], upper[:, chosen]
+        part = np.clip(1.2 * rng.random(low.shape) - 0.1, 0.0, 1.0)
+        points = low + part * (high - low)
+        return points[:, self.inside(points)]
+
+    def end_boxes(self) -> tuple[Array, Array]:
+        """Return boxes that cover the admissible ends, each (1 + n, m)."""
+        earliest, latest = self.statement.horizon
+        lower, upper = self.paving
+        reaches = upper[0] >= earliest
+        lower, upper = lower[:, reaches].copy(), upper[:, reaches].copy()
+        lower[0] = np.maximum(lower[0], earliest)
+        if earliest == latest:
+            lower[0] = upper[0] = latest
+        return self._ends.narrowed(lower, upper)
+
+    @cached_property
+    def _ends(self) -> EndSet:
+        return EndSet(self.statement)
+
+    def outside_ends(self, lower: Array, upper: Array) -> Mask:
+        """Return which boxes have surely no admissible end."""
+        out = self._ends.outside(lower, upper)
+        left = np.flatnonzero(~out)
+        if left.size:
+            out[left] = self.outside(lower[:, left], upper[:, left])
+        return out
+
+    def inside_ends(self, points: Array) -> Mask:
+        """Return which points are admissible ends, shape (N,); points: (1 + n, N)."""
+        within = self._ends.inside(points)
+        left = np.flatnonzero(within)
+        if left.size:
+            within[left] = self.inside(points[:, left])
+        return within
+
+
+class EndSet:
+    """The points (T, x) that terminal constraints and horizon allow."""
+
+    def __init__(self, statement: Statement) -> None:
+        """Compile the constraints."""
+        self._statement = statement
+        self._function: ca.Function | None = None
+        self._linear: list[tuple[int, float, float]] = []
+        if statement.ends:
+            column = ca.densify(ca.vertcat(*statement.ends))
+            point = statement.point
+            self._function = ca.Function("ends", [point], [column])
+            self._intervals = interval_function(self._function)
+            self._linear = _of_one_coordinate(column, point)
+
+    def outside(self, lower: Array, upper: Array) -> Mask:
+        """Return which boxes have surely no such point, shape (m,)."""
+        earliest, latest = self._statement.horizon
+        out = (upper[0] < earliest) | (lower[0] > latest)
+        if self._function is not None:
+            least, _ = self._intervals(lower, upper)
+            out |= (least > 0).any(axis=0)
+        return np.asarray(out)
+
+    def inside(self, points: Array) -> Mask:
+        """Return which points are such, shape (N,)."""
+        earliest, latest = self._statement.horizon
+        within = (points[0] >= earliest) & (points[0] <= latest)
+        if self._function is not None:
+            within &= (np.array(self._function(points)) <= 0).all(axis=0)
+        return np.asarray(within)
+
+    def narrowed(self, lower: Array, upper: Array) -> tuple[Array, Array]:
+        """Return boxes within which all such points of the given ones are.
+
+        A constraint of a single coordinate, linear in it, cuts a box exactly.
+        """
+        lower, upper = lower.copy(), upper.copy()
+        for axis, slope, constant in self._linear:
+            at = -constant / slope
+            at_pad = (1 + abs(at)) * PADDING
+            if slope > 0:
+                upper[axis] = np.minimum(upper[axis], at + at_pad)
+            else:
+                lower[axis] = np.maximum(lower[axis], at - at_pad)
+        fits = (lower <= upper).all(axis=0)
+        return lower[:, fits], upper[:, fits]
+
+
+def _of_one_coordinate(column: ca.SX, point: ca.SX) -> list[tuple[int, float, float]]:
+    """Return coordinate, slope and constant of rows that are linear in one alone."""
+    slopes = ca.jacobian(column, point)
+    zero = ca.Function("zero", [point], [column])(ca.DM.zeros(point.shape))
+    found = []
+    for row in range(column.numel()):
+        entries = [j for j in range(point.numel()) if slopes.sparsity().has_nz(row, j)]
+        if len(entries) == 1 and slopes[row, entries[0]].is_constant():
+            slope = float(slopes[row, entries[0]])
+            if slope:
+                found.append((entries[0], slope, float(zero[row])))
+    return found
+
+
+class Filter:
+    """The points of a set that a pruning leaves."""
+
+    def __init__(self, statement: Statement, pruning: Pruning, known: float) -> None:
+        """Find the derivatives of the cost through a point.
+
+        Args:
+            statement: The problem.
+            pruning: Its steps.
+            known: The cost compared with.
+        """
+        come, go = pruning.come, pruning.go
+        self.pruning, self._known = pruning, known
+        self._bases = [basis_of(step.polynomial) for step in (come, go)]
+        sizes = [basis.parameters for basis in self._bases]
+        parameters = ca.SX.sym("parameters", sum(sizes) + 3)
+        point = statement.point
+        C = self._bases[0].expression(point, parameters[: sizes[0], 0])
+        G = self._bases[1].expression(point, parameters[sizes[0] : sum(sizes), 0])
+        least, slope_come, slope_go = ca.vertsplit(parameters[sum(sizes) :, 0])
+        latest = statement.horizon[1]
+        through = least - C + G - slope_come * point[0] - slope_go * (latest - point[0])
+        self._margin = Margin(through, point, parameters)
+        start = np.concatenate([[0.0], statement.x0])
+        least_start, _ = value_interval(come.polynomial, start)
+        end_slack = go.end_slack or 0.0
+        numbers = [least_start - end_slack - known, come.slack, go.slack]
+        numbers[0] -= PADDING * (abs(least_start) + abs(end_slack) + abs(known))
+        self._parameters = np.concatenate(
+            [packed(come.polynomial), packed(go.polynomial), numbers]
+        )
+        self._latest = latest
+
+    def excludes(self, lower: Array, upper: Array) -> Mask:
+        """Return which boxes no cheaper trajectory passes, shape (m,)."""
+        return self._margin.bounds(self._parameters, lower, upper).low > 0
+
+    def keeps(self, points: Array) -> Mask:
+        """Return which points are left, shape (N,); points: (1 + n, N)."""
+        C, G = (
+            basis.values(Box(one.middle, one.half), points) @ one.coefficients
+            for basis, one in zip(
+                self._bases,
+                (self.pruning.come.polynomial, self.pruning.go.polynomial),
+                strict=True,
+            )
+        )
+        constant, come, go = self._parameters[-3:]
+        through = constant - C + G - come * points[0] - go * (self._latest - points[0])
+        return np.asarray(through <= 0)
+
+
+def basis_of(polynomial: Polynomial) -> Basis:
+    """Return the basis that a polynomial is written in."""
+    exponents = polynomial.exponents
+    return Basis(exponents.shape[1], int(exponents.sum(axis=1).max()))
+
+
+def value_interval(polynomial: Polynomial, point: Array) -> tuple[float, float]:
+    """Return bounds of a polynomial's value at a point, rounding included."""
+    basis = basis_of(polynomial)
+    y = ca.SX.sym("y", basis.variables)
+    parameters = ca.SX.sym("parameters", basis.parameters)
+    function = ca.Function(
+        "value", [ca.vertcat(y, parameters)], [basis.expression(y, parameters)]
+    )
+    at = np.concatenate([point, packed(polynomial)])[:, None]
+    low, high = interval_function(function)(at, at)
+    return float(low[0, 0]), float(high[0, 0])

@@ -1,0 +1,414 @@
+"""The polynomial of a step: a linear program over cuts, then a proof that finds cuts.
+
+Each round solves for the coefficients, looks for points where they fail, by samples
+while these find many and by the proof from then on, and adds a row for each point with
+the control that is worst there. What a proof leaves over is taken off the bound, so
+that every finished proof gives a bound.
+
+A linear program is over the whole set at once: rows are kept, since clusters of new
+ones would otherwise push binding ones out, and the value would swing.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.lower_bound.basis import Basis, Box, packed
+from swarmstart.ocp.lower_bound.evidence import Step
+from swarmstart.ocp.lower_bound.hamiltonian import Inequality, Margin
+from swarmstart.ocp.lower_bound.interior_point import maximised
+from swarmstart.ocp.lower_bound.proving import Floor, Limits, proven_floor
+from swarmstart.ocp.lower_bound.region import Region, value_interval
+from swarmstart.ocp.lower_bound.stage import Stage, slopes_of
+from swarmstart.ocp.lower_bound.statement import Affine, Statement
+
+Array = NDArray[np.float64]
+Aim = Literal["start", "come", "go"]
+"""What is maximised: V at the start, or what prunes: see evidence.py."""
+MOST_ROWS = 15_000
+LARGEST = 1e4
+"""Of coefficients, in units of the cost's size."""
+SAMPLES = 15_000
+WORST = 400
+NEAR = 0.03
+SHARE_OF_ENDS = 0.1
+"""Of the slack hoped for: that at the end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A problem as the steps need it.
+
+    Attributes:
+        statement: The problem.
+        affine: The same in affine form, if it has one.
+        stage: Its numbers.
+        size: Size of its costs, > 0.
+    """
+
+    statement: Statement
+    affine: Affine | None
+    stage: Stage
+    size: float
+
+
+class Forms:
+    """What is derived once for all polynomials of a degree."""
+
+    def __init__(self, setting: Setting, degree: int) -> None:
+        """Find the derivatives; see Inequality."""
+        statement = setting.statement
+        self.basis = Basis(1 + statement.n, degree)
+        self.inequality = Inequality(statement, setting.affine, self.basis)
+        parameters = ca.SX.sym("parameters", self.basis.parameters)
+        point = statement.point
+        V = self.basis.expression(point, parameters)
+        self.end = Margin(statement.end - V, point, parameters)
+
+
+@dataclass(frozen=True, eq=False)
+class Cuts:
+    """Points at which the inequalities are rows.
+
+    Attributes:
+        points: (t, x, u), shape (1 + n + m, N).
+        ends: (T, x), shape (1 + n, K).
+    """
+
+    points: Array
+    ends: Array
+
+    def joined(self, points: Array, ends: Array) -> Cuts:
+        """Return these and more."""
+        return Cuts(
+            np.hstack([self.points, points]), np.hstack([self.ends, ends])
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Round:
+    """The outcome of a round.
+
+    Attributes:
+        step: What was proven; None where a proof was not tried or did not end.
+        value: Value of the linear program: what the step would give without slack.
+        cuts: All points so far.
+        converged: Whether no better step of this degree is to be expected.
+    """
+
+    step: Step | None
+    value: float
+    cuts: Cuts
+    converged: bool
+
+
+@dataclass(eq=False)
+class Search:
+    """Rounds towards a step of one degree on one set.
+
+    Attributes:
+        setting: The problem.
+        region: The set.
+        forms: Of the degree.
+        aim: What is maximised.
+        hoped: Slack hoped for [cost / s].
+        rng: Draws the samples.
+        until: At which time it ends, of `time.perf_counter` [s].
+    """
+
+    setting: Setting
+    region: Region
+    forms: Forms
+    aim: Aim
+    hoped: float
+    rng: np.random.Generator
+    until: float
+    box: Box = field(init=False)
+    _rows: _Rows = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Find the box that the polynomial is scaled to."""
+        self.box = self.region.box
+        self._objective = self._aimed()
+
+    def _aimed(self) -> Array:
+        basis, statement = self.forms.basis, self.setting.statement
+        start = np.concatenate([[0.0], statement.x0])[:, None]
+        at_start = basis.values(self.box, start)[0]
+        if self.aim == "start":
+            return at_start
+        mean = basis.values(self.box, self.region.sampled(self.rng, 8000)).mean(axis=0)
+        return mean if self.aim == "go" else at_start - mean
+
+    @property
+    def _has_end(self) -> bool:
+        return self.aim != "come"
+
+    def first_cuts(self) -> Cuts:
+        """Return samples of the set and of its ends."""
+        statement, count = self.setting.statement, 25 * self.forms.basis.size
+        points = self.region.sampled(self.rng, 2 * count)[:, :count]
+        low, high = (limit[:, None] for limit in statement.control_box)
+        rows = []
+        for share in (0.0, 0.5, 1.0, None):
+            drawn = self.rng.random((statement.m, points.shape[1]))
+            part = drawn if share is None else share
+            u = low + part * (high - low) + 0 * drawn
+            rows.append(np.vstack([points, u]))
+        return Cuts(np.hstack(rows), self.sampled_ends(4 * self.forms.basis.size))
+
+    def sampled_ends(self, count: int) -> Array:
+        """Return points of the boxes that cover the admissible ends."""
+        if not self._has_end:
+            return np.zeros((1 + self.setting.statement.n, 0))
+        lower, upper = self.region.end_boxes()
+        if not lower.size:
+            return lower
+        chosen = self.rng.integers(0, lower.shape[1], size=count)
+        part = np.clip(1.2 * self.rng.random((len(lower), count)) - 0.1, 0.0, 1.0)
+        points = lower[:, chosen] + part * (upper - lower)[:, chosen]
+        # Ends of measure zero have no samples inside: their boxes are small.
+        within = self.region.inside_ends(points)
+        return points[:, within] if within.sum() > count / 20 else points
+
+    def rounds(self, cuts: Cuts | None, useless: float = -np.inf) -> Iterator[Round]:
+        """Yield rounds, better and better, until there is no more to gain.
+
+        Args:
+            cuts: Points of earlier searches; None: samples.
+            useless: Value of the aim at or below which a proof is of no use.
+        """
+        rows = _Rows(self, cuts or self.first_cuts())
+        best = useless
+        last_proof, number = -3, 0
+        while clock.perf_counter() < self.until:
+            w = rows.solved(self._objective)
+            value = float(self._objective @ w)
+            found = self._failing(w)
+            number += 1
+            step, converged = None, False
+            latest = self.setting.statement.horizon[1]
+            room = (value - best) / latest if np.isfinite(best) else np.inf
+            enough = max(4 * self.hoped, min(0.5 * room, 0.1 * self.setting.size))
+            if found.lowest > -enough or number - last_proof > 4:
+                last_proof = number
+                step, more, ends, converged = self._proved(w, room)
+                found = _Failing(
+                    np.hstack([more, found.points]),
+                    np.hstack([ends, found.ends]),
+                    found.lowest,
+                )
+                if step is not None:
+                    best = max(best, value - _loss(step, latest))
+            rows.add(found.points, found.ends)
+            yield Round(step=step, value=value, cuts=rows.cuts, converged=converged)
+            if converged:
+                return
+
+    def _failing(self, w: Array) -> _Failing:
+        """Return samples at which a polynomial fails most."""
+        points = self.region.sampled(self.rng, SAMPLES)
+        h, u = self._h(w, points)
+        worst = np.argsort(h)[: WORST // 2]
+        near = self._around(points[:, worst], 8, NEAR)
+        near_h, near_u = self._h(w, near)
+        points = np.hstack([points, near])
+        h, u = np.concatenate([h, near_h]), np.hstack([u, near_u])
+        order = np.argsort(h)
+        chosen = np.concatenate([order[: WORST // 2], order[WORST // 2 : 4000 : 20]])
+        chosen = chosen[h[chosen] < 2 * self.hoped]
+        ends = self.sampled_ends(3000)
+        if ends.size:
+            margin = self._end_margin(w, ends)
+            ends = ends[:, np.argsort(margin)[:60]]
+            ends = ends[:, np.sort(margin)[:60] < self.hoped]
+        lowest = float(h.min()) if h.size else 0.0
+        return _Failing(np.vstack([points, u])[:, chosen], ends, lowest)
+
+    def _around(self, points: Array, copies: int, part: float) -> Array:
+        """Return points of the set near others."""
+        near = np.repeat(points, copies, axis=1)
+        near = near + part * self.box.half[:, None] * self.rng.standard_normal(
+            near.shape
+        )
+        low, high = self.box.middle - self.box.half, self.box.middle + self.box.half
+        near = np.clip(near, low[:, None], high[:, None])
+        return near[:, self.region.inside(near)]
+
+    def _h(self, w: Array, points: Array) -> tuple[Array, Array]:
+        slopes = slopes_of(self.forms.basis, self.box, w, points)
+        h, u = self.setting.stage.hamiltonian(slopes, points)
+        return np.where(np.isfinite(h), h, np.inf), u
+
+    def _end_margin(self, w: Array, ends: Array) -> Array:
+        V = self.forms.basis.values(self.box, ends) @ w
+        return self.setting.stage.end(ends) - V
+
+    def _proved(
+        self, w: Array, room: float
+    ) -> tuple[Step | None, Array, Array, bool]:
+        """Prove both inequalities of a polynomial.
+
+        Returns:
+            The step, if both proofs ended; points and ends at which it fails; whether
+            nothing was met at all.
+        """
+        polynomial = self.forms.basis.polynomial(self.box, w)
+        parameters = packed(polynomial)
+        floor = self._proved_inside(parameters, w, room)
+        points = self._thinned(floor.points, w)
+        ends, end_slack, boxes, proven = np.zeros((len(self.box.half), 0)), None, 0, True
+        if self._has_end:
+            at_end = self._proved_at_end(parameters, w)
+            ends, boxes, proven = at_end.points[:, :500], at_end.boxes, at_end.proven
+            end_slack = at_end.slack
+        if not (floor.proven and proven):
+            return None, points, ends, False
+        step = Step(
+            polynomial=polynomial,
+            slack=floor.slack,
+            end_slack=end_slack,
+            boxes=floor.boxes + boxes,
+        )
+        return step, points, ends, not points.size and not ends.size
+
+    def _proved_inside(self, parameters: Array, w: Array, room: float) -> Floor:
+        inequality, statement = self.forms.inequality, self.setting.statement
+        lower, upper = self.region.paving
+        low, high = statement.control_box
+        with_controls = inequality.with_controls
+        if with_controls:
+            count = lower.shape[1]
+            lower = np.vstack([lower, np.repeat(low[:, None], count, axis=1)])
+            upper = np.vstack([upper, np.repeat(high[:, None], count, axis=1)])
+        n = statement.n
+
+        def value(points: Array) -> Array:
+            slopes = slopes_of(self.forms.basis, self.box, w, points[: 1 + n])
+            u = points[1 + n :] if with_controls else None
+            h, _ = self.setting.stage.hamiltonian(slopes, points[: 1 + n], u)
+            inside = self.region.inside(points[: 1 + n])
+            return np.where(inside & np.isfinite(h), h, np.inf)
+
+        return proven_floor(
+            lambda lower, upper: inequality.bounds(parameters, lower, upper),
+            self.region.outside,
+            value,
+            (lower, upper),
+            self.hoped,
+            Limits(until=self.until, useless=room),
+        )
+
+    def _proved_at_end(self, parameters: Array, w: Array) -> Floor:
+        hoped = SHARE_OF_ENDS * self.hoped * self.setting.statement.horizon[1]
+
+        def value(points: Array) -> Array:
+            margin = self._end_margin(w, points)
+            within = self.region.inside_ends(points)
+            return np.where(within & np.isfinite(margin), margin, np.inf)
+
+        return proven_floor(
+            lambda lower, upper: self.forms.end.bounds(parameters, lower, upper),
+            self.region.outside_ends,
+            value,
+            self.region.end_boxes(),
+            hoped,
+            Limits(until=self.until),
+        )
+
+    def _thinned(self, points: Array, w: Array) -> Array:
+        """Return counterexamples with their worst controls, the lowest and some."""
+        n, most = self.setting.statement.n, 1500
+        if points.shape[1] > most:
+            others = self.rng.permutation(np.arange(most // 3, points.shape[1]))
+            chosen = np.concatenate([np.arange(most // 3), others[: most - most // 3]])
+            points = points[:, chosen]
+        points = points[: 1 + n]
+        if not points.size:
+            return np.zeros((1 + n + self.setting.statement.m, 0))
+        near = self._around(points[:, :100], 4, NEAR / 10)
+        points = np.hstack([points, near])
+        h, u = self._h(w, points)
+        return np.vstack([points, u])[:, h < self.hoped]
+
+
+@dataclass(frozen=True, eq=False)
+class _Failing:
+    """Points, ends, and the least h of the samples."""
+
+    points: Array
+    ends: Array
+    lowest: float
+
+
+def _loss(step: Step, latest: float) -> float:
+    """Return what a step's slacks take off the bound."""
+    return step.slack * latest + (step.end_slack or 0.0)
+
+
+class _Rows:
+    """The rows of the linear program, one for each cut."""
+
+    def __init__(self, search: Search, cuts: Cuts) -> None:
+        self._search = search
+        n = search.setting.statement.n
+        none = Cuts(
+            np.zeros((1 + n + search.setting.statement.m, 0)), np.zeros((1 + n, 0))
+        )
+        size = search.forms.basis.size
+        self.cuts = none
+        self._A, self._b = np.zeros((0, size)), np.zeros(0)
+        self._E, self._e = np.zeros((0, size)), np.zeros(0)
+        self.add(cuts.points, cuts.ends)
+
+    def add(self, points: Array, ends: Array) -> None:
+        """Add cuts; those where the problem is not finite are left out."""
+        search = self._search
+        basis, box, stage = search.forms.basis, search.box, search.setting.stage
+        n = search.setting.statement.n
+        y, u = points[: 1 + n], points[1 + n :]
+        f, L = stage.rates(y, u)
+        slopes = basis.slopes(box, y)
+        A = slopes[0] + (slopes[1:] * f[:, :, None]).sum(axis=0)
+        good = np.isfinite(L) & np.isfinite(A).all(axis=1)
+        self._A, self._b = np.vstack([self._A, A[good]]), np.append(self._b, L[good])
+        kept_ends = ends[:, :0]
+        if search._has_end and ends.size:
+            e = stage.end(ends)
+            fine = np.isfinite(e)
+            kept_ends = ends[:, fine]
+            E = basis.values(box, kept_ends)
+            self._E, self._e = np.vstack([self._E, E]), np.append(self._e, e[fine])
+        self.cuts = self.cuts.joined(points[:, good], kept_ends)
+
+    def solved(self, objective: Array) -> Array:
+        """Return the best coefficients; rows of much slack are dropped if too many."""
+        size, m = self._search.setting.size, self._A.shape[1]
+        bounds = np.vstack([np.eye(m), -np.eye(m)])
+        A = np.vstack([self._A, -self._E, bounds])
+        b = np.concatenate([self._b / size, self._e / size, np.full(2 * m, LARGEST)])
+        found = maximised(objective, A, b)
+        rows = len(self._b)
+        if rows > MOST_ROWS:
+            slack = self._A @ found.w + self._b / size
+            last = np.partition(slack, 2 * MOST_ROWS // 3)[2 * MOST_ROWS // 3]
+            kept = (found.duals[:rows] > 1e-9) | (slack < last)
+            self._A, self._b = self._A[kept], self._b[kept]
+            self.cuts = replace(self.cuts, points=self.cuts.points[:, kept])
+        return np.asarray(size * found.w)
+
+
+def worth(step: Step, statement: Statement) -> float:
+    """Return the bound that a step proves, without the offset, rounded down."""
+    start = np.concatenate([[0.0], statement.x0])
+    low, _ = value_interval(step.polynomial, start)
+    latest, end_slack = statement.horizon[1], step.end_slack or 0.0
+    padding = 1e-14 * (abs(low) + step.slack * latest + end_slack)
+    return low - step.slack * latest - end_slack - padding

@@ -1,0 +1,131 @@
+"""Upper bounds of q'x over a polytope {x : D x <= s}, rounding included.
+
+By duality of linear programmes
+
+    max {q'x : D x <= s} = min {y's : D'y = q, y >= 0}
+
+so each y >= 0 bounds q'x from above, and the best of those with n entries that are not
+0, the vertices of the dual, are exact. They do not depend on s: they are listed once,
+and a bound for new levels s is a product and a minimum. On the face d_k'x = s_k the
+entry y_k may have any sign.
+
+A listed y solves D'y = q in floats only. What it leaves, r = q - D'y, adds r'x, which
+the size of x bounds: nothing here depends on a tolerance.
+
+Source: Boyd and Vandenberghe (2004), Convex Optimization, section 5.2.4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+PAD = 2.0**-44
+"""Relative, of the sum of the sizes of all terms. A float operation is off by 2^-53 of
+its result at most, so this is enough for sums of products of some 200 operations."""
+_NEGATIVE = -1e-12
+"""Entries of y above this are taken as 0, which r accounts for."""
+_STEEPEST = 1e4
+"""Larger entries of y come from nearly parallel rows: they bound nothing well."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DualVertices:
+    """The vectors y of some directions q, n entries each.
+
+    Attributes:
+        rows: Which rows of D the entries belong to, shape (number, n).
+        weights: The entries, shape (number, n).
+        residual: Bound of |q - D'y|_1, rounding included, shape (number,).
+        starts: Where those of each q begin, shape (directions,).
+    """
+
+    rows: Index
+    weights: Array
+    residual: Array
+    starts: Index
+
+    def upper(self, levels: Array, reach: float) -> Array:
+        """Return upper bounds of q'x over {x : D x <= s}, shape (directions,).
+
+        Args:
+            levels: s, shape (rows of D,); or several, shape (number, rows of D): then
+                the bound holds of all of them, and of all between two of them.
+            reach: Bound of |x_i| for all x in the polytopes and all i.
+        """
+        terms = self.weights * np.atleast_2d(levels)[:, self.rows]
+        bounds = terms.sum(axis=-1) + PAD * np.abs(terms).sum(axis=-1)
+        # y's(t) is linear in s, so its greatest value between two levels is at one.
+        bounds = bounds.max(axis=0) + self.residual * reach
+        return np.asarray(np.minimum.reduceat(bounds, self.starts))
+
+
+def dual_vertices(rows: Array, directions: Array) -> DualVertices:
+    """List the dual vertices of directions over the polytope itself.
+
+    Args:
+        rows: D, shape (R, n), rows that enclose a bounded polytope, the axes of both
+            signs among them.
+        directions: q, shape (number, n).
+    """
+    bases = np.array(list(combinations(range(len(rows)), rows.shape[1])))
+    found = [_vertices_of(rows, bases, q, is_free=False) for q in directions]
+    return _joined(found)
+
+
+def dual_vertices_on_faces(rows: Array, directions: Array) -> DualVertices:
+    """List the dual vertices of directions over faces of the polytope.
+
+    Args:
+        rows: D, as `dual_vertices` says.
+        directions: Those for the face of each of the first rows, shape
+            (faces, number, n), number >= 1.
+
+    Returns:
+        Those of directions[0, 0], directions[0, 1], ..., directions[1, 0], ...
+    """
+    others = rows.shape[1] - 1
+    found = []
+    for face, queries in enumerate(directions):
+        rest = [row for row in range(len(rows)) if row != face]
+        bases = np.array([(face, *chosen) for chosen in combinations(rest, others)])
+        found += [_vertices_of(rows, bases, q, is_free=True) for q in queries]
+    return _joined(found)
+
+
+def _vertices_of(
+    rows: Array, bases: Index, q: Array, *, is_free: bool
+) -> tuple[Index, Array, Array]:
+    """Return the bases with y >= 0, their y, and the bounds of what is left."""
+    matrices = np.swapaxes(rows[bases], 1, 2)
+    is_regular = np.abs(np.linalg.det(matrices)) > 1.0 / _STEEPEST
+    bases, matrices = bases[is_regular], matrices[is_regular]
+    right = np.broadcast_to(q[:, None], (len(bases), len(q), 1))
+    weights = np.linalg.solve(matrices, right)[:, :, 0]
+    signed = weights[:, 1:] if is_free else weights
+    is_dual = (signed >= _NEGATIVE).all(axis=1) & (
+        np.abs(weights).max(axis=1) < _STEEPEST
+    )
+    bases, matrices, weights = bases[is_dual], matrices[is_dual], weights[is_dual]
+    first = 1 if is_free else 0
+    weights[:, first:] = np.maximum(weights[:, first:], 0.0)
+    products = matrices * weights[:, None, :]
+    left = np.abs(q - products.sum(axis=2)).sum(axis=1)
+    size = np.abs(products).sum(axis=(1, 2)) + np.abs(q).sum()
+    return bases, weights, left + PAD * size
+
+
+def _joined(found: list[tuple[Index, Array, Array]]) -> DualVertices:
+    counts = [len(bases) for bases, _, _ in found]
+    return DualVertices(
+        rows=np.concatenate([bases for bases, _, _ in found]),
+        weights=np.concatenate([weights for _, weights, _ in found]),
+        residual=np.concatenate([left for _, _, left in found]),
+        starts=np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64),
+    )

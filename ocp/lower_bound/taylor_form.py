@@ -1,0 +1,191 @@
+"""Taylor forms of functions over boxes, in intervals rounded outwards.
+
+About the middle m of a box, d = y - m, |d_i| <= r_i,
+
+    q(y) = q(m) + g'd + d'Hd / 2 + R,
+    |R| <= sum over i <= j <= k of (number of orders of ijk) |q_ijk| r_i r_j r_k / 6
+
+g and H in intervals at m, the third derivatives over the whole box. The coefficients of
+a polynomial in q are inputs, so that the derivatives are found once.
+
+Source: Neumaier (1990), Interval Methods for Systems of Equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
+
+Array = NDArray[np.float64]
+PADDING = 1e-12
+"""Of sums of products, relative to the sum of their sizes: more than their rounding."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Expansion:
+    """Functions about the middles of m boxes; k functions of d coordinates.
+
+    Attributes:
+        reach: How far the boxes reach from their middles, shape (d, m).
+        value: Of each function, shape (k, m).
+        value_radius: By how much the values may be off, shape (k, m).
+        slope: Shape (k, d, m).
+        bend: Second derivatives, one for each pair i <= j, shape (k, pairs, m).
+        rest: What is left over: third order, and the radii of slopes and bends, times
+            the reach, shape (k, m).
+        pull: The part of `rest` that each coordinate has, shape (k, d, m).
+    """
+
+    reach: Array
+    value: Array
+    value_radius: Array
+    slope: Array
+    bend: Array
+    rest: Array
+    pull: Array
+
+
+class TaylorForm:
+    """Taylor forms of several functions of a point, with parameters."""
+
+    def __init__(
+        self, functions: Sequence[ca.SX], point: ca.SX, parameters: ca.SX
+    ) -> None:
+        """Find the derivatives.
+
+        Args:
+            functions: Scalars in the point and the parameters.
+            point: Coordinates of the boxes, shape (d, 1).
+            parameters: Numbers that are given with the boxes, shape (p, 1).
+
+        Raises:
+            UnknownIntervalOperationError: If an operation has no interval form, or its
+                derivatives jump.
+        """
+        d = self.coordinates = int(point.numel())
+        self.functions = len(functions)
+        self.pairs = list(combinations_with_replacement(range(d), 2))
+        triples = list(combinations_with_replacement(range(d), 3))
+        self._triples = triples
+        orders = {1: 1.0, 2: 3.0, 3: 6.0}
+        self._orders = np.array([orders[len(set(one))] / 6 for one in triples])
+        low: list[ca.SX] = []
+        third: list[ca.SX] = []
+        for function in functions:
+            slope = ca.gradient(function, point)
+            full = ca.jacobian(slope, point)
+            bends = ca.vertcat(*[full[i, j] for i, j in self.pairs])
+            turns = ca.jacobian(bends, point)
+            low.append(ca.vertcat(function, slope, bends))
+            third += [turns[self.pairs.index((i, j)), k] for i, j, k in triples]
+        inputs = ca.vertcat(point, parameters)
+        self._low = _intervals(ca.vertcat(*low), inputs)
+        self._third = _intervals(ca.vertcat(*third), inputs)
+
+    def expanded(self, lower: Array, upper: Array, parameters: Array) -> Expansion:
+        """Return the functions about the middles of boxes.
+
+        Args:
+            lower: Lower corners, shape (d, m).
+            upper: Upper corners.
+            parameters: Shape (p,).
+        """
+        d, k, count = self.coordinates, self.functions, lower.shape[1]
+        middle = (lower + upper) / 2
+        reach = np.maximum(upper - middle, middle - lower) * (1 + PADDING)
+        given = np.repeat(parameters[:, None], count, axis=1)
+        at = np.vstack([middle, given])
+        center, radius = _center_and_radius(*self._low(at, at))
+        size = 1 + d + len(self.pairs)
+        center, radius = (part.reshape(k, size, count) for part in (center, radius))
+        rest, pull = self._third_order(lower, upper, given, reach)
+        with np.errstate(invalid="ignore", over="ignore"):
+            unsure = radius[:, 1 : 1 + d] * reach
+            pull += unsure
+            rest += unsure.sum(axis=1)
+            for number, (i, j) in enumerate(self.pairs):
+                area = reach[i] * reach[j] * (0.5 if i == j else 1.0)
+                term = radius[:, 1 + d + number] * area
+                rest += term
+                pull[:, i] += term
+                pull[:, j] += term
+        return Expansion(
+            reach=reach,
+            value=center[:, 0],
+            value_radius=radius[:, 0],
+            slope=center[:, 1 : 1 + d],
+            bend=center[:, 1 + d :],
+            rest=rest,
+            pull=pull,
+        )
+
+    def _third_order(
+        self, lower: Array, upper: Array, given: Array, reach: Array
+    ) -> tuple[Array, Array]:
+        """Return bounds of the third-order terms, (k, m), and each axis' part."""
+        low, high = self._third(np.vstack([lower, given]), np.vstack([upper, given]))
+        most = np.maximum(np.abs(low), np.abs(high))
+        most = most.reshape(self.functions, len(self._triples), -1)
+        rest = np.zeros((self.functions, lower.shape[1]))
+        pull = np.zeros((self.functions, *lower.shape))
+        with np.errstate(invalid="ignore", over="ignore"):
+            for number, (i, j, k) in enumerate(self._triples):
+                cube = self._orders[number] * (reach[i] * reach[j] * reach[k])
+                term = most[:, number] * cube
+                rest += term
+                for axis in (i, j, k):
+                    pull[:, axis] += term
+        return rest, pull
+
+
+def _intervals(expression: ca.SX, inputs: ca.SX) -> IntervalEvaluation:
+    column = ca.cse(ca.densify(expression))
+    return interval_function(ca.Function("a_lower_bound", [inputs], [column]))
+
+
+def _center_and_radius(low: Array, high: Array) -> tuple[Array, Array]:
+    """Return middles, and radii with room for the rounding of the middle."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        size = np.maximum(np.abs(low), np.abs(high))
+        return (low + high) / 2, (high - low) / 2 + PADDING * size
+
+
+def least_quadratic(
+    slope: Array, bend: Array, reach: Array, pairs: Sequence[tuple[int, int]]
+) -> tuple[Array, Array]:
+    """Return lower bounds of g'd + d'Hd / 2 over |d| <= reach, without rounding.
+
+    Each axis alone is exact; what axes share is subtracted in its largest size.
+
+    Args:
+        slope: g, shape (d, m).
+        bend: H for each pair i <= j, shape (pairs, m).
+        reach: Shape (d, m).
+        pairs: The pairs.
+
+    Returns:
+        Bounds, shape (m,); by how much each axis makes the function spread, (d, m).
+    """
+    total, spread = np.zeros(reach.shape[1]), np.zeros_like(reach)
+    for number, (i, j) in enumerate(pairs):
+        H = bend[number]
+        if i != j:
+            shared = np.abs(H) * reach[i] * reach[j]
+            total -= shared
+            spread[i] += shared
+            spread[j] += shared
+            continue
+        g, r = np.abs(slope[i]), reach[i]
+        least = -g * r + H * r * r / 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inside = (H > 0) & (g < H * r)
+            total += np.where(inside, -g * g / (2 * H), least)
+        spread[i] += g * r + np.abs(H) * r * r / 2
+    return total, spread

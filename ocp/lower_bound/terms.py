@@ -1,0 +1,143 @@
+"""A function as weighted sums of terms, so that equal terms of a sum cancel.
+
+    f_i(y) = sum over j of A_ij w_j(y)
+
+w_j are the inputs, the number 1 and the values that are not sums, each once; A are
+numbers. Of x1' = -x1 + r, x2' = -x2 - r the sum x1' + x2' then has no r, as it should;
+intervals of x1' and x2' would hold the width of r twice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.lower_bound.support import PAD
+from swarmstart.tape import OPERATIONS, Node, Tape
+from swarmstart.terminal_set.intervals import expanded_tape
+
+Array = NDArray[np.float64]
+
+_CODES = {name: code for code, name in OPERATIONS.items()}
+_ONE = -1
+"""Stands for the term 1."""
+_UNDERFLOW = 1e-280
+"""Added to sizes of numbers, for products too small for a float."""
+
+_Form = dict[int, tuple[float, float]]
+"""Term -> its number in a value, and the sum of the sizes that it was added up from."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Terms:
+    """A function as weighted sums.
+
+    Attributes:
+        symbols: y, shape (inputs, 1).
+        terms: w, shape (number, 1), of y.
+        weights: A in floats, shape (outputs, number).
+        errors: Bounds of how far they are from A, shape (outputs, number).
+    """
+
+    symbols: ca.SX
+    terms: ca.SX
+    weights: Array
+    errors: Array
+
+
+def terms_of(function: ca.Function) -> Terms:
+    """Return a function as weighted sums of terms.
+
+    Args:
+        function: y (n, 1) -> a column.
+
+    Raises:
+        UnknownIntervalOperationError: It has an operation that is unknown.
+    """
+    tape = expanded_tape(function)
+    forms: list[_Form] = []
+    for number, node in enumerate(tape.nodes):
+        forms.append(_form(number, node, forms))
+    outputs = [forms[number] for number in tape.outputs[0]]
+    used = sorted({term for form in outputs for term in form})
+    column = {term: j for j, term in enumerate(used)}
+    weights, sizes = np.zeros((2, len(outputs), len(used)))
+    for i, form in enumerate(outputs):
+        for term, (weight, size) in form.items():
+            weights[i, column[term]], sizes[i, column[term]] = weight, size + _UNDERFLOW
+    symbols = ca.SX.sym("y", function.numel_in(0))
+    values = _replayed(tape, symbols)
+    terms = [ca.SX(1) if term == _ONE else values[term] for term in used]
+    # Each of the tape's operations rounds a number once at most.
+    roundings = max(PAD, len(tape.nodes) * 2.0**-51)
+    return Terms(
+        symbols=symbols,
+        terms=ca.densify(ca.vertcat(*terms)),
+        weights=weights,
+        errors=roundings * sizes,
+    )
+
+
+def _form(number: int, node: Node, forms: list[_Form]) -> _Form:
+    """Return a value as a sum of terms: itself, if it is none of others."""
+    operation = node.operation
+    if operation == "constant" and np.isfinite(node.value):
+        return {_ONE: (node.value, abs(node.value))}
+    if operation in ("constant", "input"):
+        return {number: (1.0, 1.0)}
+    parts = [forms[argument] for argument in node.arguments]
+    if operation in ("add", "sub"):
+        return _sum(parts[0], _scaled(parts[-1], 1.0 if operation == "add" else -1.0))
+    if operation in ("neg", "twice"):
+        return _scaled(parts[0], -1.0 if operation == "neg" else 2.0)
+    numbers = [_number(part) for part in parts]
+    if operation == "mul" and numbers[0] is not None:
+        return _scaled(parts[-1], numbers[0])
+    if operation == "mul" and numbers[-1] is not None:
+        return _scaled(parts[0], numbers[-1])
+    if operation == "div" and numbers[-1]:
+        return _scaled(parts[0], 1.0 / numbers[-1])
+    return {number: (1.0, 1.0)}
+
+
+def _number(form: _Form) -> float | None:
+    """Return the number that a value is, None if it is none, or no exact one."""
+    weight, size = form.get(_ONE, (0.0, 0.0))
+    # A number that was added up has a rounding of its own: it stays a term.
+    return weight if set(form) == {_ONE} and abs(weight) == size else None
+
+
+def _sum(one: _Form, other: _Form) -> _Form:
+    total = dict(one)
+    for term, (weight, size) in other.items():
+        before = total.get(term, (0.0, 0.0))
+        total[term] = before[0] + weight, before[1] + size
+    return total
+
+
+def _scaled(form: _Form, factor: float) -> _Form:
+    return {
+        term: (weight * factor, size * abs(factor))
+        for term, (weight, size) in form.items()
+    }
+
+
+def _replayed(tape: Tape, symbols: ca.SX) -> list[ca.SX]:
+    """Return all values of a tape of one argument as expressions."""
+    values: list[ca.SX] = []
+    for node in tape.nodes:
+        if node.operation == "constant":
+            values.append(ca.SX(node.value))
+        elif node.operation == "input":
+            values.append(symbols[node.arguments[1]])
+        else:
+            arguments = [values[a] for a in node.arguments]
+            code = _CODES[node.operation]
+            if len(arguments) == 1:
+                values.append(ca.SX.unary(code, *arguments))
+            else:
+                values.append(ca.SX.binary(code, *arguments))
+    return values

@@ -1,0 +1,287 @@
+"""A moving polytope that holds every admissible trajectory.
+
+    { x : D x <= s(t) },  s linear over slabs of time
+
+Over each slab, s_k rises faster than
+
+    r_k = max of d_k f(t, x, u) over  d_k x = s_k(t),  D x <= s(t),  all u,
+
+in rounded intervals (`faces.py`, `motion.py`), and s(0) >= D x0. Then no trajectory
+gets out: at the last moment in the polytope it is on some faces; f being continuous,
+d_k x rises more slowly than s_k on each of them for a while, and the other faces are
+not reached at once. The bounds of the states are part of the polytope there, with
+levels that stand still, since admissible trajectories keep them.
+
+r depends on the s at the slab's end, which is raised until all rates fit; where that
+does not settle, the slab is halved. A face that nowhere touches the polytope is free to
+move: it is drawn in until it does.
+
+Source: Blanchini and Miani (2015), Set-Theoretic Methods in Control, section 4.2
+(Nagumo's condition); Dang and Maler (1998), Reachability Analysis via Face Lifting.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.ocp.lower_bound.evidence import Tube
+from swarmstart.ocp.lower_bound.faces import Template, rates_at_faces, template_of
+from swarmstart.ocp.lower_bound.motion import Motion, motion_of
+from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.support import PAD
+from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
+
+Array = NDArray[np.float64]
+
+SLABS = 100
+CELLS = {1: 1, 2: 8, 3: 5}
+"""Cells along each coordinate of a face, by the number of states."""
+_PLANE_DIRECTIONS = 24
+_GREATEST = 1e6
+"""Levels beyond this many sizes, or times x0 if that is more, count as a blow-up."""
+_ROUNDS = 12
+"""How often the end of a slab is raised before the slab is halved."""
+_DRAWN_IN = 3
+"""In how many of them faces are drawn in; later rounds only raise."""
+_BEYOND = 0.1
+"""Part of a raise that is added to it, so that the next round fits."""
+_HALVINGS = 8
+_MOST_EXCESS = 0.02
+"""By which part of its width a slab may be too wide before it is halved."""
+_MOST_SLABS = 20
+"""Slabs at most, in multiples of those asked for."""
+
+
+@dataclass(eq=False)
+class NoTubeError(SwarmstartError):
+    """No set was found that holds the trajectories.
+
+    Attributes:
+        reason: Why not, and what would help: sentences.
+    """
+
+    reason: str
+
+    def __str__(self) -> str:
+        """Give the reason."""
+        return self.reason
+
+
+def tube_of(
+    statement: Statement, *, slabs: int = SLABS, cells: int | None = None
+) -> Tube:
+    """Enclose all admissible trajectories of a statement.
+
+    Args:
+        statement: With 1, 2 or 3 states.
+        slabs: Pieces of time, at least 1; where they are too long, they are halved.
+        cells: Parts of a face along each of its coordinates; None: as CELLS says.
+
+    Returns:
+        The tube, from 0 to the latest end; proven, rounding included.
+
+    Raises:
+        NoTubeError: There are more states, the dynamics jump or have an operation
+            without interval form, or the trajectories cannot be bounded.
+    """
+    if statement.n not in CELLS:
+        raise NoTubeError(f"A tube has 1 to 3 states; there are {statement.n}.")
+    _require_numbers(statement)
+    try:
+        motion = motion_of(statement)
+    except UnknownIntervalOperationError as error:
+        raise NoTubeError(f"No set holds the trajectories for sure: {error}.") from None
+    march = _March(
+        statement=statement,
+        motion=motion,
+        template=template_of(_directions(statement.n), statement.state_box),
+        cells=CELLS[statement.n] if cells is None else cells,
+    )
+    return _marched(march, slabs)
+
+
+def _require_numbers(statement: Statement) -> None:
+    """Refuse what is no number."""
+    low, high = statement.control_box
+    for name, values in (
+        ("the initial state", statement.x0),
+        ("the bounds of the controls", np.concatenate([low, high])),
+        ("the latest end", np.array(statement.horizon[1])),
+    ):
+        if not np.isfinite(values).all():
+            raise NoTubeError(f"A tube needs {name} to be finite; found {values}.")
+    if not statement.horizon[1] > 0:
+        raise NoTubeError(f"The latest end must be above 0; it is {statement.horizon}.")
+
+
+def _directions(n: int) -> Array:
+    """Return the directions of the faces, shape (K, n), the axes first."""
+    axes = np.repeat(np.eye(n), 2, axis=0) * np.tile([1.0, -1.0], n)[:, None]
+    if n == 1:
+        return axes
+    if n == 2:
+        angles = 2 * np.pi * np.arange(_PLANE_DIRECTIONS) / _PLANE_DIRECTIONS
+        circle = np.column_stack([np.cos(angles), np.sin(angles)])
+        is_axis = np.arange(_PLANE_DIRECTIONS) % (_PLANE_DIRECTIONS // 4) == 0
+        return np.vstack([axes, circle[~is_axis]])
+    signs = np.array(list(product([1.0, 0.0, -1.0], repeat=n)))
+    mixed = signs[np.abs(signs).sum(axis=1) > 1]
+    return np.vstack([axes, mixed / np.linalg.norm(mixed, axis=1)[:, None]])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _March:
+    """What all slabs of a tube have in common."""
+
+    statement: Statement
+    motion: Motion
+    template: Template
+    cells: int
+
+    def rates(self, times: tuple[float, float], start: Array, stop: Array) -> Array:
+        """Return r of a slab whose levels go from start to stop."""
+        return rates_at_faces(
+            self.motion,
+            self.template,
+            times=times,
+            levels=np.array([start, stop]),
+            cells=self.cells,
+        )
+
+
+def _marched(march: _March, slabs: int) -> Tube:
+    """Return the tube, slab by slab."""
+    latest = march.statement.horizon[1]
+    times, levels = [0.0], [_first_levels(march)]
+    limit = _GREATEST * max(1.0, float(np.abs(march.statement.x0).max()))
+    whole = latest / slabs
+    step, least = whole, whole / 2**_HALVINGS
+    rates = march.rates((0.0, least), levels[0], levels[0])
+    while times[-1] < latest:
+        # The last slab takes what rounding leaves of the time.
+        until = times[-1] + step
+        stop = latest if until > latest - 0.25 * step else until
+        found = _slab(march, (times[-1], stop), levels[-1], rates, limit)
+        may_halve = step > least and len(times) < _MOST_SLABS * slabs
+        if found is None:
+            if not may_halve:
+                raise NoTubeError(_blow_up(march, times[-1], levels[-1]))
+            step *= 0.5
+            continue
+        after = march.rates((stop, stop + least), found, found)
+        slope = (found - levels[-1]) / (stop - times[-1])
+        part = _excess(march, found, slope, after, stop - times[-1], whole)
+        if part > _MOST_EXCESS and may_halve:
+            step *= 0.5
+            continue
+        rates = after
+        times.append(stop)
+        levels.append(found)
+        step = min(whole, step * (2.0 if part < 0.25 * _MOST_EXCESS else 1.0))
+    return Tube(
+        directions=march.template.directions,
+        times=np.array(times),
+        levels=np.array(levels),
+    )
+
+
+def _excess(
+    march: _March,
+    levels: Array,
+    slope: Array,
+    after: Array,
+    length: float,
+    whole: float,
+) -> float:
+    """Return by how much a slab is too wide since its levels are linear.
+
+    Args:
+        march: What all slabs have in common.
+        levels: At the slab's end.
+        slope: Of the levels.
+        after: Rates at the slab's end.
+        length: Of the slab [s].
+        whole: Of one that is not halved [s].
+
+    Returns:
+        In parts of the width of the polytope, or of the way that its fastest face goes
+        in a whole slab, whichever is more.
+    """
+    is_on = np.isfinite(after)
+    if not is_on.any():
+        return 0.0
+    widths = levels + levels[march.template.opposite]
+    scale = np.maximum(widths, whole * np.abs(after[is_on]).max())[is_on]
+    excess = 0.5 * length * (slope - after)[is_on]
+    return float((excess / np.maximum(scale, 1e-12)).max())
+
+
+def _first_levels(march: _March) -> Array:
+    """Return levels that x0 does not exceed, rounding included."""
+    terms = march.template.directions * march.statement.x0
+    return np.asarray(terms.sum(axis=1) + PAD * np.abs(terms).sum(axis=1))
+
+
+def _slab(
+    march: _March,
+    times: tuple[float, float],
+    start: Array,
+    expected: Array,
+    limit: float,
+) -> Array | None:
+    """Return levels at the end of a slab that all rates fit.
+
+    Args:
+        march: What all slabs have in common.
+        times: Begin and end of the slab.
+        start: Levels at its begin.
+        expected: Rates, infinite ones if there is no expectation.
+        limit: Greatest level.
+
+    Returns:
+        None if none were found.
+    """
+    length, template = times[1] - times[0], march.template
+    is_known = np.isfinite(expected)
+    fastest = np.abs(expected[is_known]).max(initial=0.0)
+    stop = template.tightened(start + length * np.where(is_known, expected, fastest))
+    for number in range(_ROUNDS):
+        rates = march.rates(times, start, stop)
+        # A float quotient of differences is off by some 2^-53 of itself.
+        slope = (stop - start) / length
+        is_short = ~(slope - PAD * np.abs(slope) > rates)
+        if not is_short.any():
+            return stop
+        least = start + length * rates
+        if not (np.abs(least[is_short]) < limit).all():
+            return None
+        # So much more that rounding cannot hide it, and nothing that matters.
+        room = 1e-7 * length * np.abs(rates[is_short]).max()
+        room += 1e-12 * (1.0 + template.reach(np.array([start, stop])))
+        raised = np.where(is_short, least + room + _BEYOND * (least - stop), stop)
+        if number < _DRAWN_IN:
+            drawn = template.tightened(raised) + room
+            raised = np.where(is_short, np.minimum(raised, drawn), raised)
+        stop = np.maximum(stop, raised)
+    return None
+
+
+def _blow_up(march: _March, time: float, levels: Array) -> str:
+    """Say which state could not be bounded, and what would help."""
+    statement = march.statement
+    axes = levels[: 2 * statement.n].reshape(-1, 2)
+    grown = np.maximum(axes[:, 0] - statement.x0, axes[:, 1] + statement.x0)
+    state = int(np.argmax(grown))
+    size = statement.sizes[state]
+    low, high = -axes[state, 1] * size, axes[state, 0] * size
+    return (
+        f"No set was found that holds the trajectories beyond t = {time:.6g} s: the "
+        f"state {statement.states[state].name()}, from {low:.4g} to {high:.4g} there, "
+        "cannot be bounded any longer. Bounds of the states would help, or a shorter "
+        "horizon, or narrower bounds of the controls."
+    )
