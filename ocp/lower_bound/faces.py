@@ -193,9 +193,11 @@ def _are_outside(
     faces = len(template.directions)
     # d_r W_0 s_k(t) - s_r(t) at both ends of the slab, (2, K, R).
     base = slopes[:, :, 0] * ends[:, :faces, None] - ends[:, None, :]
-    along = slopes[:, None, :, 1:]
-    least = np.minimum(along * grid[0][:, :, None], along * grid[1][:, :, None])
-    least = base.min(axis=0)[:, None] + least.sum(axis=3)
+    least = np.repeat(base.min(axis=0)[:, None], grid.shape[2], axis=1)
+    for j in range(template.n - 1):
+        along = slopes[:, None, :, 1 + j]
+        low, high = grid[:, :, :, j, None]
+        least += np.minimum(along * low, along * high)
     # d_r e, and the roundings here: both of the size of x, which misfit is padded for.
     sizes = np.abs(template.rows).sum(axis=1)
     pad = 2.0 * misfit * sizes + PAD * np.abs(ends).max(axis=0)

@@ -40,9 +40,10 @@ class DualVertices:
     """The vectors y of some directions q, n entries each.
 
     Attributes:
-        rows: Which rows of D the entries belong to, shape (number, n).
-        weights: The entries, shape (number, n).
-        residual: Bound of |q - D'y|_1, rounding included, shape (number,).
+        rows: Which rows of D the entries belong to, shape (n, number).
+        weights: The entries, shape (n, number).
+        residual: Bound of |q - D'y|_1 and of the rounding of y's, in parts of the
+            largest of |x_i| and |s_k|, shape (number,).
         starts: Where those of each q begin, shape (directions,).
     """
 
@@ -60,9 +61,9 @@ class DualVertices:
             reach: Bound of |x_i| for all x in the polytopes and all i.
         """
         terms = self.weights * np.atleast_2d(levels)[:, self.rows]
-        bounds = terms.sum(axis=-1) + PAD * np.abs(terms).sum(axis=-1)
-        # y's(t) is linear in s, so its greatest value between two levels is at one.
-        bounds = bounds.max(axis=0) + self.residual * reach
+        # y's is linear in s, so its greatest value between two levels is at one.
+        bounds = terms.sum(axis=1).max(axis=0)
+        bounds += self.residual * max(reach, float(np.abs(levels).max()))
         return np.asarray(np.minimum.reduceat(bounds, self.starts))
 
 
@@ -118,14 +119,14 @@ def _vertices_of(
     products = matrices * weights[:, None, :]
     left = np.abs(q - products.sum(axis=2)).sum(axis=1)
     size = np.abs(products).sum(axis=(1, 2)) + np.abs(q).sum()
-    return bases, weights, left + PAD * size
+    return bases, weights, left + PAD * (size + np.abs(weights).sum(axis=1))
 
 
 def _joined(found: list[tuple[Index, Array, Array]]) -> DualVertices:
     counts = [len(bases) for bases, _, _ in found]
     return DualVertices(
-        rows=np.concatenate([bases for bases, _, _ in found]),
-        weights=np.concatenate([weights for _, weights, _ in found]),
+        rows=np.concatenate([bases for bases, _, _ in found]).T.copy(),
+        weights=np.concatenate([weights for _, weights, _ in found]).T.copy(),
         residual=np.concatenate([left for _, _, left in found]),
         starts=np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64),
     )
