@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.fitness import NOTHING, Known
+from swarmstart.ocp.lower_bound.basis import Basis, Box
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.evidence import Evidence, Pruning, Step, Tube
 from swarmstart.ocp.lower_bound.region import Region
@@ -59,10 +60,11 @@ CLOSED = 1e-5
 PRUNING_DEGREE = 4
 PRUNING_TIME = 0.35
 MOST_PRUNINGS = 4
+FEWEST_ROUNDS = 3
 WORTHWHILE = 0.9
 """A pruning that leaves more than this part of the volume is the last one."""
 DEGREES = {1: (4, 6, 8, 10, 12), 2: (4, 5, 6, 7, 8), 3: (3, 4, 5, 6)}
-SETTLED = 0.03
+SETTLED = 0.1
 """Slack of a step, in parts of its gap, from which on the next degree is tried."""
 ABOVE = 1e-6
 """By which part the cost that prunings compare with is above the known one."""
@@ -276,6 +278,7 @@ class _Path:
         self._setting = Setting(self.statement, affine, stage, self._size(stage))
         self._began = clock.perf_counter()
         self._prunings: list[Pruning] = []
+        self.shares: list[float] = []
         self._boxes = 0
         known = self.goal + ABOVE * abs(self.goal)
         self._known = known if math.isfinite(known) else math.inf
@@ -360,19 +363,20 @@ class _Path:
         for _ in range(MOST_PRUNINGS):
             before = float(np.prod(self._region.box.half))
             sample = self._region.sampled(self.rng, 8000)
-            steps = []
-            for aim in ("come", "go"):
-                share = 0.5 * max(0.0, limit - clock.perf_counter())
-                step = self._rough(forms, aim, clock.perf_counter() + share)
-                if step is None:
-                    return
-                steps.append(step)
+            go = self._rough(forms, "go", self._needed(None), limit)
+            if go is None:
+                return
+            come = self._rough(forms, "come", self._needed(go), limit)
+            if come is None:
+                return
+            steps = (come, go)
             pruning = Pruning(come=steps[0], go=steps[1])
             bound = worth(steps[1], self.statement)
             if bound > -math.inf:
                 yield self._bound(steps[1], PRUNING_DEGREE)
             region = self._region.pruned(pruning, self._known)
             left = float(region.inside(sample).mean()) if sample.size else 1.0
+            self.shares.append(left)
             if left > 0.99 or not region.paving[0].size:  # noqa: PLR2004
                 return
             self._region = region
@@ -383,19 +387,45 @@ class _Path:
             if clock.perf_counter() > limit:
                 return
 
-    def _rough(self, forms: Forms, aim: Aim, until: float) -> Step | None:
+    def _needed(self, go: Step | None) -> Callable[[Array], Array]:
+        """Return how much the way to a point must cost for it to be cut off.
+
+        Args:
+            go: What is known of the way on; None: nothing.
+        """
+
+        def needed(points: Array) -> Array:
+            if go is None:
+                return np.full(points.shape[1], self._known)
+            basis = Basis(1 + self.statement.n, PRUNING_DEGREE)
+            V = go.polynomial
+            values = basis.values(Box(V.middle, V.half), points) @ V.coefficients
+            return np.asarray(self._known - values)
+
+        return needed
+
+    def _rough(
+        self,
+        forms: Forms,
+        aim: Aim,
+        needed: Callable[[Array], Array],
+        limit: float,
+    ) -> Step | None:
         """Return a step that prunes, proven to within little."""
         search = self._search(forms, aim, ROUGH_SHARE)
-        search.until = until
+        now = clock.perf_counter()
+        search = replace(
+            search, until=now + 0.5 * max(0.0, limit - now), needed=needed
+        )
         best, value = None, -math.inf
         latest = self.statement.horizon[1]
         enough = 3 * ROUGH_SHARE * self._setting.size
-        for found in search.rounds(None):
+        for number, found in enumerate(search.rounds(None)):
             if found.step is None:
                 continue
             loss = found.step.slack * latest + (found.step.end_slack or 0.0)
             if found.value - loss > value:
                 best, value = found.step, found.value - loss
-            if loss < enough:
+            if loss < enough and number >= FEWEST_ROUNDS:
                 break
         return best

@@ -12,7 +12,7 @@ ones would otherwise push binding ones out, and the value would swing.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -37,7 +37,9 @@ LARGEST = 1e4
 """Of coefficients, in units of the cost's size."""
 SAMPLES = 15_000
 WORST = 400
-NEAR = 0.03
+RADII = (0.05, 0.015, 0.005, 0.0015)
+TRIES = 6
+LITTLE = 0.05
 SHARE_OF_ENDS = 0.1
 """Of the slack hoped for: that at the end."""
 
@@ -121,6 +123,7 @@ class Search:
         hoped: Slack hoped for [cost / s].
         rng: Draws the samples.
         until: At which time it ends, of `time.perf_counter` [s].
+        needed: Of what prunes: points (1 + n, N) -> the value that is enough there.
     """
 
     setting: Setting
@@ -130,22 +133,38 @@ class Search:
     hoped: float
     rng: np.random.Generator
     until: float
+    needed: Callable[[Array], Array] | None = None
     box: Box = field(init=False)
-    _rows: _Rows = field(init=False)
 
     def __post_init__(self) -> None:
         """Find the box that the polynomial is scaled to."""
         self.box = self.region.box
-        self._objective = self._aimed()
-
-    def _aimed(self) -> Array:
         basis, statement = self.forms.basis, self.setting.statement
         start = np.concatenate([[0.0], statement.x0])[:, None]
-        at_start = basis.values(self.box, start)[0]
+        self._at_start = basis.values(self.box, start)[0]
+        if self.aim != "start":
+            points = self.region.sampled(self.rng, 6000)
+            values = basis.values(self.box, points)
+            self._aims = values if self.aim == "go" else self._at_start - values
+            self._weights = np.ones(len(values))
+            self._enough = (
+                np.full(len(values), np.inf)
+                if self.needed is None
+                else self.needed(points)
+            )
+
+    def _objective(self) -> Array:
+        """Return what is maximised, shape (size,)."""
         if self.aim == "start":
-            return at_start
-        mean = basis.values(self.box, self.region.sampled(self.rng, 8000)).mean(axis=0)
-        return mean if self.aim == "go" else at_start - mean
+            return self._at_start
+        return np.asarray(self._weights @ self._aims / self._weights.sum())
+
+    def _weigh(self, w: Array) -> None:
+        """Let points count less that have more than they need to be cut off."""
+        if self.aim != "start":
+            value = self._aims @ w
+            wanted = np.where(value > self._enough, LITTLE, 1.0)
+            self._weights = (self._weights + wanted) / 2
 
     @property
     def _has_end(self) -> bool:
@@ -189,8 +208,10 @@ class Search:
         best = useless
         last_proof, number = -3, 0
         while clock.perf_counter() < self.until:
-            w = rows.solved(self._objective)
-            value = float(self._objective @ w)
+            objective = self._objective()
+            w = rows.solved(objective)
+            value = float(objective @ w)
+            self._weigh(w)
             found = self._failing(w)
             number += 1
             step, converged = None, False
@@ -216,8 +237,7 @@ class Search:
         """Return samples at which a polynomial fails most."""
         points = self.region.sampled(self.rng, SAMPLES)
         h, u = self._h(w, points)
-        worst = np.argsort(h)[: WORST // 2]
-        near = self._around(points[:, worst], 8, NEAR)
+        near = self._descended(w, points[:, np.argsort(h)[: WORST // 2]])
         near_h, near_u = self._h(w, near)
         points = np.hstack([points, near])
         h, u = np.concatenate([h, near_h]), np.hstack([u, near_u])
@@ -232,15 +252,24 @@ class Search:
         lowest = float(h.min()) if h.size else 0.0
         return _Failing(np.vstack([points, u])[:, chosen], ends, lowest)
 
-    def _around(self, points: Array, copies: int, part: float) -> Array:
-        """Return points of the set near others."""
-        near = np.repeat(points, copies, axis=1)
-        near = near + part * self.box.half[:, None] * self.rng.standard_normal(
-            near.shape
-        )
+    def _descended(self, w: Array, points: Array) -> Array:
+        """Return points moved to where h is less, by steps at random, and the tracks.
+
+        A minimum that is met as a row is cut off for good; a point beside it is not.
+        """
         low, high = self.box.middle - self.box.half, self.box.middle + self.box.half
-        near = np.clip(near, low[:, None], high[:, None])
-        return near[:, self.region.inside(near)]
+        tracks = []
+        h, _ = self._h(w, points)
+        for part in RADII:
+            for _ in range(TRIES):
+                step = self.rng.standard_normal(points.shape)
+                tried = points + part * self.box.half[:, None] * step
+                tried = np.clip(tried, low[:, None], high[:, None])
+                other, _ = self._h(w, tried)
+                better = (other < h) & self.region.inside(tried)
+                points, h = np.where(better, tried, points), np.where(better, other, h)
+            tracks.append(points)
+        return np.hstack(tracks)
 
     def _h(self, w: Array, points: Array) -> tuple[Array, Array]:
         slopes = slopes_of(self.forms.basis, self.box, w, points)
@@ -333,8 +362,7 @@ class Search:
         points = points[: 1 + n]
         if not points.size:
             return np.zeros((1 + n + self.setting.statement.m, 0))
-        near = self._around(points[:, :100], 4, NEAR / 10)
-        points = np.hstack([points, near])
+        points = np.hstack([points, self._descended(w, points[:, : WORST // 2])])
         h, u = self._h(w, points)
         return np.vstack([points, u])[:, h < self.hoped]
 
