@@ -21,10 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.fitness import NOTHING, Known
-from swarmstart.ocp.lower_bound.basis import Basis, Box
+from swarmstart.ocp.lower_bound.basis import Box
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.evidence import Evidence, Pruning, Step, Tube
-from swarmstart.ocp.lower_bound.region import Region
+from swarmstart.ocp.lower_bound.region import Region, basis_of
 from swarmstart.ocp.lower_bound.stage import Stage
 from swarmstart.ocp.lower_bound.statement import Statement
 from swarmstart.ocp.lower_bound.stating import (
@@ -39,6 +39,7 @@ from swarmstart.ocp.lower_bound.subsolution import (
     Round,
     Search,
     Setting,
+    loss_of,
     worth,
 )
 from swarmstart.ocp.lower_bound.tube import NoTubeError, tube_of
@@ -57,9 +58,8 @@ ROUGH_SHARE = 0.01
 """The same of the steps that prune."""
 CLOSED = 1e-5
 """Gap at which the search ends, in parts of the known cost."""
-PRUNING_DEGREE = 4
+PRUNING_DEGREES = (2, 3, 4, 4, 4)
 PRUNING_TIME = 0.35
-MOST_PRUNINGS = 4
 FEWEST_ROUNDS = 3
 WORTHWHILE = 0.9
 """A pruning that leaves more than this part of the volume is the last one."""
@@ -350,7 +350,7 @@ class _Path:
             BoundKind.PROVEN,
             "no admissible trajectory of the set that holds them all costs less",
             degree=degree,
-            slack=step.slack * latest + (step.end_slack or 0.0),
+            slack=loss_of(step, latest),
             boxes=self._boxes,
             set_name=f"tube of {len(self.tube.directions)} faces{pruned}",
             evidence=evidence,
@@ -359,9 +359,8 @@ class _Path:
     def _pruned(self) -> Iterator[_Best]:
         """Make the set smaller by the known cost; yield the bounds met on the way."""
         limit = self._began + PRUNING_TIME * (self.until - self._began)
-        forms = Forms(self._setting, PRUNING_DEGREE)
-        for _ in range(MOST_PRUNINGS):
-            before = float(np.prod(self._region.box.half))
+        for degree in PRUNING_DEGREES:
+            forms = Forms(self._setting, degree)
             sample = self._region.sampled(self.rng, 8000)
             go = self._rough(forms, "go", self._needed(None), limit)
             if go is None:
@@ -373,16 +372,18 @@ class _Path:
             pruning = Pruning(come=steps[0], go=steps[1])
             bound = worth(steps[1], self.statement)
             if bound > -math.inf:
-                yield self._bound(steps[1], PRUNING_DEGREE)
+                yield self._bound(steps[1], degree)
             region = self._region.pruned(pruning, self._known)
             left = float(region.inside(sample).mean()) if sample.size else 1.0
             self.shares.append(left)
-            if left > 0.99 or not region.paving[0].size:  # noqa: PLR2004
+            if not region.paving[0].size:
                 return
+            if left > 0.99:  # noqa: PLR2004
+                continue
             self._region = region
             self._prunings.append(pruning)
             self._boxes += steps[0].boxes
-            if left > WORTHWHILE and np.prod(region.box.half) > WORTHWHILE * before:
+            if left > WORTHWHILE and degree == PRUNING_DEGREES[-1]:
                 return
             if clock.perf_counter() > limit:
                 return
@@ -397,8 +398,8 @@ class _Path:
         def needed(points: Array) -> Array:
             if go is None:
                 return np.full(points.shape[1], self._known)
-            basis = Basis(1 + self.statement.n, PRUNING_DEGREE)
             V = go.polynomial
+            basis = basis_of(V)
             values = basis.values(Box(V.middle, V.half), points) @ V.coefficients
             return np.asarray(self._known - values)
 
@@ -417,15 +418,15 @@ class _Path:
         search = replace(
             search, until=now + 0.5 * max(0.0, limit - now), needed=needed
         )
-        best, value = None, -math.inf
+        best, quality = None, (-1.0, -math.inf)
         latest = self.statement.horizon[1]
         enough = 3 * ROUGH_SHARE * self._setting.size
         for number, found in enumerate(search.rounds(None)):
             if found.step is None:
                 continue
-            loss = found.step.slack * latest + (found.step.end_slack or 0.0)
-            if found.value - loss > value:
-                best, value = found.step, found.value - loss
+            loss = loss_of(found.step, latest)
+            if (found.share, -loss) > quality:
+                best, quality = found.step, (found.share, -loss)
             if loss < enough and number >= FEWEST_ROUNDS:
                 break
         return best

@@ -24,6 +24,8 @@ from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_funct
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+LAST = 5
+"""One sample more at the last time for so many."""
 PAVING = 3000
 """Boxes of a paving, about."""
 
@@ -134,6 +136,13 @@ class Region:
         low, high = lower[:, chosen], upper[:, chosen]
         part = np.clip(1.2 * rng.random(low.shape) - 0.1, 0.0, 1.0)
         points = low + part * (high - low)
+        # A polynomial fails first where the set ends: at the last time most of all.
+        last = np.flatnonzero(upper[0] >= upper[0].max())
+        chosen = rng.choice(last, size=count // LAST)
+        part = rng.random((len(lower), chosen.size))
+        part[0] = 1.0
+        at_end = lower[:, chosen] + part * (upper - lower)[:, chosen]
+        points = np.hstack([points, at_end])
         return points[:, self.inside(points)]
 
     def end_boxes(self) -> tuple[Array, Array]:

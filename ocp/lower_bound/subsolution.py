@@ -101,12 +101,14 @@ class Round:
     Attributes:
         step: What was proven; None where a proof was not tried or did not end.
         value: Value of the linear program: what the step would give without slack.
+        share: Of a step that prunes, the part of the set that it cuts off.
         cuts: All points so far.
         converged: Whether no better step of this degree is to be expected.
     """
 
     step: Step | None
     value: float
+    share: float
     cuts: Cuts
     converged: bool
 
@@ -166,6 +168,10 @@ class Search:
             wanted = np.where(value > self._enough, LITTLE, 1.0)
             self._weights = (self._weights + wanted) / 2
 
+    def _share(self, w: Array, loss: float) -> float:
+        """Return the share of the points that a step cuts off."""
+        return float((self._aims @ w - loss > self._enough).mean())
+
     @property
     def _has_end(self) -> bool:
         return self.aim != "come"
@@ -216,7 +222,9 @@ class Search:
             number += 1
             step, converged = None, False
             latest = self.setting.statement.horizon[1]
-            room = (value - best) / latest if np.isfinite(best) else np.inf
+            # What prunes is weighed anew in each round: its values do not compare.
+            compares = self.aim == "start" and np.isfinite(best)
+            room = (value - best) / latest if compares else np.inf
             enough = max(4 * self.hoped, min(0.5 * room, 0.1 * self.setting.size))
             if found.lowest > -enough or number - last_proof > 4:
                 last_proof = number
@@ -227,9 +235,18 @@ class Search:
                     found.lowest,
                 )
                 if step is not None:
-                    best = max(best, value - _loss(step, latest))
+                    best = max(best, value - loss_of(step, latest))
             rows.add(found.points, found.ends)
-            yield Round(step=step, value=value, cuts=rows.cuts, converged=converged)
+            share = 0.0
+            if step is not None and self.aim != "start":
+                share = self._share(w, loss_of(step, latest))
+            yield Round(
+                step=step,
+                value=value,
+                share=share,
+                cuts=rows.cuts,
+                converged=converged,
+            )
             if converged:
                 return
 
@@ -376,7 +393,7 @@ class _Failing:
     lowest: float
 
 
-def _loss(step: Step, latest: float) -> float:
+def loss_of(step: Step, latest: float) -> float:
     """Return what a step's slacks take off the bound."""
     return step.slack * latest + (step.end_slack or 0.0)
 
