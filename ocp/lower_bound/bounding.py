@@ -52,8 +52,10 @@ from swarmstart.terminal_set.intervals import (
 )
 
 Array = NDArray[np.float64]
-SLACK_SHARE = 3e-4
-"""Slack hoped for, times the horizon, in parts of the cost's size."""
+SLACK_SHARES = (3e-4, 1e-5)
+"""Slack hoped for at first and at last, times the horizon, in parts of the size."""
+SLACK_OF_GAP = 0.1
+"""The same, in parts of the gap that is left."""
 ROUGH_SHARE = 0.01
 """The same of the steps that prune."""
 CLOSED = 1e-5
@@ -303,7 +305,7 @@ class _Path:
         best = -math.inf
         for degree in DEGREES[self.statement.n]:
             forms = Forms(self._setting, degree)
-            search = self._search(forms, "start", SLACK_SHARE)
+            search = self._search(forms, "start", self._share(best))
             for number, found in enumerate(search.rounds(cuts, best)):
                 cuts = found.cuts
                 if found.step is not None:
@@ -314,6 +316,14 @@ class _Path:
                     break
             if clock.perf_counter() > self.until:
                 return
+
+    def _share(self, best: float) -> float:
+        """Return the slack hoped for, in parts of the costs' size."""
+        first, last = SLACK_SHARES
+        if not math.isfinite(self._known - best):
+            return first
+        gap = SLACK_OF_GAP * (self._known - best) / self._setting.size
+        return float(np.clip(gap, last, first))
 
     def _settled(self, found: Round, best: float, number: int) -> bool:
         """Return whether a higher degree promises more than another round."""
