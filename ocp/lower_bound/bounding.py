@@ -60,12 +60,19 @@ ROUGH_SHARE = 0.01
 """The same of the steps that prune."""
 CLOSED = 1e-5
 """Gap at which the search ends, in parts of the known cost."""
-PRUNING_DEGREES = (2, 3, 4, 4, 4)
-PRUNING_TIME = 0.35
+PRUNING_TIME = 0.3
+"""Of the time that is left, for one pruning."""
+MOST_PRUNINGS = 3
+"""Of each degree."""
 FEWEST_ROUNDS = 3
-WORTHWHILE = 0.9
-"""A pruning that leaves more than this part of the volume is the last one."""
-DEGREES = {1: (4, 6, 8, 10, 12), 2: (4, 5, 6, 7, 8), 3: (3, 4, 5, 6)}
+WORTHWHILE = 0.8
+"""A pruning that leaves more than this part of the volume is the degree's last one."""
+USELESS = 0.97
+"""One that leaves more than this part is not kept."""
+DEGREES = {1: (2, 4, 6, 8, 10, 12), 2: (2, 3, 4, 5, 6, 7, 8), 3: (2, 3, 4, 5, 6)}
+"""By the number of states."""
+FIRST_DEGREE = 3
+"""Below it polynomials only prune."""
 SETTLED = 0.1
 """Slack of a step, in parts of its gap, from which on the next degree is tried."""
 ABOVE = 1e-6
@@ -281,6 +288,7 @@ class _Path:
         self._began = clock.perf_counter()
         self._prunings: list[Pruning] = []
         self.shares: list[float] = []
+        self._cuts: dict[str, Cuts] = {}
         self._boxes = 0
         known = self.goal + ABOVE * abs(self.goal)
         self._known = known if math.isfinite(known) else math.inf
@@ -298,16 +306,18 @@ class _Path:
         return max(size, 1e-3 * usual, 1e-12)
 
     def bounds(self) -> Iterator[_Best]:
-        """Yield proven bounds."""
-        if math.isfinite(self._known):
-            yield from self._pruned()
-        cuts: Cuts | None = None
+        """Yield proven bounds, of rising degrees on a set that gets smaller."""
         best = -math.inf
         for degree in DEGREES[self.statement.n]:
             forms = Forms(self._setting, degree)
+            for found in self._pruned(forms):
+                yield found
+                best = max(best, found.value)
+            if degree < FIRST_DEGREE:
+                continue
             search = self._search(forms, "start", self._share(best))
-            for number, found in enumerate(search.rounds(cuts, best)):
-                cuts = found.cuts
+            for number, found in enumerate(search.rounds(self._kept("start"), best)):
+                self._cuts["start"] = found.cuts
                 if found.step is not None:
                     bound = self._bound(found.step, degree)
                     yield bound
@@ -316,6 +326,17 @@ class _Path:
                     break
             if clock.perf_counter() > self.until:
                 return
+
+    def _kept(self, aim: Aim) -> Cuts | None:
+        """Return the cuts of earlier searches that are still in the set."""
+        cuts = self._cuts.get(aim)
+        if cuts is None:
+            return None
+        points, ends = cuts.points, cuts.ends
+        within = self._region.inside(points)
+        if ends.size:
+            ends = ends[:, self._region.inside_ends(ends)]
+        return Cuts(points[:, within], ends)
 
     def _share(self, best: float) -> float:
         """Return the slack hoped for, in parts of the costs' size."""
@@ -366,36 +387,31 @@ class _Path:
             evidence=evidence,
         )
 
-    def _pruned(self) -> Iterator[_Best]:
+    def _pruned(self, forms: Forms) -> Iterator[_Best]:
         """Make the set smaller by the known cost; yield the bounds met on the way."""
-        limit = self._began + PRUNING_TIME * (self.until - self._began)
-        for degree in PRUNING_DEGREES:
-            forms = Forms(self._setting, degree)
-            sample = self._region.sampled(self.rng, 8000)
+        if not math.isfinite(self._known):
+            return
+        for _ in range(MOST_PRUNINGS):
+            left = self.until - clock.perf_counter()
+            limit = clock.perf_counter() + PRUNING_TIME * left
             go = self._rough(forms, "go", self._needed(None), limit)
             if go is None:
                 return
+            yield self._bound(go, forms.basis.degree)
             come = self._rough(forms, "come", self._needed(go), limit)
             if come is None:
                 return
-            steps = (come, go)
-            pruning = Pruning(come=steps[0], go=steps[1])
-            bound = worth(steps[1], self.statement)
-            if bound > -math.inf:
-                yield self._bound(steps[1], degree)
+            pruning = Pruning(come=come, go=go)
+            sample = self._region.sampled(self.rng, 8000)
             region = self._region.pruned(pruning, self._known)
-            left = float(region.inside(sample).mean()) if sample.size else 1.0
-            self.shares.append(left)
-            if not region.paving[0].size:
+            share = float(region.inside(sample).mean()) if sample.size else 1.0
+            self.shares.append(share)
+            if share > USELESS or not region.paving[0].size:
                 return
-            if left > 0.99:  # noqa: PLR2004
-                continue
             self._region = region
             self._prunings.append(pruning)
-            self._boxes += steps[0].boxes
-            if left > WORTHWHILE and degree == PRUNING_DEGREES[-1]:
-                return
-            if clock.perf_counter() > limit:
+            self._boxes += come.boxes
+            if share > WORTHWHILE:
                 return
 
     def _needed(self, go: Step | None) -> Callable[[Array], Array]:
@@ -431,7 +447,8 @@ class _Path:
         best, quality = None, (-1.0, -math.inf)
         latest = self.statement.horizon[1]
         enough = 3 * ROUGH_SHARE * self._setting.size
-        for number, found in enumerate(search.rounds(None)):
+        for number, found in enumerate(search.rounds(self._kept(aim))):
+            self._cuts[aim] = found.cuts
             if found.step is None:
                 continue
             loss = loss_of(found.step, latest)
