@@ -29,6 +29,11 @@ from swarmstart.ocp.lower_bound.support import (
 Array = NDArray[np.float64]
 
 
+_IN_SPACE = 3
+_APART = 32.0
+"""How far faces that are drawn in keep apart, in misfits; see `_are_outside`'s pad."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Template:
     """The directions of a polytope, and what follows from them alone.
@@ -39,7 +44,7 @@ class Template:
         limits: The levels of those last rows, shape (R - K,).
         opposite: Which direction is the opposite of each, shape (K,).
         frames: W of each face, shape (K, n, n).
-        misfit: Bound of |x - W G x|, in parts of the largest |x_i|.
+        misfit: Bound of |x - W G x|, as computed, in parts of the largest |x_i|.
         support: For the largest d_k x.
         extents: For the ends of the faces, q_1, -q_1, q_2, ... of each; None if n = 1.
     """
@@ -71,9 +76,14 @@ class Template:
         return float(np.abs(levels[..., : 2 * self.n]).max())
 
     def tightened(self, levels: Array) -> Array:
-        """Return levels of the same polytope whose faces touch it, but for rounding."""
-        bounds = self.support.upper(self.levels(levels), self.reach(levels))
-        return np.minimum(levels, bounds)
+        """Return levels of the same polytope whose faces nearly touch it.
+
+        They keep apart so far that `_are_outside` sees it: a face on a bound of a
+        state that is not surely beyond it would have to rise.
+        """
+        reach = self.reach(levels)
+        bounds = self.support.upper(self.levels(levels), reach)
+        return np.minimum(levels, bounds + _APART * self.misfit * reach)
 
 
 def template_of(directions: Array, state_box: tuple[Array, Array]) -> Template:
@@ -91,7 +101,8 @@ def template_of(directions: Array, state_box: tuple[Array, Array]) -> Template:
     rows = np.vstack([directions, directions[: 2 * n][is_bound]])
     bases = np.array([_basis(direction) for direction in directions])
     frames = np.linalg.inv(bases)
-    misfit = np.abs(np.eye(n) - frames @ bases).sum(axis=2).max() + n * n * PAD
+    # The second part is for the roundings of x = W z in floats, |z_j| <= n max |x_i|.
+    misfit = np.abs(np.eye(n) - frames @ bases).sum(axis=2).max() + 2 * n * n * PAD
     tangents = bases[:, 1:]
     both = np.stack([tangents, -tangents], axis=2).reshape(len(directions), -1, n)
     return Template(
@@ -111,7 +122,7 @@ def _basis(direction: Array) -> Array:
     n = direction.size
     if n == 1:
         return direction[None, :]
-    if n == 2:
+    if n < _IN_SPACE:
         return np.array([direction, [-direction[1], direction[0]]])
     least = np.eye(n)[np.argmin(np.abs(direction))]
     first = np.cross(direction, least)
@@ -143,7 +154,7 @@ def rates_at_faces(
     ends = np.array([template.levels(level) for level in levels])
     reach = template.reach(levels)
     grid = _grid(template, ends, reach, cells)
-    misfit = template.misfit * max(reach, float(np.abs(grid).max(initial=0.0)))
+    misfit = template.misfit * reach
     face, cell = np.nonzero(~_are_outside(template, ends, grid, misfit))
     rates = np.full(len(template.directions), -np.inf)
     if face.size == 0:
@@ -175,6 +186,8 @@ def _grid(template: Template, ends: Array, reach: float, cells: int) -> Array:
     if template.extents is None:
         return np.zeros((2, faces, 1, 0))
     bounds = template.extents.upper(ends, reach).reshape(faces, others, 2)
+    # |q_j x| is below n times the largest |x_i|; bounds of an empty face can be huge.
+    bounds = np.minimum(bounds, template.n * reach)
     low, high = -bounds[:, :, 1], bounds[:, :, 0]
     parts = np.arange(cells + 1) / cells
     cuts = low[:, :, None] + (high - low)[:, :, None] * parts

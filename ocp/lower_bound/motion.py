@@ -2,8 +2,8 @@
 
 A cell holds the points (t, x, u) with
 
-    x = W z + e,  z_0 = s(t) = s_a + slope (t - t_a),  z_j in [lower_j, upper_j] (j > 0),
-    |e_i| <= misfit,  t in [t_a, t_b],  u in a box
+    x = W z + e,  z_0 = s(t) = s_a + slope (t - t_a),  |e_i| <= misfit,
+    z_j in [lower_j, upper_j] (j > 0),  t in [t_a, t_b],  u in a box
 
 that is, a part of a face that moves, in its own coordinates z. Of d'f over it two
 bounds are taken, and the better one counts: d'f in intervals, and the mean-value form
@@ -18,13 +18,14 @@ Both are taken of f as weighted sums of terms, where d'f may lose some (`terms.p
 f has to be continuous; where it jumps unseen by its derivatives (atan2 at its cut), the
 second bound is left out, see `terminal_set/smoothness.py`.
 
-Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis, section 6.2.
+Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis,
+section 6.2.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 
 import casadi as ca
 import numpy as np
@@ -107,9 +108,7 @@ def motion_of(statement: Statement) -> Motion:
     slopes = ca.densify(ca.vec(ca.jacobian(sums.terms, sums.symbols)))
     return Motion(
         n=statement.n,
-        terms=interval_function(
-            ca.Function("dynamics", [sums.symbols], [sums.terms])
-        ),
+        terms=interval_function(ca.Function("dynamics", [sums.symbols], [sums.terms])),
         slopes=interval_function(
             ca.Function("dynamics", [sums.symbols], [slopes]), takes_jumps=True
         ),
@@ -133,7 +132,7 @@ def _control_boxes(statement: Statement) -> Array:
             parts.append([(low[k], low[k]), (high[k], high[k])])
         else:
             cuts = np.linspace(low[k], high[k], _CONTROL_CELLS + 1)
-            parts.append(list(zip(cuts[:-1], cuts[1:], strict=True)))
+            parts.append(list(pairwise(cuts)))
     if np.prod([len(part) for part in parts]) > _MOST_CONTROL_BOXES:
         parts = [[(low[k], high[k])] for k in range(statement.m)]
     boxes = list(product(*parts))
@@ -231,7 +230,9 @@ def _greatest(sums: tuple[Array, Array], low: Array, high: Array) -> Array:
         terms = np.maximum(weights * low, weights * high)
         off = (errors + PAD * np.abs(weights)) * np.maximum(np.abs(low), np.abs(high))
     is_part = (weights != 0.0) | (errors != 0.0)
-    total = np.where(is_part, terms + off, 0.0).sum(axis=1)  # Not NaN: 0 times infinity.
+    total = np.where(is_part, terms + off, 0.0).sum(
+        axis=1
+    )  # Not NaN: 0 times infinity.
     total[np.isnan(total)] = np.inf
     return np.asarray(total)
 

@@ -83,24 +83,29 @@ def terms_of(function: ca.Function) -> Terms:
 
 def _form(number: int, node: Node, forms: list[_Form]) -> _Form:
     """Return a value as a sum of terms: itself, if it is none of others."""
-    operation = node.operation
-    if operation == "constant" and np.isfinite(node.value):
+    if node.operation == "constant" and np.isfinite(node.value):
         return {_ONE: (node.value, abs(node.value))}
-    if operation in ("constant", "input"):
-        return {number: (1.0, 1.0)}
-    parts = [forms[argument] for argument in node.arguments]
-    if operation in ("add", "sub"):
-        return _sum(parts[0], _scaled(parts[-1], 1.0 if operation == "add" else -1.0))
-    if operation in ("neg", "twice"):
-        return _scaled(parts[0], -1.0 if operation == "neg" else 2.0)
-    numbers = [_number(part) for part in parts]
-    if operation == "mul" and numbers[0] is not None:
-        return _scaled(parts[-1], numbers[0])
-    if operation == "mul" and numbers[-1] is not None:
-        return _scaled(parts[0], numbers[-1])
-    if operation == "div" and numbers[-1]:
-        return _scaled(parts[0], 1.0 / numbers[-1])
-    return {number: (1.0, 1.0)}
+    itself = {number: (1.0, 1.0)}
+    if node.operation in ("constant", "input"):
+        return itself
+    one, other = (forms[node.arguments[k]] for k in (0, -1))
+    if node.operation in ("add", "sub"):
+        return _sum(one, _scaled(other, 1.0 if node.operation == "add" else -1.0))
+    if node.operation in ("neg", "twice"):
+        return _scaled(one, -1.0 if node.operation == "neg" else 2.0)
+    if node.operation in ("mul", "div"):
+        return _product(one, other, is_quotient=node.operation == "div") or itself
+    return itself
+
+
+def _product(one: _Form, other: _Form, *, is_quotient: bool) -> _Form | None:
+    """Return a product or quotient, None unless a number is the one or the other."""
+    factor, divisor = _number(one), _number(other)
+    if is_quotient:
+        return _scaled(one, 1.0 / divisor) if divisor else None
+    if factor is not None:
+        return _scaled(other, factor)
+    return _scaled(one, divisor) if divisor is not None else None
 
 
 def _number(form: _Form) -> float | None:

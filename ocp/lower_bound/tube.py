@@ -43,7 +43,15 @@ CELLS = {1: 1, 2: 8, 3: 5}
 """Cells along each coordinate of a face, by the number of states."""
 FACES = 32
 """Faces of a tube of two states. More of them make it tighter, and slower to handle:
-the Van der Pol oscillator's x1 ends at most at 6.2 with 24, 5.3 with 32, 4.7 with 48."""
+the Van der Pol oscillator's x1 ends at most at 6.2 with 24, 5.3 with 32, 4.7 with 48.
+"""
+_EIGHTHS = 8
+_ROUGHLY = 4
+"""A tube with as many slabs less shows how wide the states are, for the directions."""
+_MOST_ALIKE = 2.0
+"""Widths of the states whose quotient is less count as alike."""
+_LEAST_WIDTH = 1e-4
+"""Of the greatest one; below it, widths count as this."""
 _GREATEST = 1e6
 """Levels beyond this many sizes, or times x0 if that is more, count as a blow-up."""
 _ROUNDS = 12
@@ -88,7 +96,8 @@ def tube_of(
         slabs: Pieces of time, at least 1; where they are too long, they are halved.
         cells: Parts of a face along each of its coordinates; None: as CELLS says.
         faces: Number of faces for two states, a multiple of 8, so that the diagonals
-            are among them; there are 2 for one state, 26 for three.
+            are among them; there are 2 for one state, 26 for three. Those between
+            the axes turn to the narrow sides of a set whose widths are far apart.
 
     Returns:
         The tube, from 0 to the latest end; proven, rounding included.
@@ -99,18 +108,39 @@ def tube_of(
     """
     if statement.n not in CELLS:
         raise NoTubeError(f"A tube has 1 to 3 states; there are {statement.n}.")
+    parts = CELLS[statement.n] if cells is None else cells
+    if min(slabs, parts) < 1 or faces < _EIGHTHS or faces % _EIGHTHS:
+        raise NoTubeError(
+            "A tube needs at least 1 of slabs and cells, and a multiple of 8 of faces; "
+            f"found {slabs}, {parts} and {faces}."
+        )
     _require_numbers(statement)
     try:
         motion = motion_of(statement)
     except UnknownIntervalOperationError as error:
         raise NoTubeError(f"No set holds the trajectories for sure: {error}.") from None
-    march = _March(
-        statement=statement,
-        motion=motion,
-        template=template_of(_directions(statement.n, faces), statement.state_box),
-        cells=CELLS[statement.n] if cells is None else cells,
-    )
-    return _marched(march, slabs)
+    box = statement.state_box
+
+    def found(directions: Array, slabs: int, excess: float = _MOST_EXCESS) -> Tube:
+        template = template_of(directions, box)
+        march = _March(
+            statement=statement,
+            motion=motion,
+            template=template,
+            cells=parts,
+            most_excess=excess,
+        )
+        return _marched(march, slabs)
+
+    plain = _directions(statement.n, faces)
+    if statement.n == 1:
+        return found(plain, slabs)
+    try:
+        few = max(1, slabs // _ROUGHLY)
+        rough = found(_directions(statement.n, _EIGHTHS), few, np.inf)
+    except NoTubeError:
+        return found(plain, slabs)
+    return found(_scaled(plain, rough), slabs)
 
 
 def _require_numbers(statement: Statement) -> None:
@@ -131,8 +161,8 @@ def _directions(n: int, faces: int) -> Array:
     """Return the directions of the faces, shape (K, n), the axes first."""
     axes = np.repeat(np.eye(n), 2, axis=0) * np.tile([1.0, -1.0], n)[:, None]
     if n == 1:
-        return axes
-    if n == 2:
+        return np.asarray(axes)
+    if n < max(CELLS):
         angles = 2 * np.pi * np.arange(faces) / faces
         circle = np.column_stack([np.cos(angles), np.sin(angles)])
         is_axis = np.arange(faces) % (faces // 4) == 0
@@ -140,6 +170,26 @@ def _directions(n: int, faces: int) -> Array:
     signs = np.array(list(product([1.0, 0.0, -1.0], repeat=n)))
     mixed = signs[np.abs(signs).sum(axis=1) > 1]
     return np.vstack([axes, mixed / np.linalg.norm(mixed, axis=1)[:, None]])
+
+
+def _scaled(directions: Array, rough: Tube) -> Array:
+    """Return directions for a polytope as wide in each state as a rough tube.
+
+    Faces at equal angles leave the corners of a long, thin set empty.
+    """
+    n = directions.shape[1]
+    widths = (rough.levels[:, 0 : 2 * n : 2] + rough.levels[:, 1 : 2 * n : 2]).max(
+        axis=0
+    )
+    if not 0.0 < widths.max() < np.inf:
+        return directions
+    widths = np.maximum(widths / widths.max(), _LEAST_WIDTH)
+    if widths.min() * _MOST_ALIKE > 1.0:
+        return directions
+    mixed = directions[2 * n :] / widths
+    return np.vstack(
+        [directions[: 2 * n], mixed / np.linalg.norm(mixed, axis=1)[:, None]]
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -150,6 +200,7 @@ class _March:
     motion: Motion
     template: Template
     cells: int
+    most_excess: float
 
     def rates(self, times: tuple[float, float], start: Array, stop: Array) -> Array:
         """Return r of a slab whose levels go from start to stop."""
@@ -184,13 +235,13 @@ def _marched(march: _March, slabs: int) -> Tube:
         after = march.rates((stop, stop + least), found, found)
         slope = (found - levels[-1]) / (stop - times[-1])
         part = _excess(march, found, slope, after, stop - times[-1], whole)
-        if part > _MOST_EXCESS and may_halve:
+        if part > march.most_excess and may_halve:
             step *= 0.5
             continue
         rates = after
         times.append(stop)
         levels.append(found)
-        step = min(whole, step * (2.0 if part < 0.25 * _MOST_EXCESS else 1.0))
+        step = min(whole, step * (2.0 if part < 0.25 * march.most_excess else 1.0))
     return Tube(
         directions=march.template.directions,
         times=np.array(times),

@@ -12,6 +12,7 @@ from scipy.optimize import linprog
 
 from swarmstart.ocp.lower_bound.evidence import Tube
 from swarmstart.ocp.lower_bound.support import PAD
+from swarmstart.ocp.lower_bound.tube_kernel import mark_outside
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -19,8 +20,7 @@ Index = NDArray[np.int64]
 
 _AT_ENDS = 0.04
 """Part of the samples at the first time, and as many at the last."""
-_ROUNDS = 20
-_MOST_TRIED = 400_000
+_ROUNDS = 6
 _SLABS_WALKED = 16
 _STEPS = 12
 
@@ -81,14 +81,11 @@ def outside(tube: Tube, lower: Array, upper: Array) -> Mask:
     Returns:
         Shape (m,); False for boxes with a NaN.
     """
-    rising, falling = np.maximum(tube.directions, 0.0), np.minimum(tube.directions, 0.0)
-    with np.errstate(invalid="ignore"):  # NaN: no statement.
-        least = rising @ lower[1:] + falling @ upper[1:]
-        sizes = np.maximum(np.abs(lower[1:]), np.abs(upper[1:]))
-        least -= PAD * (np.abs(tube.directions) @ sizes)
-        is_apart = (least > levels_over(tube, lower[0], upper[0])).any(axis=0)
-        is_other_time = (lower[0] > tube.times[-1]) | (upper[0] < tube.times[0])
-    return np.asarray(is_apart | is_other_time)
+    marks = np.empty(lower.shape[1], dtype=np.bool_)
+    boxes = np.stack([lower, upper]).astype(np.float64, copy=False)
+    with np.errstate(all="ignore"):  # Of the kernel when it is plain Python.
+        mark_outside(tube.times, tube.levels, tube.directions, boxes, marks)
+    return marks
 
 
 def inside(tube: Tube, points: Array) -> Mask:
@@ -136,13 +133,13 @@ def sampled(
             ((high, high), 16 * at_ends, at_ends),
         )
     ]
-    found, tried = parts[0].shape[1] + parts[1].shape[1], 2 * count
-    for _ in range(_ROUNDS):
+    found = parts[0].shape[1] + parts[1].shape[1]
+    for number in range(_ROUNDS):
         if found >= count:
             break
+        tried = 2**number * (2 * count + 100)
         parts.append(_accepted(tube, rng, _times(tube, rng, (low, high), tried)))
         found += parts[-1].shape[1]
-        tried = min(2 * tried, _MOST_TRIED)
     if found < count:
         parts.append(_walked(tube, rng, (low, high), count - found))
     points = np.hstack(parts)[:, :count]
@@ -214,7 +211,9 @@ def _times(
     low, high = span
     if not low < high:
         return np.full(count, low)
-    begins, ends = (np.clip(part, low, high) for part in (tube.times[:-1], tube.times[1:]))
+    begins, ends = (
+        np.clip(part, low, high) for part in (tube.times[:-1], tube.times[1:])
+    )
     lower, upper = starting_boxes(tube)
     volumes = (upper - lower)[1:].prod(axis=0) * (ends - begins)
     if not volumes.sum() > 0.0:
@@ -245,7 +244,9 @@ def _walked(
     begins, ends = tube.times[slabs[chosen]], tube.times[slabs[chosen] + 1]
     t = np.clip(begins + (ends - begins) * rng.random(count), *span)
     part = (t - begins) / (ends - begins)
-    x = (middles[chosen, 0] * (1 - part)[:, None] + middles[chosen, 1] * part[:, None]).T
+    x = (
+        middles[chosen, 0] * (1 - part)[:, None] + middles[chosen, 1] * part[:, None]
+    ).T
     levels = _levels_at(tube.times, tube.levels.T, t, slabs[chosen])
     for _ in range(_STEPS):
         way = rng.standard_normal(x.shape)
