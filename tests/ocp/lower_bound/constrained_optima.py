@@ -1,5 +1,7 @@
 """Problems with constraints along the path whose optimum is known in closed form."""
 
+import math
+
 import casadi as ca
 import numpy as np
 
@@ -63,7 +65,7 @@ def round_a_disc() -> KnownOptimum:
     outside = PathConstraint(expression=ca.sumsqr(s.x), lower=1.0)
     problem = stated(
         s, s.u, horizon=1.0, controls=(-6, 6), stage=ca.sumsqr(s.u), path=[outside],
-        terminal=[s.x - ca.DM([2, 0])],
+        terminal=[s.x - ca.DM([2, 0])], intervals=300,
     )  # fmt: skip
     length = 2 * np.sqrt(3) + np.pi / 3
     return known(
@@ -99,7 +101,7 @@ def speed_by_place() -> KnownOptimum:
         maximize=True,
     )  # fmt: skip
     return known(
-        "a speed that depends on the place", problem, 0.0, np.e - 1, "e^T - 1",
+        "a speed that depends on the place", problem, 0.0, math.e - 1, "e^T - 1",
         within=0.02,
     )  # fmt: skip
 

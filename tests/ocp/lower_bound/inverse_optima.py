@@ -93,8 +93,8 @@ def drawn(rng: np.random.Generator, number: int) -> KnownOptimum:
             a * ca.sumsqr(x) + b * ca.sin(x[0] + c * t) + d * x[0] * x[1] * ca.exp(-t)
         ),
         drift=lambda t, x: ca.vertcat(x[1], -c * x[0] - d * x[0] ** 3),
-        column=lambda t, x: ca.DM([0, 1]),
-        x0=rng.uniform(-1, 1, 2),
+        column=lambda t, x: ca.SX([0, 1]),
+        x0=[*map(float, rng.uniform(-1, 1, 2))],
         price=float(rng.uniform(0.2, 2.0)),
         horizon=float(rng.uniform(0.5, 1.5)),
     )
@@ -108,7 +108,7 @@ def family() -> list[KnownOptimum]:
             "pendulum with a known value",
             value=lambda t, x: ca.sumsqr(x) + x[0] * x[1] + 2 - 2 * ca.cos(x[0]),
             drift=lambda t, x: ca.vertcat(x[1], ca.sin(x[0])),
-            column=lambda t, x: ca.DM([0, 1]),
+            column=lambda t, x: ca.SX([0, 1]),
             x0=[1.0, 0.5],
         ),
         inverse(
@@ -122,14 +122,14 @@ def family() -> list[KnownOptimum]:
             "unicycle with a known value",
             value=lambda t, x: (x[0] - 1) ** 2 + x[1] ** 2 + 1 - ca.cos(x[2]),
             drift=lambda t, x: ca.vertcat(ca.cos(x[2]), ca.sin(x[2]), 0),
-            column=lambda t, x: ca.DM([0, 0, 1]),
+            column=lambda t, x: ca.SX([0, 0, 1]),
             x0=[0.0, 0.3, 0.5],
         ),
         inverse(
             "a value below zero",
             value=lambda t, x: -3 + 0.5 * ca.exp(x[0] / 2) - t,
             drift=lambda t, x: x / 2,
-            column=lambda t, x: ca.DM([1]),
+            column=lambda t, x: ca.SX(1),
             x0=[0.4],
         ),
     ]

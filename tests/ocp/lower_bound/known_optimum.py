@@ -16,9 +16,11 @@ from swarmstart.ocp import (
     TerminalConstraint,
 )
 from swarmstart.ocp.constraints import Constraint
+from swarmstart.ocp.fitness import NOTHING
+from swarmstart.ocp.limits import Limit
 
 Array = NDArray[np.float64]
-Limits = tuple[ArrayLike, ArrayLike]
+Limits = tuple[Limit, Limit]
 INTERVALS = 100
 
 
@@ -43,7 +45,7 @@ class KnownOptimum:
     x0: Array
     optimum: float
     source: str
-    known: Known = Known()
+    known: Known = NOTHING
     within: float = 0.01
 
     @property
@@ -113,7 +115,7 @@ def stated(  # noqa: PLR0913 - a problem's parts
     )
 
 
-def known(  # noqa: PLR0913
+def known(
     name: str,
     problem: OptimalControlProblem,
     x0: ArrayLike,

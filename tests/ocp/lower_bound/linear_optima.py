@@ -165,20 +165,51 @@ def three_regulators() -> KnownOptimum:
     return known("three regulators", problem, x0, optimum, "tanh(T) |x0|^2")
 
 
+def transfers() -> list[KnownOptimum]:
+    """Return the transfers with the least integral of u^2."""
+    return [
+        transfer(
+            "double integrator to a soft end", CHAIN, [1, 0], [0, 0],
+            horizon=1.0, most=20, weight=10,
+        ),
+        transfer(
+            "double integrator to rest", CHAIN, [1, 0], [0, 0], horizon=2.0, most=3
+        ),
+        transfer(
+            "oscillator to rest with least energy", OSCILLATOR, [1, 0.5], [0, 0],
+            horizon=2.0, most=4,
+        ),
+        transfer(
+            "three integrators to rest", LONGER_CHAIN, [1, 0, 0], [0, 0, 0],
+            horizon=2.0, most=12,
+        ),
+    ]  # fmt: skip
+
+
+def regulators() -> list[KnownOptimum]:
+    """Return the regulators with a Riccati equation."""
+    unstable = np.array([[0.5, 1.0], [0.3, 0.2]])
+    return [
+        riccati("double integrator regulator", CHAIN, np.eye(2), [1, 0], horizon=2.0),
+        riccati(
+            "oscillator regulator", OSCILLATOR, np.diag([2.0, 0.5]), [1, -1],
+            horizon=1.5, R=0.5, P=1.0,
+        ),
+        riccati(
+            "unstable regulator", unstable, np.eye(2), [0.5, 0.5], horizon=1.0, P=2.0
+        ),
+    ]  # fmt: skip
+
+
 def family() -> list[KnownOptimum]:
     """Return all linear problems with a given horizon."""
     return [
-        transfer("double integrator to a soft end", CHAIN, [1, 0], [0, 0], horizon=1.0, most=20, weight=10),
-        transfer("double integrator to rest", CHAIN, [1, 0], [0, 0], horizon=2.0, most=3),
-        transfer("oscillator to rest with least energy", OSCILLATOR, [1, 0.5], [0, 0], horizon=2.0, most=4),
-        transfer("three integrators to rest", LONGER_CHAIN, [1, 0, 0], [0, 0, 0], horizon=2.0, most=12),
-        riccati("double integrator regulator", CHAIN, np.eye(2), [1, 0], horizon=2.0),
-        riccati("oscillator regulator", OSCILLATOR, np.diag([2.0, 0.5]), [1, -1], horizon=1.5, R=0.5, P=1.0),
-        riccati("unstable regulator", np.array([[0.5, 1.0], [0.3, 0.2]]), np.eye(2), [0.5, 0.5], horizon=1.0, P=2.0),
+        *transfers(),
+        *regulators(),
         farthest(),
         driven_up(),
         fuel_to_rest(),
         shear(),
         to_a_disc(),
         three_regulators(),
-    ]  # fmt: skip
+    ]

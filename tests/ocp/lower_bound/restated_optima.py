@@ -1,6 +1,6 @@
 """Known optima stated once more: in other units, turned round, with data, or on grids.
 
-    x~ = sx x,  u~ = su u,  t~ = st t,  J~ = sj J
+x~ = sx x,  u~ = su u,  t~ = st t,  J~ = sj J
 """
 
 from dataclasses import replace
@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmstart.ocp import (
     Bounds,
@@ -31,6 +32,8 @@ from swarmstart.tests.ocp.lower_bound.known_optimum import (
     known,
     stated,
 )
+
+Array = NDArray[np.float64]
 
 
 class Units(NamedTuple):
@@ -62,10 +65,6 @@ def in_units(given: KnownOptimum, units: Units, suffix: str) -> KnownOptimum:
             raise TypeError(f"expected a TerminalConstraint, got {end!r}")
         return replace(end, expression=told(end.expression))
 
-    bounds = {
-        role: tuple(scale * np.asarray(side) for side in getattr(problem.bounds, role))
-        for role, scale in (("controls", su), ("states", sx))
-    }
     stated_so = replace(
         problem,
         model=Model(
@@ -77,7 +76,10 @@ def in_units(given: KnownOptimum, units: Units, suffix: str) -> KnownOptimum:
         horizon=_times(problem.horizon, st),
         stage_cost=sj / st * told(problem.stage_cost),
         terminal_cost=sj * told(problem.terminal_cost),
-        bounds=Bounds(**bounds),
+        bounds=Bounds(
+            controls=_widened(problem.control_limits, su),
+            states=_widened(problem.state_limits, sx),
+        ),
         constraints=[limit(c) for c in problem.constraints],  # type: ignore[arg-type]
         terminal=[target(end) for end in problem.terminal],
     )
@@ -88,6 +90,10 @@ def in_units(given: KnownOptimum, units: Units, suffix: str) -> KnownOptimum:
         x0=sx * given.x0,
         optimum=sj * given.optimum,
     )
+
+
+def _widened(limits: tuple[Array, Array], scale: float) -> tuple[Array, Array]:
+    return scale * limits[0], scale * limits[1]
 
 
 def _times(horizon: float | Free, scale: float) -> float | Free:
@@ -129,9 +135,7 @@ def with_parameters() -> KnownOptimum:
     """The soft end of the double integrator with its weight as a parameter."""
     s, weight = Symbols(2), ca.SX.sym("weight")
     problem = OptimalControlProblem(
-        Model(
-            states=s.x, controls=s.u, ode=ca.vertcat(s.x[1], s.u), parameters=weight
-        ),
+        Model(states=s.x, controls=s.u, ode=ca.vertcat(s.x[1], s.u), parameters=weight),
         horizon=1.0,
         intervals=100,
         stage_cost=s.u**2,
@@ -177,7 +181,7 @@ def whole() -> KnownOptimum:
 def family() -> list[KnownOptimum]:
     """Return known problems once more."""
     ball = constrained_optima.ball(1 / 9)
-    soft = linear_optima.family()[0]
+    soft = linear_optima.transfers()[0]
     rest = time_optima.to_rest(1.0, 0.0, name="to rest in the least time")
     pendulum = inverse_optima.family()[0]
     return [

@@ -1,5 +1,7 @@
 """Problems with one state whose optimum is known in closed form, or by one root."""
 
+import math
+
 import casadi as ca
 import numpy as np
 from scipy.integrate import quad
@@ -81,7 +83,7 @@ def catch() -> KnownOptimum:
         terminal=[s.x], maximize=True,
     )  # fmt: skip
     return known(
-        "catch", problem, 1.0, np.sqrt(np.e - 1), "u = e^2t / (e - 1): sqrt(e - 1)"
+        "catch", problem, 1.0, math.sqrt(math.e - 1), "u = e^2t / (e - 1): sqrt(e - 1)"
     )
 
 
@@ -186,10 +188,11 @@ def two_wells() -> KnownOptimum:
     def cost(y: float) -> float:
         return float((y - x0) ** 2 / 10 / T + (y * y - 1) ** 2 + 0.4 * y)
 
+    tight = {"xatol": 1e-12}
     best = min(
-        float(minimize_scalar(cost, bounds=b, method="bounded", options={"xatol": 1e-12}).fun)
-        for b in ((-2, 0), (0, 2))
-    )  # fmt: skip
+        float(minimize_scalar(cost, bounds=well, method="bounded", options=tight).fun)
+        for well in ((-2, 0), (0, 2))
+    )
     return known("two wells", problem, x0, best, "constant u, then one variable")
 
 

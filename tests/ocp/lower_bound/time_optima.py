@@ -13,7 +13,7 @@ from swarmstart.tests.ocp.lower_bound.known_optimum import (
 )
 
 
-def least_time(x: float, v: float, accelerate: float = 1.0, brake: float = 1.0) -> float:
+def least_time(x: float, v: float, accelerate: float, brake: float) -> float:
     """Return the least time of x'' = u in [-accelerate, brake] from x > 0 to rest.
 
     The state must be on the right of the curve on which only the brake is needed.
@@ -64,7 +64,11 @@ def oscillator() -> KnownOptimum:
         stage=1.0, terminal=[s.x],
     )  # fmt: skip
     return known(
-        "oscillator to rest", problem, [2.0, 0.0], np.pi, "Bushaw: on the switching curve"
+        "oscillator to rest",
+        problem,
+        [2.0, 0.0],
+        np.pi,
+        "Bushaw (1958): half a turn",
     )
 
 
@@ -116,9 +120,7 @@ def brachistochrone() -> KnownOptimum:
     def radius(q: float) -> float:
         return float(0.5 / (1 - np.cos(q)))
 
-    q = brentq(
-        lambda q: radius(q) * (np.pi - q + np.sin(q)) - 1, 0.1, 3.1, xtol=1e-14
-    )
+    q = brentq(lambda q: radius(q) * (np.pi - q + np.sin(q)) - 1, 0.1, 3.1, xtol=1e-14)
     best = np.sqrt(radius(q)) * (np.pi - q)
     return known("brachistochrone", problem, [0.0, 1.0], best, "cycloid, one root")
 
