@@ -21,18 +21,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 if __name__ == "__main__":
     for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[_threads] = "1"
+
+import numpy as np
 
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.ocp import solve
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.bounding import lower_bound
 from swarmstart.tests.adversary.case import Case, problem_of
-from swarmstart.tests.adversary.catalogue import all_cases, chosen
+from swarmstart.tests.adversary.catalogue import CLASSES, all_cases, chosen
 
 NOT_SMOOTH = ("nonsmooth", "no_solution")
 """Classes that are left out."""
@@ -75,11 +75,15 @@ class Bounded(NamedTuple):
         return self.bound.kind.is_bound and self.bound.value > self.case.truth.highest
 
 
-def candidates() -> list[Case]:
-    """Return the cases among which is chosen, the same on every call."""
+def candidates(kinds: Sequence[str] = tuple(CLASSES)) -> list[Case]:
+    """Return the cases among which is chosen, the same on every call.
+
+    Args:
+        kinds: Classes of the adversary.
+    """
     return [
         case
-        for case in all_cases()
+        for case in all_cases(kinds)
         if case.is_counted
         and case.truth.is_solvable
         and case.truth.x0.size <= MOST_STATES

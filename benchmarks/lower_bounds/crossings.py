@@ -1,12 +1,13 @@
 """Bounds of all problems whose optimum is known: none may be better than that.
 
     python benchmarks/lower_bounds/crossings.py [NAME ...] [--seconds 20]
-        [--answers none known worse] [--write FILE]
+        [--answers none known worse] [--drawn 0] [--write FILE]
 
 The problems are those of tests/ocp/lower_bound/known_optima.py: closed forms, Riccati
 equations, costs made for a value function; minimised and maximised, in other units,
 with drawn data. Each is bounded without an answer, with the optimum as the answer's
-cost, or with a cost 2 % worse. The gap is that of the optimum to the bound. The exit
+cost, or with a cost 2 % worse. --drawn adds so many more problems with data that are
+drawn. The gap is that of the optimum to the bound. The exit
 code is 3 if a bound crosses an optimum by more than 1e-9 of it.
 """
 
@@ -19,9 +20,12 @@ if __name__ == "__main__":
     for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[_threads] = "1"
 
+import numpy as np
+
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.ocp.lower_bound.answer import LowerBound
 from swarmstart.ocp.lower_bound.bounding import lower_bound
+from swarmstart.tests.ocp.lower_bound.inverse_optima import drawn
 from swarmstart.tests.ocp.lower_bound.known_optima import known_optima
 from swarmstart.tests.ocp.lower_bound.known_optimum import KnownOptimum
 
@@ -76,10 +80,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = page_options(__doc__)
     parser.add_argument("names", nargs="*", help="parts of names; all unless given")
     parser.add_argument("--seconds", type=float, default=20.0, help="for each bound")
+    parser.add_argument("--drawn", type=int, default=0, help="more drawn problems")
     parser.add_argument("--answers", nargs="+", choices=[*ANSWERS], default=["worse"])
     options = parser.parse_args(arguments)
     lines, kinds, crossed = head(*COLUMNS), Counter[str](), 0
-    for known in known_optima():
+    rng = np.random.default_rng(22)
+    more = [drawn(rng, 100 + number) for number in range(options.drawn)]
+    for known in [*known_optima(), *more]:
         if options.names and not any(part in known.name for part in options.names):
             continue
         for answer in options.answers:
