@@ -18,6 +18,7 @@ from swarmstart.benchmarks.lower_bounds import (
 from swarmstart.benchmarks.lower_bounds.problems import DISC, NAMED, Named
 from swarmstart.ocp import Solution
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.tests.adversary.problems import free_end_time
 
 Array = NDArray[np.float64]
 
@@ -141,20 +142,20 @@ def test_adversary_share_counts_proven_bounds_alone(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    cases = adversary_share.candidates(["multimodal"])
-    monkeypatch.setattr(adversary_share, "candidates", lambda: cases)
-    answer = SimpleNamespace(cost=10.0)
+    case = free_end_time.cases()[0]
+    monkeypatch.setattr(adversary_share, "candidates", lambda: [case])
+    answer = SimpleNamespace(cost=case.truth.highest)
     monkeypatch.setattr(adversary_share, "solve", lambda *_, **__: answer)
     record = tmp_path / "share.json"
     asked = ["--count", "1", "--json", str(record)]
-    give(monkeypatch, adversary_share, 9.1)
+    give(monkeypatch, adversary_share, 0.91 * answer.cost)
     assert adversary_share.main(asked) == 0
     assert "1 of 1 have" in capsys.readouterr().out
     assert '"within": 1' in record.read_text()
-    give(monkeypatch, adversary_share, 9.1, "trivial")
+    give(monkeypatch, adversary_share, 0.91 * answer.cost, "trivial")
     assert adversary_share.main(asked) == 0
     assert "0 of 1 have" in capsys.readouterr().out
-    give(monkeypatch, adversary_share, 1e3)
+    give(monkeypatch, adversary_share, 1.01 * answer.cost)
     assert adversary_share.main(asked) == 3
     assert "above a right answer" in capsys.readouterr().out
 
