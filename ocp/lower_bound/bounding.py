@@ -209,6 +209,8 @@ def _bounded(
         tube = tube_of(statement)
         best = _better(best, _trivial(statement, tube))
         goal = statement.sense * cost - statement.offset
+        if not Region(statement, tube).paving[0].size:
+            raise NoTubeError("no trajectory keeps the bounds of the states")
         path = _Path(statement, tube, goal, until, rng)
         for found in path.bounds():
             best = _better(best, found)

@@ -125,7 +125,16 @@ class _Maker:
         )
         first = [ca.vertcat(self._time, self._states)]
         at_start = np.concatenate([[0.0], self._start / self._scale])
-        initial = ca.Function("initial", first, [self._numbers(problem.initial_cost)])
+        # The stated costs are as the user has them: maximised ones are turned round.
+        stage, end, start = (
+            problem.sense * self._numbers(cost)
+            for cost in (
+                problem.stage_cost,
+                problem.terminal_cost,
+                problem.initial_cost,
+            )
+        )
+        initial = ca.Function("initial", first, [start])
         scales = self._row_scales()
         path = [c for c in problem.path_constraints if c.name != STATE_BOUNDS]
         ends = problem.terminal_constraints
@@ -136,8 +145,8 @@ class _Maker:
             states=self._states,
             controls=model.controls,
             rate=self._numbers(model.ode) / self._scale,
-            stage=self._numbers(problem.stage_cost),
-            end=self._numbers(problem.terminal_cost),
+            stage=stage,
+            end=end,
             x0=self._start / self._scale,
             sizes=self._scale,
             horizon=span,
