@@ -9,7 +9,7 @@ who makes a new digest still has to get past the proof.
     ["t", 0]  ["x", 0]  ["u", 0]  ["const", 9.81]  ["mul", 0, 3]
 
 are the instructions of the tape: time, states in their sizes, controls, constants, and
-operations on the values of earlier instructions (`terminal_set/tape.py` has their list).
+operations on the values of earlier instructions (`terminal_set/tape.py` lists them).
 """
 
 from __future__ import annotations

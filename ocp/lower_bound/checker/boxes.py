@@ -102,8 +102,7 @@ def joined(batches: list[Boxes]) -> Boxes:
 
 def is_empty(boxes: Boxes) -> Flags:
     """Return which boxes hold no point, (N,)."""
-    empty: Flags = (boxes.lower > boxes.upper).any(axis=0)
-    return empty
+    return np.asarray((boxes.lower > boxes.upper).any(axis=0), dtype=np.bool_)
 
 
 def cut_by(boxes: Boxes, constraint: Model) -> tuple[Boxes, Flags]:

@@ -9,7 +9,7 @@ becomes a coordinate of the boxes, beside t and x. Constants are exact fractions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -145,7 +145,7 @@ def _folded(operation: str, values: list[Fraction | None]) -> Fraction | None:
     return result if bits <= _LONGEST_FRACTION else None
 
 
-_EXACT = {
+_EXACT: dict[str, Callable[..., Fraction]] = {
     "add": lambda a, b: a + b,
     "sub": lambda a, b: a - b,
     "mul": lambda a, b: a * b,
@@ -247,7 +247,9 @@ class _Splitter:
                 return self._mapped("div", first, factor)
             if self.write.value(factor) == _SECOND:
                 return self._product(first, first)
-        raise _BoxedError(next(k for entry in terms for powers in entry for k in powers))
+        raise _BoxedError(
+            next(k for entry in terms for powers in entry for k in powers)
+        )
 
     def _mapped(self, operation: str, terms: Terms, *others: int) -> Terms:
         return self._kept(

@@ -108,16 +108,15 @@ def plus(a: Value, b: Value) -> Value:
 
 
 def _applied(operation: str, operands: list[Value], like: Model) -> Value:
+    first, last = operands[0], operands[-1]
     if operation == "mul":
-        return times(operands[0], operands[1], like)
-    if operation == "add":
-        return plus(operands[0], operands[1])
-    if operation == "sub" and isinstance(operands[1], Fraction):
-        return plus(operands[0], -operands[1])
-    if operation == "div" and isinstance(operands[0], Fraction):
-        return times(inverse(as_model(operands[1], like)), operands[0], like)
-    if operation == "div" and isinstance(operands[1], Fraction) and operands[1]:
-        return times(operands[0], 1 / operands[1], like)
+        return times(first, last, like)
+    if operation == "add" or (operation == "sub" and isinstance(last, Fraction)):
+        return plus(first, last if operation == "add" else -last)
+    if operation == "div" and isinstance(first, Fraction):
+        return times(inverse(as_model(last, like)), first, like)
+    if operation == "div" and isinstance(last, Fraction) and last:
+        return times(first, 1 / last, like)
     models = [as_model(operand, like) for operand in operands]
     if operation == "pow" and isinstance(operands[1], Fraction):
         exponent, error = rounded(operands[1])

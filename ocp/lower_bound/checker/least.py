@@ -185,7 +185,7 @@ def _most(R: Array, W: Array, q: float) -> Array:
 def _less_square(below: Model, b: Model, kappa: Array, offset: Array) -> Model:
     """Return below - kappa (offset + the moving part of b)^2, offset in +-.
 
-    With l the linear part and e bounding all else, the square is <= l^2 + 2 |l| e + e^2.
+    With l the linear part and e bounding the rest, the square is <= l^2 + 2|l|e + e^2.
     """
     d, c = b.algebra.d, below.coefficients.copy()
     slopes = b.coefficients[1 : 1 + d]

@@ -122,25 +122,24 @@ class Model:
             sizes = np.abs(self.coefficients)
             starts = [*self.algebra.starts, len(sizes)]
             pairs = itertools.pairwise(starts)
-            self._sums = np.array([sizes[a:b].sum(axis=0) for a, b in pairs]) * GROWTH
+            self._sums = np.array([sizes[a:b].sum(axis=0) for a, b in pairs])
+            self._sums *= GROWTH
         return self._sums
 
     @property
     def size(self) -> Array:
         """Upper bound of sum |c_m|, shape (N,)."""
-        total: Array = self.sums.sum(axis=0) * GROWTH
-        return total
+        return np.asarray(self.sums.sum(axis=0) * GROWTH)
 
     @property
     def spread(self) -> Array:
         """Upper bound of |f - c_0| over the box, shape (N,)."""
-        total: Array = (self.sums[1:].sum(axis=0) + self.error) * GROWTH
-        return total
+        return np.asarray((self.sums[1:].sum(axis=0) + self.error) * GROWTH)
 
     @property
     def middle(self) -> Array:
         """c_0, shape (N,)."""
-        return self.coefficients[0]
+        return np.asarray(self.coefficients[0])
 
     @property
     def lower(self) -> Array:

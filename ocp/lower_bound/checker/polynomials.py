@@ -1,6 +1,7 @@
 """Polynomials of a certificate: exact values, and Taylor models over boxes.
 
-V(y) = sum of coefficients[j] * product over a of T_e(j,a)(z_a), z = (y - middle) / half.
+    V(y) = sum over j of coefficients[j] * product over a of T_e(j,a)(z_a),
+    z = (y - middle) / half
 
 About the middle z0 of a box, T_e(z0 + d) = sum over p of T_e^[p] d^p with the
 derivatives T_e^[p] = (d/dz)^p T_e / p! from the recurrence T_(e+1) = 2 z T_e - T_(e-1),
@@ -77,7 +78,9 @@ class Expansion:
         """
         self.algebra = algebra
         half = np.array(step.half)[:, None]
-        self.radius = radius[: len(half)] / half  # its rounding counts as the powers' own
+        self.radius = (
+            radius[: len(half)] / half
+        )  # its rounding counts as the powers' own
         self.dimensions = len(step.middle)
         shape = [
             1 + max((e[a] for e in step.exponents), default=0)

@@ -70,7 +70,7 @@ def pruned_by(certificate: Certificate, come: Step, go: Step) -> Pruned:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Points (t, x) of trajectories that are admissible and cheaper than the known cost.
+    """Points (t, x) of admissible trajectories that are cheaper than the known cost.
 
     Attributes:
         certificate: With the bounds and the horizon.

@@ -133,9 +133,7 @@ def _counterexample(task: Task, suspects: Boxes) -> tuple[float, ...] | None:
     return task.shown(points.only(np.flatnonzero(refuted)[:1]))
 
 
-def _halved(
-    boxes: Boxes, pull: Array
-) -> tuple[Boxes, tuple[float, ...] | None]:
+def _halved(boxes: Boxes, pull: Array) -> tuple[Boxes, tuple[float, ...] | None]:
     """Cut each box where it pulls most; the point of one that cannot be cut."""
     if not boxes.count:
         return boxes, None

@@ -139,9 +139,7 @@ def _slabs(region: Region, face: int) -> list[int]:
         i
         for i in range(len(tube.times) - 1)
         if tube.times[i] <= latest
-        and not is_cut_off(
-            direction, (levels[i], levels[i + 1]), region.certificate
-        )
+        and not is_cut_off(direction, (levels[i], levels[i + 1]), region.certificate)
     ]
 
 

@@ -69,9 +69,9 @@ class _Hamiltonian:
         terms = []
         for place, k in enumerate(split.free):
             factor: Value = Fraction(0)
-            for weight, number in zip(weights, split.columns[place], strict=True):
-                if number is not None:
-                    factor = plus(factor, times(weight, values[number], first))
+            for weight, entry in zip(weights, split.columns[place], strict=True):
+                if entry is not None:
+                    factor = plus(factor, times(weight, values[entry], first))
             linear = split.linear[place]
             if self.with_stage and linear is not None:
                 factor = plus(factor, values[linear])

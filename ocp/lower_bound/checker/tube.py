@@ -2,14 +2,14 @@
 
 The tube proven is { x : d_k x <= s_k(t) } with s_k linear between the times and
 
-    s_k(t_i) = (level of the file) + WIDENING (1 + t_i / t_M) (size of the levels)
+    s_k(t_i) = (level of the file) + WIDENING (1 + t_i / t_M) (largest level) |d_k|
 
 as floats: a set that holds the file's, whose faces move outwards faster. On it, faces
 need d_k f < s_k' strictly. Then no admissible trajectory leaves it: take the last time
 up to which it stayed inside. A face that it touches then has d_k f < s_k' there for all
 controls, and, as f is continuous and the controls' box is compact, for a while; so the
-trajectory does not cross it in that while. A face with s_k >= the largest d_k x over the
-bounds of the states is not crossed by an admissible trajectory whatever f is.
+trajectory does not cross it in that while. A face with s_k >= the largest d_k x over
+the bounds of the states is not crossed by an admissible trajectory whatever f is.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from swarmstart.ocp.lower_bound.checker.models import (
     Array,
 )
 
-WIDENING = 1e-9
+WIDENING = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class Tube:
         size = np.abs(self.directions) @ np.maximum(np.abs(lower[x]), np.abs(upper[x]))
         rounding = ROUNDING * (size + np.abs(most)) + TINY
         room = most - least + rounding  # of d_k x, above its least value
-        outside = (room < 0.0).any(axis=0)
+        outside = np.asarray((room < 0.0).any(axis=0), dtype=np.bool_)
         for k, direction in enumerate(self.directions):
             for i in np.flatnonzero(direction):
                 reach = room[k] / abs(direction[i])
@@ -130,14 +130,15 @@ class Tube:
         inside = self.directions @ x + rounding <= level
         if but is not None:
             inside[but] = True
-        held: Flags = inside.all(axis=0)
-        return held
+        return np.asarray(inside.all(axis=0), dtype=np.bool_)
 
     def holds_exactly(self, x: tuple[float, ...]) -> int | None:
         """Return the number of a face that a point violates at the start, or None."""
         for k, direction in enumerate(self.directions):
             pairs = zip(direction, x, strict=True)
-            value = sum((Fraction(float(a)) * Fraction(b) for a, b in pairs), Fraction())
+            value = Fraction()
+            for entry, state in pairs:
+                value += Fraction(float(entry)) * Fraction(state)
             if value > Fraction(float(self.levels[0, k])):
                 return k
         return None
@@ -154,9 +155,8 @@ def stated_tube(certificate: Certificate) -> Tube:
 
 def widened(tube: Tube) -> Tube:
     """Return the tube that is proven in its place."""
-    sizes = np.abs(tube.levels).max(axis=0)
-    # An axis' levels of size 0 still get some room: that of the largest.
-    sizes = np.maximum(sizes, sizes.max() * 1e-3)
+    lengths = np.sqrt((tube.directions**2).sum(axis=1))
+    sizes = lengths * (np.abs(tube.levels) / lengths).max()
     growing = 1.0 + tube.times / tube.times[-1]
     levels = tube.levels + WIDENING * growing[:, None] * sizes
     return Tube(directions=tube.directions, times=tube.times, levels=levels)
