@@ -29,9 +29,7 @@ def polynomial(
     d = len(next(iter(powers)))
     terms: dict[tuple[int, ...], float] = {}
     for exponents, coefficient in powers.items():
-        rows = [
-            chebyshev.poly2cheb([0.0] * e + [half**e]) for e in exponents
-        ]
+        rows = [chebyshev.poly2cheb([0.0] * e + [half**e]) for e in exponents]
         for place in itertools.product(*(range(len(row)) for row in rows)):
             factors = [row[k] for row, k in zip(rows, place, strict=True)]
             value = coefficient * float(np.prod(factors))

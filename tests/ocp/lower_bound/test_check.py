@@ -92,9 +92,7 @@ FALSE: dict[str, Callable[[], Content]] = {
         by_hand.riccati(), "final", "polynomial", "half", 0, to=-2.0
     ),
     "V that grows in time": lambda: changed(by_hand.riccati(), *FINAL, -1, by=2.4),
-    "smaller slack": lambda: changed(
-        by_hand.slackened(), "final", "slack", to=0.99e-3
-    ),
+    "smaller slack": lambda: changed(by_hand.slackened(), "final", "slack", to=0.99e-3),
     "smaller end slack": lambda: changed(
         by_hand.least_time(), "final", "end_slack", to=6e-4
     ),
@@ -125,13 +123,22 @@ FALSE: dict[str, Callable[[], Content]] = {
     "no path constraint": lambda: changed(
         by_hand.constrained(), "problem", "path", to=[]
     ),
-    "no prunings": lambda: changed(by_hand.pruned(), "prunings", to=[])
-    | {"statements": content_of(by_hand.quadratic())["statements"]},
+    "no prunings": lambda: (
+        changed(by_hand.pruned(), "prunings", to=[])
+        | {"statements": content_of(by_hand.quadratic())["statements"]}
+    ),
     "known cost that leaves too much": lambda: changed(
         by_hand.pruned(), "known", to=1.8
     ),
     "C that is no lower bound": lambda: changed(
-        by_hand.pruned(), "prunings", 0, "come", "polynomial", "coefficients", 1, by=-1.0
+        by_hand.pruned(),
+        "prunings",
+        0,
+        "come",
+        "polynomial",
+        "coefficients",
+        1,
+        by=-1.0,
     ),
     "G that is no lower bound": lambda: changed(
         by_hand.pruned(), "prunings", 0, "go", "polynomial", "coefficients", 0, by=0.1
