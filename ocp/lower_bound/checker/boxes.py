@@ -105,6 +105,7 @@ def is_empty(boxes: Boxes) -> Flags:
     return np.asarray((boxes.lower > boxes.upper).any(axis=0), dtype=np.bool_)
 
 
+@np.errstate(all="ignore")
 def cut_by(boxes: Boxes, constraint: Model) -> tuple[Boxes, Flags]:
     """Drop points with c > 0.
 
@@ -129,8 +130,7 @@ def cut_by(boxes: Boxes, constraint: Model) -> tuple[Boxes, Flags]:
         others = (sizes.sum(axis=0) - sizes[a]) + ROUNDING * total
         room = rest + others - constraint.middle
         room += ROUNDING * (rest + others + np.abs(constraint.middle)) + TINY
-        with np.errstate(all="ignore"):
-            reach = room / sizes[a]
+        reach = room / sizes[a]
         # The bound of s_a, moved out; at least -1 where the box is not empty.
         reach += ROUNDING * np.abs(reach) + TINY
         at = np.clip(reach, -1.0, 1.0) * radius[a]

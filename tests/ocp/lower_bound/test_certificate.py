@@ -83,7 +83,9 @@ def test_a_number_that_must_be_finite_is_refused() -> None:
 def test_a_problem_that_jumps_has_no_certificate() -> None:
     simple = by_hand.quadratic()
     t, x, u = ca.SX.sym("t"), ca.SX.sym("x"), ca.SX.sym("u")
-    statement = by_hand.scalar(time=t, states=x, controls=u, rate=u * (x > 0))
+    statement = by_hand.scalar(
+        time=t, states=x, controls=u, rate=u * (x > 0), stage=u, end=x
+    )
     evidence = Evidence(
         statement=statement,
         tube=simple.tube,

@@ -136,7 +136,7 @@ def test_no_point_of_a_box_is_below_the_bound_of_a_step(rate: ca.SX) -> None:
     for _ in range(150):
         y = points(rng, boxes)
         u = controls(rng, region, y)
-        closest = np.minimum(closest, np.array(exact(y[0], y[1:3], u)).ravel())
+        closest = np.minimum(closest, np.array(exact(y[:1], y[1:3], u)).ravel())
     assert not (closest < lower - 1e-11).any()
     # Of points, and of small boxes nearly, it is the least itself.
     thin = (boxes.upper - boxes.lower).max(axis=0) < 1e-3
@@ -165,7 +165,7 @@ def test_no_point_of_a_face_is_below_its_bound(rate: ca.SX) -> None:
             u = controls(rng, region, y)
             level = np.interp(y[0], region.tube.times, region.tube.levels[:, face])
             y[1 + p] = (level - direction[1 - p] * y[2 - p]) / direction[p]
-            rates = np.array(exact(y[0], y[1:3], u))
+            rates = np.array(exact(y[:1], y[1:3], u))
             assert not (slope[slab] - direction @ rates < lower - 1e-9).any()
 
 
@@ -178,7 +178,7 @@ def test_no_end_is_below_its_bound() -> None:
     lower = lowest(EndTask(region.certificate.final, region)._excess(boxes))
     for _ in range(50):
         y = points(rng, boxes)
-        value = np.array(exact(y[0], y[1:3])).ravel()
+        value = np.array(exact(y[:1], y[1:3])).ravel()
         assert not (value < lower - 1e-11).any()
 
 
@@ -199,7 +199,7 @@ def test_a_pruning_drops_only_what_costs_more() -> None:
     kept = 0
     for _ in range(100):
         y = points(rng, boxes)
-        cheap = np.array(exact(y[0], y[1:3])).ravel() <= evidence.known - 1e-11
+        cheap = np.array(exact(y[:1], y[1:3])).ravel() <= evidence.known - 1e-11
         held = ((cut.lower <= y) & (y <= cut.upper)).all(axis=0)
         assert (held & ~outside)[cheap].all()
         kept += int(cheap.sum())
