@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from swarmstart.ocp.lower_bound.checker.boxes import Boxes, Flags
+from swarmstart.ocp.lower_bound.checker.boxes import Boxes, Flags, cut_by, is_empty
 from swarmstart.ocp.lower_bound.checker.certificate_file import Step
 from swarmstart.ocp.lower_bound.checker.controls import Split
 from swarmstart.ocp.lower_bound.checker.evaluation import (
@@ -218,8 +218,9 @@ class FaceTask:
         lower[1 + self._pivot] = upper[1 + self._pivot] = 0.0
         return Boxes(lower, upper, numbers)
 
-    def _slope(self, slab: np.ndarray, tube: Tube) -> Array:
-        levels, times = tube.levels[:, self.face], tube.times
+    def _slope(self, slab: np.ndarray, tube: Tube, face: int | None = None) -> Array:
+        k = self.face if face is None else face
+        levels, times = tube.levels[:, k], tube.times
         rise = levels[slab + 1] - levels[slab]
         slope: Array = rise / (times[slab + 1] - times[slab])
         return slope
@@ -227,16 +228,44 @@ class FaceTask:
     def _variables(self, boxes: Boxes, tube: Tube) -> list[Model]:
         """Return the coordinates with x_p = (s_k(t) - sum over others of d x) / d_p."""
         variables, direction = boxes.variables(), tube.directions[self.face]
-        since = variables[0].shifted(-tube.times[boxes.slab])
-        # `scaled` allows for more rounding than the slope itself has.
-        level = since.scaled(self._slope(boxes.slab, tube))
-        level = level.shifted(tube.levels[boxes.slab, self.face])
+        level = self._level(variables[0], boxes, tube, self.face)
         for i in np.flatnonzero(direction):
             if i != self._pivot:
                 level = level - variables[1 + i].scaled(float(direction[i]))
         scale = Fraction(1) / Fraction(float(direction[self._pivot]))
         variables[1 + self._pivot] = as_model(times(level, scale, level), level)
         return variables
+
+    def _level(self, time: Model, boxes: Boxes, tube: Tube, face: int) -> Model:
+        """Return s_face(t) within the slabs of the boxes."""
+        since = time.shifted(-tube.times[boxes.slab])
+        # `scaled` allows for more rounding than the slope itself has.
+        level = since.scaled(self._slope(boxes.slab, tube, face))
+        return level.shifted(tube.levels[boxes.slab, face])
+
+    def _cut_by_faces(
+        self, boxes: Boxes, variables: Sequence[Model]
+    ) -> tuple[Boxes, Flags]:
+        """Drop what is beyond another face, both levels at the same time.
+
+        The range of x_p alone would not do: it forgets at which t and x it is what.
+        """
+        tube, outside = self.region.tube, np.zeros(boxes.count, dtype=bool)
+        smaller = boxes
+        for face, direction in enumerate(tube.directions):
+            if face == self.face:
+                continue
+            beyond = -self._level(variables[0], boxes, tube, face)
+            for i in np.flatnonzero(direction):
+                beyond = beyond + variables[1 + i].scaled(float(direction[i]))
+            cut, out = cut_by(boxes, beyond)
+            outside |= out
+            smaller = Boxes(
+                np.maximum(smaller.lower, cut.lower),
+                np.minimum(smaller.upper, cut.upper),
+                boxes.slab,
+            )
+        return smaller, outside
 
     def _least(self, boxes: Boxes, tube: Tube) -> Least:
         """Return s_k' - d_k f, least over the controls."""
@@ -261,12 +290,16 @@ class FaceTask:
     def cut(self, boxes: Boxes) -> tuple[Boxes, Flags]:
         """Drop what is outside of the tube or of the bounds of the states."""
         tube, p = self.region.tube, 1 + self._pivot
-        placed = self._placed(boxes, self._variables(boxes, tube))
+        variables = self._variables(boxes, tube)
+        boxes, beyond = self._cut_by_faces(boxes, variables)
+        beyond |= is_empty(boxes)
+        # Empty boxes have no models: they stand as they were until they are dropped.
+        placed = self._placed(boxes, variables)
         root = self.region.roots()
         outside = (placed.lower[p] > root.upper[p]) | (placed.upper[p] < root.lower[p])
         smaller, off = self.region.cut(placed)
         # Only that coordinate may have become empty by rounding: it lies on the face.
-        return self._taken_back(smaller), outside | off
+        return self._taken_back(smaller), outside | off | beyond
 
     def cut_more(self, boxes: Boxes) -> tuple[Boxes, Flags]:
         """Drop what breaks a path constraint."""
