@@ -28,19 +28,19 @@ from swarmstart.ocp.lower_bound.checker.models import (
 )
 
 ELEMENTARY = 2.0**-44
-"""Relative error of all float formulas of g_k below, 16 ulp and a few roundings."""
+"""Relative error of the float formulas of g_k below: 16 ulp and a few roundings."""
 _FARTHEST_ANGLE = 1e6
 _LARGEST_WHOLE = 64  # exponents up to here are products, others exp(b log a)
 
 
-def composed(a: Model, factors: list[Array], last: Array, noise: Array) -> Model:
+def composed(a: Model, factors: list[Array], last: Array, sizes: list[Array]) -> Model:
     """Return g(a) from Taylor coefficients of g.
 
     Args:
         a: The argument.
         factors: g_0, ..., g_ORDER at a's middle, each (N,).
         last: Upper bound of |g^(ORDER+1)| / (ORDER+1)! within a's spread of its middle.
-        noise: Upper bounds of the errors of all factors, absolute, (N,).
+        sizes: Of which each factor's error is at most the share ELEMENTARY, (N,) each.
     """
     moving = a.coefficients.copy()
     moving[0] = 0.0
@@ -50,19 +50,15 @@ def composed(a: Model, factors: list[Array], last: Array, noise: Array) -> Model
         total = total.shifted(factors[k]) * rest
     total = total.shifted(factors[0])
     rho = rest.spread
-    powers = 1.0 + rho * (1.0 + rho * (1.0 + rho))
-    error = noise * powers + last * rho ** (ORDER + 1)
+    noise = sum(ELEMENTARY * size * rho**k for k, size in enumerate(sizes))
+    error = noise + TINY * (1.0 + rho**ORDER) + last * rho ** (ORDER + 1)
     return total.widened(error * GROWTH)
-
-
-def _noise(factors: list[Array]) -> Array:
-    size = sum(np.abs(factor) for factor in factors)
-    return np.asarray(ELEMENTARY * size + TINY, dtype=np.float64)
 
 
 def _composed(a: Model, factors: list[Array], last: Array) -> Model:
     # The remainder's own rounding is far below this share of it.
-    return composed(a, factors, last * (1.0 + ELEMENTARY), _noise(factors))
+    sizes = [np.abs(factor) for factor in factors]
+    return composed(a, factors, last * (1.0 + ELEMENTARY), sizes)
 
 
 def _least_size(a: Model) -> Array:
@@ -111,10 +107,9 @@ def _angles(a: Model, turns: int) -> Model:
     scales = (1.0, 1.0, 2.0, 6.0)
     factors = [cycle[turns + k] / scales[k] for k in range(ORDER + 1)]
     one = np.ones_like(sine)
-    noise = one * (4.0 * ELEMENTARY)
     # Beyond it the float's own spacing and the library's reduction are not relied upon.
     far = ~(np.abs(a.middle) <= _FARTHEST_ANGLE)
-    found = composed(a, factors, one / 24.0 * GROWTH, noise)
+    found = composed(a, factors, one / 24.0 * GROWTH, [one] * (ORDER + 1))
     return _unless(far, found)
 
 
@@ -143,9 +138,10 @@ def arctangent(a: Model) -> Model:
     x = a.middle
     w = 1.0 / (1.0 + x * x)
     factors = [np.arctan(x), w, -x * w**2, (3.0 * x * x - 1.0) * w**3 / 3.0]
-    size = np.abs(factors[0]) + w + np.abs(x) * w**2 + (3.0 * x * x + 1.0) * w**3
+    sizes = [np.abs(factor) for factor in factors[:ORDER]]
+    sizes.append((3.0 * x * x + 1.0) * w**3)  # its difference may cancel
     last = np.full_like(x, 0.25)
-    return composed(a, factors, last, ELEMENTARY * size + TINY)
+    return composed(a, factors, last, sizes)
 
 
 def hyperbolic_tangent(a: Model) -> Model:

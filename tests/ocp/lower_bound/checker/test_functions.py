@@ -169,3 +169,40 @@ def test_a_batch_is_its_boxes_one_by_one() -> None:
         np.testing.assert_allclose(
             one.coefficients[:, 0], whole.coefficients[:, k], rtol=1e-13, atol=1e-15
         )
+
+
+DOMAINS = {"inv": 0.3, "sqrt": 0.3, "log": 0.3}
+"""Least arguments; -3 of the others."""
+
+
+@pytest.mark.parametrize("radius", [0.0, 1e-3, 0.02, 0.25])
+@pytest.mark.parametrize("name", UNARY)
+def test_the_ends_of_a_straight_box_are_enclosed(name: str, radius: float) -> None:
+    # There Lagrange's remainder is all the error there is; at radius 0, rounding is.
+    count = 60
+    rng = np.random.default_rng(0)
+    middle = rng.uniform(DOMAINS.get(name, -3.0) + radius, 3.0, count)
+    middle[0] = max(0.0, DOMAINS.get(name, 0.0) + radius)
+    middle[1] = middle[0] + radius / 2
+    algebra = algebra_of(1)
+    a = algebra.variable(0, middle, np.full(count, radius))
+    with np.errstate(all="ignore"):
+        model = FUNCTIONS[name](a)
+    for k in range(count):
+        one = Model(algebra, model.coefficients[:, k : k + 1], model.error[k : k + 1])
+        for s in (-1.0, -0.5, 0.0, 1.0):
+            exact = UNARY[name](arb(float(middle[k])) + arb(radius) * arb(s))
+            assert_encloses(one, (s,), exact)
+
+
+@pytest.mark.parametrize("name", [n for n in BINARY if n != "pow"])
+def test_the_rounding_of_numbers_is_enclosed(name: str) -> None:
+    rng = np.random.default_rng(1)
+    a, b = rng.uniform(0.1, 3.0, (2, 60))
+    algebra = algebra_of(1)
+    model = FUNCTIONS[name](algebra.constant(a), algebra.constant(b))
+    for k in range(60):
+        one = Model(algebra, model.coefficients[:, k : k + 1], model.error[k : k + 1])
+        exact = BINARY[name](arb(float(a[k])), arb(float(b[k])))
+        assert_encloses(one, (0.0,), exact)
+        assert model.error[k] < 1e-11

@@ -97,3 +97,14 @@ def test_what_is_not_known_is_not_bounded() -> None:
             lower = lowest(least_over_controls(b, [term]).below)
         assert not lower[0] > -np.inf
         assert np.isfinite(lower[1])
+
+
+def test_the_square_of_a_sum_is_subtracted_whole() -> None:
+    # min over u of (s_0 + s_1) u + u^2 = -(s_0 + s_1)^2 / 4, at least -1.
+    algebra = algebra_of(2)
+    zero, one = np.zeros(1), np.ones(1)
+    b = algebra.variable(0, zero, one) + algebra.variable(1, zero, one)
+    least = least_over_controls(
+        algebra.constant(zero), [Term(b, Fraction(1), -9.0, 9.0)]
+    )
+    assert lowest(least.below)[0] == pytest.approx(-1.0, abs=1e-8)
