@@ -5,8 +5,8 @@ A function g of a model a = a_0 + N, with |N| <= rho over the box, is
     sum for k <= ORDER of g_k N^k  +  g^(ORDER+1)(xi) / (ORDER+1)! N^(ORDER+1)
 
 with g_k = g^(k)(a_0)/k! and xi within rho of a_0 (Taylor, Lagrange's remainder). Each
-entry below gives g_0 ... g_3, the sum of |error of g_k| as a share of |g_k| or its own
-number, and a bound of the last factor.
+entry below gives g_0 ... g_3, sizes of which their errors are a small share, and a
+bound of the last factor.
 
 NumPy's exp, log, sqrt, sin, cos and arctan are taken to be right to 16 units in the
 last place of the result's size (of 1 for sin and cos, so that no cancellation counts);

@@ -257,7 +257,7 @@ class FaceTask:
                 continue
             beyond = -self._level(variables[0], boxes, tube, face)
             for i in np.flatnonzero(direction):
-                beyond = beyond + variables[1 + i].scaled(float(direction[i]))
+                beyond = beyond + variables[1 + int(i)].scaled(float(direction[i]))
             cut, out = cut_by(boxes, beyond)
             outside |= out
             smaller = Boxes(

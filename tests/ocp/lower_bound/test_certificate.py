@@ -39,7 +39,7 @@ def test_the_tape_evaluates_as_the_problem() -> None:
     content: Any = certificate_content(evidence)
     statement, problem = evidence.statement, content["problem"]
     t, x, u = 0.3, np.array([0.5, -0.7]), np.array([0.2])
-    simple = {
+    simple: dict[str, Callable[..., float]] = {
         "mul": lambda a, b: a * b,
         "add": lambda a, b: a + b,
         "sub": lambda a, b: a - b,
@@ -50,7 +50,8 @@ def test_the_tape_evaluates_as_the_problem() -> None:
         if operation == "const":
             values.append(operands[0])
         elif operation in ("t", "x", "u"):
-            values.append({"t": [t], "x": x, "u": u}[operation][operands[0]])
+            entries = {"t": np.array([t]), "x": x, "u": u}[operation]
+            values.append(float(entries[operands[0]]))
         else:
             values.append(simple[operation](*(values[k] for k in operands)))
     parts = ca.vertcat(statement.rate, statement.stage, statement.end, *statement.ends)

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from swarmstart.ocp.lower_bound.checker.boxes import Boxes, cut_by, is_empty, joined
+from swarmstart.ocp.lower_bound.checker.boxes import (
+    Boxes,
+    Flags,
+    cut_by,
+    is_empty,
+    joined,
+)
 from swarmstart.ocp.lower_bound.checker.models import Array, Model
 
 
@@ -21,8 +27,9 @@ def points(rng: np.random.Generator, boxes: Boxes) -> Array:
     return np.clip(inside, boxes.lower, boxes.upper)
 
 
-def held(boxes: Boxes, y: Array) -> Array:
-    return ((boxes.lower <= y) & (y <= boxes.upper)).all(axis=0)
+def held(boxes: Boxes, y: Array) -> Flags:
+    inside = (boxes.lower <= y) & (y <= boxes.upper)
+    return np.asarray(inside.all(axis=0), dtype=np.bool_)
 
 
 def constraint(x: list[Model] | list[Array]) -> Model | Array:

@@ -62,8 +62,8 @@ def expression(polynomial: Polynomial) -> ca.SX:
 def random_evidence(rate: ca.SX) -> Evidence:
     rng = np.random.default_rng(5)
     steps = [
-        Step(polynomial=random_polynomial(rng), slack=0.1 * i, end_slack=0.01)
-        for i in range(3)
+        Step(polynomial=random_polynomial(rng), slack=slack, end_slack=0.01)
+        for slack in (0.3, 0.1, 0.2)
     ]
     statement = by_hand.scalar(
         time=T,
@@ -106,7 +106,7 @@ def points(rng: np.random.Generator, boxes: Boxes) -> np.ndarray:
     share = rng.uniform(size=boxes.lower.shape)
     share = np.where(rng.random(share.shape) < 0.4, np.round(share), share)
     inside = boxes.lower + share * (boxes.upper - boxes.lower)
-    return np.clip(inside, boxes.lower, boxes.upper)
+    return np.asarray(np.clip(inside, boxes.lower, boxes.upper))
 
 
 def controls(rng: np.random.Generator, region: Region, y: np.ndarray) -> np.ndarray:
