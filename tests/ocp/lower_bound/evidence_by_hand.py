@@ -20,11 +20,10 @@ from swarmstart.ocp.lower_bound.evidence import (
 from swarmstart.ocp.lower_bound.statement import Statement
 
 TINY = 1e-6
+Powers = Mapping[tuple[int, int], float] | Mapping[tuple[int, int, int], float]
 
 
-def polynomial(
-    powers: Mapping[tuple[int, ...], float], half: float = 2.0
-) -> Polynomial:
+def polynomial(powers: Powers, half: float = 2.0) -> Polynomial:
     """The sum of coefficients times powers, in Chebyshev products scaled by `half`."""
     d = len(next(iter(powers)))
     terms: dict[tuple[int, ...], float] = {}
@@ -44,7 +43,7 @@ def polynomial(
 
 
 def step(
-    powers: Mapping[tuple[int, ...], float],
+    powers: Powers,
     slack: float = TINY,
     end_slack: float | None = TINY,
 ) -> Step:

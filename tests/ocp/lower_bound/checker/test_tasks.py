@@ -117,7 +117,7 @@ def controls(rng: np.random.Generator, region: Region, y: np.ndarray) -> np.ndar
     u = lower[:, None] + u * (upper - lower)[:, None]
     for place, k in enumerate(region.split.boxed):
         u[k] = y[3 + place]
-    return u
+    return np.asarray(u, dtype=np.float64)
 
 
 @pytest.mark.parametrize("rate", RATES.values(), ids=RATES)
