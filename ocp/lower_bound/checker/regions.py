@@ -75,8 +75,8 @@ class Region:
     Attributes:
         certificate: With the bounds and the horizon.
         split: The problem.
-        tube: Widened: what is proven to hold admissible trajectories.
-        stated: The tube of the file, in which counterexamples lie.
+        tube: That of the file, which is proven to hold admissible trajectories.
+        stated: The tube in which counterexamples lie: the same one.
         prunings: Those that are proven.
     """
 

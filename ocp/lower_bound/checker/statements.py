@@ -16,10 +16,8 @@ from swarmstart.ocp.lower_bound.checker.regions import Region, pruned_by
 from swarmstart.ocp.lower_bound.checker.search import Outcome, prove
 from swarmstart.ocp.lower_bound.checker.tasks import EndTask, FaceTask, StepTask
 from swarmstart.ocp.lower_bound.checker.tube import (
-    WIDENING,
     is_cut_off,
     stated_tube,
-    widened,
 )
 from swarmstart.terminal_set.checker.deadline import Deadline
 from swarmstart.terminal_set.checker.findings import Finding, Verdict
@@ -50,7 +48,7 @@ def _in_order(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]
     region = Region(
         certificate=certificate,
         split=split(certificate.problem),
-        tube=widened(stated),
+        tube=stated,
         stated=stated,
     )
     yield _start(region)
@@ -109,10 +107,7 @@ def _start(region: Region) -> Finding:
 
 
 def _faces(region: Region, deadline: Deadline) -> Finding:
-    text = (
-        "no admissible trajectory leaves the tube, "
-        f"widened by {WIDENING:g} to {2 * WIDENING:g} of its size"
-    )
+    text = "no admissible trajectory leaves the tube"
     start, boxes, exempt = time.monotonic(), 0, 0
     with np.errstate(all="ignore"):
         for face in range(len(region.tube.directions)):

@@ -1,15 +1,13 @@
-"""The tube of a certificate, widened a little, so that rounding cannot undo it.
+"""The tube of a certificate: a polytope that moves.
 
-The tube proven is { x : d_k x <= s_k(t) } with s_k linear between the times and
-
-    s_k(t_i) = (level of the file) + WIDENING (1 + t_i / t_M) (largest level) |d_k|
-
-as floats: a set that holds the file's, whose faces move outwards faster. On it, faces
-need d_k f < s_k' strictly. Then no admissible trajectory leaves it: take the last time
-up to which it stayed inside. A face that it touches then has d_k f < s_k' there for all
-controls, and, as f is continuous and the controls' box is compact, for a while; so the
-trajectory does not cross it in that while. A face with s_k >= the largest d_k x over
-the bounds of the states is not crossed by an admissible trajectory whatever f is.
+The tube is { x : d_k x <= s_k(t) }, s_k linear between the times, as the file has it.
+Faces need d_k f < s_k' strictly: a face that rises just as fast as the fastest
+trajectory is open, since rounding cannot tell. Then no admissible trajectory leaves it:
+take the last time up to which it stayed inside. A face that it touches then has
+d_k f < s_k' there for all controls, and, as f is continuous and the controls' box is
+compact, for a while; so the trajectory does not cross it in that while. A face with
+s_k >= the largest d_k x over the bounds of the states is not crossed by an admissible
+trajectory whatever f is.
 """
 
 from __future__ import annotations
@@ -27,8 +25,6 @@ from swarmstart.ocp.lower_bound.checker.models import (
     TINY,
     Array,
 )
-
-WIDENING = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,15 +147,6 @@ def stated_tube(certificate: Certificate) -> Tube:
         times=np.array(certificate.times),
         levels=np.array(certificate.levels),
     )
-
-
-def widened(tube: Tube) -> Tube:
-    """Return the tube that is proven in its place."""
-    lengths = np.sqrt((tube.directions**2).sum(axis=1))
-    sizes = lengths * (np.abs(tube.levels) / lengths).max()
-    growing = 1.0 + tube.times / tube.times[-1]
-    levels = tube.levels + WIDENING * growing[:, None] * sizes
-    return Tube(directions=tube.directions, times=tube.times, levels=levels)
 
 
 def is_cut_off(

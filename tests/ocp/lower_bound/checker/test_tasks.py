@@ -16,7 +16,7 @@ from swarmstart.ocp.lower_bound.checker.controls import split
 from swarmstart.ocp.lower_bound.checker.least import lowest
 from swarmstart.ocp.lower_bound.checker.regions import Region, pruned_by
 from swarmstart.ocp.lower_bound.checker.tasks import EndTask, FaceTask, StepTask
-from swarmstart.ocp.lower_bound.checker.tube import stated_tube, widened
+from swarmstart.ocp.lower_bound.checker.tube import stated_tube
 from swarmstart.ocp.lower_bound.evidence import (
     Evidence,
     Polynomial,
@@ -91,7 +91,7 @@ def random_evidence(rate: ca.SX) -> Evidence:
 def region_of(evidence: Evidence) -> Region:
     certificate = _certificate(certificate_content(evidence))
     tube = stated_tube(certificate)
-    return Region(certificate, split(certificate.problem), widened(tube), tube)
+    return Region(certificate, split(certificate.problem), tube, tube)
 
 
 def random_boxes(rng: np.random.Generator, region: Region, count: int) -> Boxes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from swarmstart.ocp.lower_bound.checker.boxes import Boxes
-from swarmstart.ocp.lower_bound.checker.tube import WIDENING, Tube, widened
+from swarmstart.ocp.lower_bound.checker.tube import Tube
 from swarmstart.tests.ocp.lower_bound.checker.test_boxes import held, points
 
 
@@ -71,15 +71,6 @@ def test_points_said_to_be_held_are_inside() -> None:
     assert (values[:, inside] <= 0.0).all()
     assert inside.any()
     assert (values[:, ~inside].max(axis=0) > -1e-9).all()
-
-
-def test_the_widened_tube_holds_the_tube_and_rises_faster() -> None:
-    tube = random_tube(np.random.default_rng(3))
-    wide = widened(tube)
-    added = wide.levels - tube.levels
-    assert (added > 0.0).all()
-    assert (np.diff(added, axis=0) > 0.0).all()
-    assert added.max() < 2.1 * WIDENING * 2.0 * 5.0 * 5.0
 
 
 def test_a_start_outside_is_found_exactly() -> None:
