@@ -28,11 +28,12 @@ class DigestError(ValueError):
     """The file is not what its digest says: it was changed after it was written."""
 
 
-def read_content(path: Path) -> dict[str, object]:
+def read_content(path: Path, format_name: str = FORMAT) -> dict[str, object]:
     """Read a file and compare its digest.
 
     Args:
         path: The file.
+        format_name: What its key "format" must say.
 
     Returns:
         The file as a mapping.
@@ -53,8 +54,8 @@ def read_content(path: Path) -> dict[str, object]:
         raise CertificateFileError("the file is nested too deeply") from None
     except ValueError as error:
         raise CertificateFileError(f"the file is not valid JSON: {error}") from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise CertificateFileError(f'the file is no "{FORMAT}"')
+    if not isinstance(content, dict) or content.get("format") != format_name:
+        raise CertificateFileError(f'the file is no "{format_name}"')
     _compare_digest(content)
     return content
 

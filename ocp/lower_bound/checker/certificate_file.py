@@ -1,0 +1,441 @@
+"""Reader of certificate files of lower bounds: their shape is judged, entry by entry.
+
+Every entry is a number, a list or one of a few known words; nothing is run, and text
+that could say more than is proven (`claims.py`) is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from swarmstart.ocp.lower_bound.checker.claims import expected_claims
+from swarmstart.terminal_set.checker.file_content import read_content, unusable
+
+FORMAT = "swarmstart lower bound certificate"
+LONGEST_TAPE = 20_000  # instructions
+LONGEST_LIST = 100_000  # entries; slabs, faces, coefficients
+MOST_COORDINATES = 8  # time, states and controls are boxes of so many dimensions
+MOST_CONTROLS = 20
+MOST_CONSTRAINTS = 1000
+MOST_PRUNINGS = 100
+HIGHEST_EXPONENT = 40
+LARGEST = 1e30  # so that powers and products neither overflow nor underflow unseen
+MOST_PRODUCTS = 50_000  # of Chebyshev polynomials, of the highest exponents
+UNARY = frozenset("neg sq twice inv fabs sqrt sin cos tan exp log atan tanh".split())
+BINARY = frozenset("add sub mul div pow fmin fmax".split())
+
+Vector = tuple[float, ...]
+Limits = tuple[float | None, ...]
+Instruction = tuple[str, tuple[int, ...], float]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Problem:
+    """The control problem, as plain numbers.
+
+    Attributes:
+        n: Number of states.
+        m: Number of controls.
+        tape: Instructions (operation, operands, constant).
+        rate: Numbers of the instructions of f, n of them.
+        stage: Of L.
+        end: Of phi.
+        path: Of g <= 0.
+        ends: Of e <= 0.
+        x0: Initial state.
+        horizon: Earliest and latest end.
+        control_box: Lower and upper bounds.
+        state_box: Likewise, None where there are none.
+        offset: Added to the cost.
+        sense: 1 or -1.
+    """
+
+    n: int
+    m: int
+    tape: tuple[Instruction, ...]
+    rate: tuple[int, ...]
+    stage: int
+    end: int
+    path: tuple[int, ...]
+    ends: tuple[int, ...]
+    x0: Vector
+    horizon: tuple[float, float]
+    control_box: tuple[Vector, Vector]
+    state_box: tuple[Limits, Limits]
+    offset: float
+    sense: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Step:
+    """A polynomial and its slacks.
+
+    Attributes:
+        middle: Of the box it is scaled to, 1 + n numbers.
+        half: Half the widths of it, above 0.
+        exponents: One tuple of 1 + n whole numbers a coefficient.
+        coefficients: Of the products of Chebyshev polynomials.
+        slack: Of the inequality over the set, >= 0.
+        end_slack: Of the inequality at the end, >= 0; None: nothing is stated.
+    """
+
+    middle: Vector
+    half: Vector
+    exponents: tuple[tuple[int, ...], ...]
+    coefficients: Vector
+    slack: float
+    end_slack: float | None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Certificate:
+    """The statements of a certificate, as plain numbers.
+
+    Attributes:
+        problem: What the bound is of.
+        directions: Of the tube's faces; the first 2n are the axes.
+        times: Of the tube, from 0 to the latest end.
+        levels: A row of levels a time.
+        prunings: The steps (come, go), in order.
+        final: The step that gives the bound.
+        known: The cost that is compared with; None: none.
+        bound: Of the cost, offset included.
+    """
+
+    problem: Problem
+    directions: tuple[Vector, ...]
+    times: Vector
+    levels: tuple[Vector, ...]
+    prunings: tuple[tuple[Step, Step], ...]
+    final: Step
+    known: float | None
+    bound: float
+
+
+def read_certificate(path: Path) -> Certificate:
+    """Read a certificate, compare its digest, judge its shape.
+
+    Args:
+        path: The file.
+
+    Returns:
+        What it states.
+
+    Raises:
+        OSError: If the file cannot be read.
+        CertificateFileError: If it is no certificate that can be judged.
+        DigestError: If it was changed after it was written.
+    """
+    return _certificate(read_content(path, FORMAT))
+
+
+def _certificate(content: dict[str, object]) -> Certificate:
+    keys = "format version sha256 problem tube prunings final known bound statements"
+    _mapping(content, "the file", keys)
+    if _integer(content["version"], "version", 0, 10**9) != 1:
+        raise unusable("version", "1", content["version"])
+    problem = _problem(content["problem"])
+    tube = _mapping(content["tube"], "tube", "directions times levels")
+    times = _vector(tube["times"], "tube.times", None)
+    if len(times) < 2:  # noqa: PLR2004
+        raise unusable("tube.times", "2 times or more", len(times))
+    for i in range(len(times) - 1):
+        if not times[i] < times[i + 1]:
+            raise unusable(f"tube.times[{i + 1}]", "a later time", times[i + 1])
+    directions = _matrix(tube["directions"], "tube.directions", None, problem.n)
+    _check_axes(directions, problem.n)
+    prunings = tuple(
+        _pruning(entry, f"prunings[{i}]", problem.n)
+        for i, entry in enumerate(_list(content["prunings"], "prunings", None))
+    )
+    if len(prunings) > MOST_PRUNINGS:
+        raise unusable("prunings", f"at most {MOST_PRUNINGS}", len(prunings))
+    known = content["known"]
+    if known is None and prunings:
+        raise unusable("known", "a number where there are prunings", known)
+    _check_statements(content["statements"], prunings=len(prunings))
+    return Certificate(
+        problem=problem,
+        directions=directions,
+        times=times,
+        levels=_matrix(tube["levels"], "tube.levels", len(times), len(directions)),
+        prunings=prunings,
+        final=_step(content["final"], "final", problem.n, with_end=True),
+        known=None if known is None else _number(known, "known"),
+        bound=_number(content["bound"], "bound"),
+    )
+
+
+def _problem(value: object) -> Problem:
+    where = "problem"
+    entry = _mapping(
+        value,
+        where,
+        "n m tape rate stage end path ends x0 sizes horizon control_box state_box "
+        "offset sense",
+    )
+    n = _integer(entry["n"], f"{where}.n", 1, MOST_COORDINATES - 1)
+    m = _integer(entry["m"], f"{where}.m", 0, MOST_CONTROLS)
+    tape = _tape(entry["tape"], f"{where}.tape", n=n, m=m)
+    _check_sizes(entry["sizes"], f"{where}.sizes", n)
+    sense = _number(entry["sense"], f"{where}.sense")
+    if abs(sense) != 1.0:
+        raise unusable(f"{where}.sense", "1 or -1", sense)
+    problem = Problem(
+        n=n,
+        m=m,
+        tape=tape,
+        rate=_numbers(entry["rate"], f"{where}.rate", len(tape), n),
+        stage=_integer(entry["stage"], f"{where}.stage", 0, len(tape) - 1),
+        end=_integer(entry["end"], f"{where}.end", 0, len(tape) - 1),
+        path=_numbers(entry["path"], f"{where}.path", len(tape), None),
+        ends=_numbers(entry["ends"], f"{where}.ends", len(tape), None),
+        x0=_vector(entry["x0"], f"{where}.x0", n),
+        horizon=_horizon(entry["horizon"], f"{where}.horizon"),
+        control_box=_control_box(entry["control_box"], f"{where}.control_box", m),
+        state_box=_state_box(entry["state_box"], f"{where}.state_box", n),
+        offset=_number(entry["offset"], f"{where}.offset"),
+        sense=sense,
+    )
+    _check_dependence(problem)
+    return problem
+
+
+def _check_dependence(problem: Problem) -> None:
+    moved = list[bool]()
+    for operation, operands, _ in problem.tape:
+        inner = operation not in ("t", "x", "u", "const")
+        moved.append(operation == "u" or (inner and any(moved[k] for k in operands)))
+    outputs = {"end": (problem.end,), "path": problem.path, "ends": problem.ends}
+    for name, numbers in outputs.items():
+        for number in numbers:
+            if moved[number]:
+                raise unusable(f"problem.{name}", "a value without controls", number)
+
+
+def _tape(value: object, where: str, *, n: int, m: int) -> tuple[Instruction, ...]:
+    tape = _list(value, where, None)
+    if not 1 <= len(tape) <= LONGEST_TAPE:
+        raise unusable(where, f"1 to {LONGEST_TAPE} instructions", len(tape))
+    return tuple(
+        _instruction(entry, f"{where}[{i}]", {"t": 1, "x": n, "u": m}, i)
+        for i, entry in enumerate(tape)
+    )
+
+
+def _instruction(
+    value: object, where: str, inputs: dict[str, int], number: int
+) -> Instruction:
+    parts = _list(value, where, None)
+    operation = _text(parts[0] if parts else None, f"{where}[0]")
+    counts = dict.fromkeys(("const", *inputs), 1)
+    counts |= dict.fromkeys(UNARY, 1) | dict.fromkeys(BINARY, 2)
+    if operation not in counts:
+        raise unusable(f"{where}[0]", "a known operation", operation)
+    _list(parts, where, counts[operation] + 1)
+    if operation == "const":
+        return operation, (), _number(parts[1], f"{where}[1]")
+    most = inputs.get(operation, number) - 1
+    if most < 0:
+        raise unusable(where, "an operation on an earlier instruction", operation)
+    operands = tuple(
+        _integer(part, f"{where}[{i}]", 0, most)
+        for i, part in enumerate(parts[1:], start=1)
+    )
+    return operation, operands, 0.0
+
+
+def _check_sizes(value: object, where: str, n: int) -> None:
+    # Nothing rests on them: they turn the certificate's states into the user's.
+    for i, size in enumerate(_vector(value, where, n)):
+        if not size > 0.0:
+            raise unusable(f"{where}[{i}]", "a number above 0", size)
+
+
+def _horizon(value: object, where: str) -> tuple[float, float]:
+    earliest, latest = _vector(value, where, 2)
+    if not 0.0 <= earliest <= latest:
+        raise unusable(where, "0 <= earliest <= latest", (earliest, latest))
+    return earliest, latest
+
+
+def _control_box(value: object, where: str, m: int) -> tuple[Vector, Vector]:
+    box = _mapping(value, where, "lower upper")
+    lower = _vector(box["lower"], f"{where}.lower", m)
+    upper = _vector(box["upper"], f"{where}.upper", m)
+    for i in range(m):
+        if not lower[i] <= upper[i]:
+            raise unusable(f"{where}.upper[{i}]", f"at least {lower[i]:g}", upper[i])
+    return lower, upper
+
+
+def _state_box(value: object, where: str, n: int) -> tuple[Limits, Limits]:
+    box = _mapping(value, where, "lower upper")
+    lower = _limits(box["lower"], f"{where}.lower", n)
+    upper = _limits(box["upper"], f"{where}.upper", n)
+    for i, (low, high) in enumerate(zip(lower, upper, strict=True)):
+        if low is not None and high is not None and low > high:
+            raise unusable(f"{where}.upper[{i}]", f"at least {low:g}", high)
+    return lower, upper
+
+
+def _limits(value: object, where: str, n: int) -> Limits:
+    return tuple(
+        None if entry is None else _number(entry, f"{where}[{i}]")
+        for i, entry in enumerate(_list(value, where, n))
+    )
+
+
+def _check_axes(directions: tuple[Vector, ...], n: int) -> None:
+    for k in range(2 * n):
+        sign = 1.0 if k % 2 == 0 else -1.0
+        axis = tuple(sign if i == k // 2 else 0.0 for i in range(n))
+        if k >= len(directions) or directions[k] != axis:
+            found = directions[k] if k < len(directions) else "none"
+            raise unusable(f"tube.directions[{k}]", f"the axis {axis}", found)
+    for k, direction in enumerate(directions):
+        if not any(direction):
+            raise unusable(f"tube.directions[{k}]", "a number other than 0", direction)
+
+
+def _pruning(value: object, where: str, n: int) -> tuple[Step, Step]:
+    entry = _mapping(value, where, "come go")
+    come = _step(entry["come"], f"{where}.come", n, with_end=False)
+    return come, _step(entry["go"], f"{where}.go", n, with_end=True)
+
+
+def _step(value: object, where: str, n: int, *, with_end: bool) -> Step:
+    entry = _mapping(value, where, "polynomial slack end_slack boxes")
+    _integer(entry["boxes"], f"{where}.boxes", 0, 10**15)
+    name = f"{where}.polynomial"
+    shape = "middle half exponents coefficients"
+    polynomial = _mapping(entry["polynomial"], name, shape)
+    coefficients = _vector(polynomial["coefficients"], f"{name}.coefficients", None)
+    rows = _list(polynomial["exponents"], f"{name}.exponents", len(coefficients))
+    exponents = tuple(
+        _exponents(row, f"{name}.exponents[{i}]", n) for i, row in enumerate(rows)
+    )
+    if len(set(exponents)) < len(exponents):
+        raise unusable(f"{name}.exponents", "each product once", "one of them twice")
+    highest = [max((e[a] for e in exponents), default=0) for a in range(1 + n)]
+    if math.prod(1 + e for e in highest) > MOST_PRODUCTS:
+        raise unusable(f"{name}.exponents", f"{MOST_PRODUCTS} products", highest)
+    half = _vector(polynomial["half"], f"{name}.half", 1 + n)
+    if not all(width > 0.0 for width in half):
+        raise unusable(f"{name}.half", "numbers above 0", half)
+    end_slack = entry["end_slack"]
+    if end_slack is None and with_end:
+        raise unusable(f"{where}.end_slack", "a number", end_slack)
+    return Step(
+        middle=_vector(polynomial["middle"], f"{name}.middle", 1 + n),
+        half=half,
+        exponents=exponents,
+        coefficients=coefficients,
+        slack=_at_least_zero(entry["slack"], f"{where}.slack"),
+        end_slack=None
+        if end_slack is None
+        else _at_least_zero(end_slack, f"{where}.end_slack"),
+    )
+
+
+def _exponents(value: object, where: str, n: int) -> tuple[int, ...]:
+    return tuple(
+        _integer(entry, f"{where}[{i}]", 0, HIGHEST_EXPONENT)
+        for i, entry in enumerate(_list(value, where, 1 + n))
+    )
+
+
+def _check_statements(value: object, *, prunings: int) -> None:
+    # A reader takes "proven" in the file for what the checker proved.
+    expected = [
+        {"statement": text, "grounds": "proven"} for text in expected_claims(prunings)
+    ]
+    if _list(value, "statements", len(expected)) != expected:
+        raise unusable("statements", "the statements of the format", value)
+
+
+def _mapping(value: object, where: str, names: str) -> dict[str, object]:
+    keys = set(names.split())
+    if not isinstance(value, dict):
+        raise unusable(where, "an object", value)
+    for key in sorted(keys - set(value)):
+        raise unusable(where, f'the key "{key}"', "none")
+    for key in sorted(set(value) - keys):
+        raise unusable(where, "only the keys " + ", ".join(sorted(keys)), key)
+    return value
+
+
+def _number(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise unusable(where, "a number", value)
+    try:
+        number = float(value)
+    except OverflowError:
+        raise unusable(where, "a finite number", value) from None
+    # An integer past 2^53 would be another number than the one that was written.
+    if not math.isfinite(number) or number != value:
+        raise unusable(where, "a finite number of double precision", value)
+    if abs(number) > LARGEST:
+        raise unusable(where, f"a number of at most {LARGEST:g} in size", value)
+    return number
+
+
+def _at_least_zero(value: object, where: str) -> float:
+    number = _number(value, where)
+    if number < 0.0:
+        raise unusable(where, "a number of at least 0", value)
+    return number
+
+
+def _integer(value: object, where: str, least: int, most: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise unusable(where, "an integer", value)
+    if not least <= value <= most:
+        raise unusable(where, f"an integer from {least} to {most}", value)
+    return value
+
+
+def _list(value: object, where: str, length: int | None) -> list[object]:
+    if not isinstance(value, list):
+        raise unusable(where, "a list", value)
+    if length is not None and len(value) != length:
+        raise unusable(where, f"a list of {length}", f"{len(value)} entries")
+    if len(value) > LONGEST_LIST:
+        raise unusable(where, f"at most {LONGEST_LIST} entries", len(value))
+    return value
+
+
+def _text(value: object, where: str) -> str:
+    if not isinstance(value, str):
+        raise unusable(where, "a text", value)
+    return value
+
+
+def _vector(value: object, where: str, length: int | None) -> Vector:
+    return tuple(
+        _number(entry, f"{where}[{i}]")
+        for i, entry in enumerate(_list(value, where, length))
+    )
+
+
+def _matrix(
+    value: object, where: str, rows: int | None, columns: int
+) -> tuple[Vector, ...]:
+    return tuple(
+        _vector(row, f"{where}[{i}]", columns)
+        for i, row in enumerate(_list(value, where, rows))
+    )
+
+
+def _numbers(
+    value: object, where: str, count: int, length: int | None
+) -> tuple[int, ...]:
+    entries = _list(value, where, length)
+    if len(entries) > MOST_CONSTRAINTS:
+        raise unusable(where, f"at most {MOST_CONSTRAINTS} entries", len(entries))
+    return tuple(
+        _integer(entry, f"{where}[{i}]", 0, count - 1)
+        for i, entry in enumerate(entries)
+    )

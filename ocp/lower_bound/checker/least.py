@@ -1,0 +1,203 @@
+"""Lower bounds over the controls, and over a box.
+
+The least of b u + q u^2 over u in [lo, hi], q >= 0, is not evaluated: for any number v
+in [lo, hi], with beta = b + 2 q v and w = u - v,
+
+    b u + q u^2 = b v + q v^2 + beta w + q w^2
+
+and beta w + q w^2 >= -beta^2 / (4 q) for all w; with lo - v <= w <= hi - v and
+|beta| <= R on the side where it counts, also >= -D,
+
+    D = R^2 / (4 q) if R <= 2 q W, else W (R - q W),  W = v - lo (beta > 0) or hi - v.
+
+With v about the minimiser at the box's middle the first has beta small throughout, and
+its square joins the quadratic part of the Taylor model; the second is better where the
+minimiser is clipped, or q small or 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from swarmstart.ocp.lower_bound.checker.evaluation import rounded
+from swarmstart.ocp.lower_bound.checker.models import (
+    GROWTH,
+    ROUNDING,
+    TINY,
+    Array,
+    Model,
+    down,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Term:
+    """b u + q u^2 of one control.
+
+    Attributes:
+        factor: b.
+        q: At least 0.
+        lower: Lower bound of u.
+        upper: Upper bound of u.
+    """
+
+    factor: Model
+    q: Fraction
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Least:
+    """A function of (t, x) that is the least over the controls.
+
+    Attributes:
+        below: Models whose lower bounds bound it from below.
+        at: Models of the values at certain admissible controls, not below it.
+        pull: Further losses by variable, for the choice of cuts, shape (d, N).
+    """
+
+    below: Model
+    at: Model
+    pull: Array
+
+
+def least_over_controls(fixed: Model, terms: list[Term]) -> Least:
+    """Return fixed + the sum of the least of each term.
+
+    Args:
+        fixed: What no control changes.
+        terms: One a control.
+    """
+    d, count = fixed.algebra.d, fixed.error.size
+    pull = np.zeros((d, count))
+    below, at = fixed, fixed
+    for term in terms:
+        v = _choice(term)
+        q = _below(term.q)
+        chosen = term.factor.scaled(v)
+        square = q * v * v
+        # Covers q's own rounding, too: it is one unit below at most.
+        chosen = chosen.shifted(square, ROUNDING * square)
+        below, at = below + chosen, at + chosen
+        below, lost = _less_loss(below, term, q, v)
+        pull += lost
+    return Least(below, at, pull)
+
+
+def lowest(model: Model) -> Array:
+    """Return lower bounds over the boxes; squares and slopes of a variable together.
+
+    Args:
+        model: Models.
+
+    Returns:
+        Shape (N,); NaN where nothing is known.
+    """
+    d, c = model.algebra.d, model.coefficients
+    total = c[0] - model.error
+    squares = np.zeros(len(c), dtype=bool)
+    parts = [c[0], model.error]
+    for a in range(d):
+        place = _square_place(model, a)
+        squares[place] = True
+        g, h = np.abs(c[1 + a]), c[place]
+        with np.errstate(all="ignore"):
+            inner = -(g * g) / (4.0 * h)
+        least = np.where(g < 2.0 * h, inner, h - g)
+        total = total + least
+        parts += [g, h]
+    rest = np.abs(c[1 + d :][~squares[1 + d :]]).sum(axis=0) * GROWTH
+    return down(total - rest, *parts, rest)
+
+
+def pulls(model: Model) -> Array:
+    """Return how much each variable moves a model, shape (d, N)."""
+    sizes = np.abs(model.coefficients)
+    weights = model.algebra.monomials.T.astype(np.float64)
+    found: Array = weights @ sizes
+    return found
+
+
+def _square_place(model: Model, a: int) -> int:
+    exponents = [0] * model.algebra.d
+    exponents[a] = 2
+    return model.algebra.numbers[tuple(exponents)]
+
+
+def _below(q: Fraction) -> float:
+    near, _ = rounded(q)
+    return near if Fraction(near) <= q else float(np.nextafter(near, 0.0))
+
+
+def _choice(term: Term) -> Array:
+    """Return v within the bounds, about the minimiser at the middle."""
+    b, q = term.factor.middle, _below(term.q)
+    if q > 0.0:
+        with np.errstate(all="ignore"):
+            v = np.clip(-b / (2.0 * q), term.lower, term.upper)
+    else:
+        v = np.where(b > 0.0, term.lower, term.upper)
+    return np.where(np.isnan(v), term.lower, v)
+
+
+def _less_loss(below: Model, term: Term, q: float, v: Array) -> tuple[Model, Array]:
+    """Return the model less the bound of -(beta w + q w^2), and its pull."""
+    b = term.factor
+    beta = b.middle + 2.0 * q * v
+    doubt = ROUNDING * (np.abs(b.middle) + 2.0 * q * np.abs(v)) + TINY
+    above = np.maximum(beta + b.spread + doubt, 0.0) * GROWTH
+    under = np.maximum(b.spread - beta + doubt, 0.0) * GROWTH
+    flat = np.maximum(
+        _most(above, (v - term.lower) * GROWTH, q),
+        _most(under, (term.upper - v) * GROWTH, q),
+    )
+    if q > 0.0:
+        curved = np.maximum(above, under) ** 2 / (4.0 * q) * (1.0 + 1e-9)
+        bends = curved <= flat * (1.0 + 2e-9)
+    else:
+        bends = np.zeros(flat.shape, dtype=bool)
+    lost = np.where(bends, 0.0, flat)
+    width = term.upper - term.lower
+    pull = np.where(bends | (flat == 0.0), 0.0, width) * pulls(b)
+    below = below.widened(lost)
+    if bends.any():
+        kappa = np.where(bends, 1.0 / (4.0 * q) * GROWTH, 0.0)
+        below = _less_square(below, b, kappa, np.abs(beta) + doubt)
+    return below, pull
+
+
+def _most(R: Array, W: Array, q: float) -> Array:
+    """Return an upper bound of D."""
+    if q > 0.0:
+        with np.errstate(all="ignore"):
+            most = np.where(R <= 2.0 * q * W, R * R / (4.0 * q), W * (R - q * W))
+    else:
+        most = W * R
+    grown: Array = most * GROWTH
+    # 0 * inf is NaN, as it must be: nothing is known.
+    return grown
+
+
+def _less_square(below: Model, b: Model, kappa: Array, offset: Array) -> Model:
+    """Return below - kappa (offset + the moving part of b)^2, offset in +-.
+
+    With l the linear part and e bounding the rest, the square is <= l^2 + 2|l|e + e^2.
+    """
+    d, c = b.algebra.d, below.coefficients.copy()
+    slopes = b.coefficients[1 : 1 + d]
+    for i in range(d):
+        for j in range(i, d):
+            exponents = [0] * d
+            exponents[i] += 1
+            exponents[j] += 1
+            place = b.algebra.numbers[tuple(exponents)]
+            c[place] -= kappa * slopes[i] * slopes[j] * (1.0 if i == j else 2.0)
+    reach = b.sums[1]
+    rest = (offset + b.sums[2:].sum(axis=0) + b.error) * GROWTH
+    lost = kappa * (2.0 * reach * rest + rest * rest)
+    lost = lost + ROUNDING * (kappa * reach * reach + below.size)
+    return Model(below.algebra, c, (below.error + lost) * GROWTH + TINY)

@@ -1,0 +1,164 @@
+"""The statements of a certificate, proven again one by one."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Iterator
+from fractions import Fraction
+
+import numpy as np
+
+from swarmstart.ocp.lower_bound.checker.certificate_file import Certificate, Step
+from swarmstart.ocp.lower_bound.checker.controls import split
+from swarmstart.ocp.lower_bound.checker.polynomials import exact_value
+from swarmstart.ocp.lower_bound.checker.regions import Region, pruned_by
+from swarmstart.ocp.lower_bound.checker.search import Outcome, prove
+from swarmstart.ocp.lower_bound.checker.tasks import EndTask, FaceTask, StepTask
+from swarmstart.ocp.lower_bound.checker.tube import (
+    is_cut_off,
+    stated_tube,
+)
+from swarmstart.terminal_set.checker.deadline import Deadline
+from swarmstart.terminal_set.checker.findings import Finding, Verdict
+
+
+def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
+    """Judge a certificate, statement by statement.
+
+    Stops where a statement does not hold: those after it rest on it.
+
+    Args:
+        certificate: What the file states.
+        seconds: Time for all of it [s].
+
+    Yields:
+        One finding a statement.
+    """
+    deadline = Deadline.after(seconds)
+    for finding in _in_order(certificate, deadline):
+        yield finding
+        if finding.verdict is not Verdict.PROVED:
+            return
+
+
+def _in_order(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]:
+    yield _bound(certificate)
+    stated = stated_tube(certificate)
+    region = Region(
+        certificate=certificate,
+        split=split(certificate.problem),
+        tube=stated,
+        stated=stated,
+    )
+    yield _start(region)
+    yield _faces(region, deadline)
+    for number, (come, go) in enumerate(certificate.prunings, start=1):
+        yield from _step(come, f"step C of pruning {number}", region, deadline)
+        yield from _step(go, f"step G of pruning {number}", region, deadline)
+        pruned = pruned_by(certificate, come, go)
+        region = dataclasses.replace(region, prunings=(*region.prunings, pruned))
+    yield from _step(certificate.final, "the final step", region, deadline)
+
+
+def proven_bound(certificate: Certificate) -> Fraction:
+    """Return min(known, V(0, x0) - slack latest - end slack) + offset, exactly.
+
+    Args:
+        certificate: With the final step.
+    """
+    final, problem = certificate.final, certificate.problem
+    value = exact_value(final, (0.0, *problem.x0))
+    value -= Fraction(final.slack) * Fraction(problem.horizon[1])
+    value -= Fraction(final.end_slack or 0.0)
+    if certificate.known is not None:
+        value = min(value, Fraction(certificate.known))
+    return value + Fraction(problem.offset)
+
+
+def _bound(certificate: Certificate) -> Finding:
+    follows = proven_bound(certificate)
+    near = _shown(follows)
+    text = f"the bound {certificate.bound:.12g} follows from the steps, which give"
+    if Fraction(certificate.bound) <= follows:
+        return Finding(Verdict.PROVED, f"{text} {near}, if they hold")
+    return Finding(Verdict.REFUSED, f"it is false that {text} only {near}")
+
+
+def _shown(value: Fraction) -> str:
+    try:
+        return f"{float(value):.12g}"
+    except OverflowError:
+        return "a number beyond floats"
+
+
+def _start(region: Region) -> Finding:
+    tube, problem = region.tube, region.certificate.problem
+    times = region.certificate.times
+    if times[0] > 0.0 or times[-1] < problem.horizon[1]:
+        text = f"the tube covers {times[0]:g} to {times[-1]:g} s only"
+        return Finding(Verdict.REFUSED, f"{text}, not 0 to {problem.horizon[1]:g} s")
+    face = tube.holds_exactly(problem.x0)
+    if face is not None:
+        text = f"the initial state lies outside of the tube's face {face}"
+        return Finding(Verdict.REFUSED, text)
+    text = "the tube covers all times, and holds the initial state at the first"
+    return Finding(Verdict.PROVED, text)
+
+
+def _faces(region: Region, deadline: Deadline) -> Finding:
+    text = "no admissible trajectory leaves the tube"
+    start, boxes, exempt = time.monotonic(), 0, 0
+    with np.errstate(all="ignore"):
+        for face in range(len(region.tube.directions)):
+            slabs = _slabs(region, face)
+            exempt += len(region.tube.times) - 1 - len(slabs)
+            if not slabs:
+                continue
+            task = FaceTask(face, region)
+            outcome = prove(task, task.roots(slabs), deadline)
+            boxes += outcome.boxes
+            if not outcome.proven:
+                found = dataclasses.replace(outcome, boxes=boxes)
+                return _judged(found, f"{text}, by face {face}", start)
+    if exempt:
+        text += f" ({exempt} pieces of faces lie beyond the bounds of the states)"
+    return _judged(Outcome(True, boxes), text, start)
+
+
+def _slabs(region: Region, face: int) -> list[int]:
+    """Return the slabs in which a face is not cut off by the bounds of the states."""
+    tube, latest = region.tube, region.certificate.problem.horizon[1]
+    levels, direction = tube.levels[:, face], tube.directions[face]
+    return [
+        i
+        for i in range(len(tube.times) - 1)
+        if tube.times[i] <= latest
+        and not is_cut_off(direction, (levels[i], levels[i + 1]), region.certificate)
+    ]
+
+
+def _step(
+    step: Step, name: str, region: Region, deadline: Deadline
+) -> Iterator[Finding]:
+    start = time.monotonic()
+    outcome = prove(StepTask(step, region), region.roots(), deadline)
+    text = f"V_t + L + V_x f >= -{step.slack:g} over the set, of {name}"
+    yield _judged(outcome, text, start)
+    if step.end_slack is None:
+        return
+    start = time.monotonic()
+    earliest = region.certificate.problem.horizon[0]
+    outcome = prove(EndTask(step, region), region.roots(earliest), deadline)
+    text = f"V <= end cost + {step.end_slack:g} at all admissible ends, of {name}"
+    yield _judged(outcome, text, start)
+
+
+def _judged(outcome: Outcome, text: str, start: float) -> Finding:
+    effort = f"{outcome.boxes} boxes, {time.monotonic() - start:.2f} s"
+    if outcome.proven:
+        return Finding(Verdict.PROVED, f"{text} ({effort})")
+    if outcome.counterexample is not None:
+        at = ", ".join(f"{entry:.9g}" for entry in outcome.counterexample)
+        return Finding(Verdict.REFUSED, f"it is false that {text}: (t, x) = ({at})")
+    return Finding(Verdict.UNDECIDED, f"{text} ({effort}; {outcome.remark})")
