@@ -245,6 +245,11 @@ def _add_run(run: _Parser) -> None:
         "--workers", type=_count, default=os.cpu_count() or 1, metavar="N",
         help="processes for --seeds; default: every core",
     )  # fmt: skip
+    run.add_argument(
+        "--bound", metavar="120s",
+        help="then seek for so long what no plan can cost less than, with a proof; of "
+        "scenarios that make one plan",
+    )  # fmt: skip
     run.add_argument("--out", metavar="DIR", help="default: results/<scenario>/<key>")
     run.add_argument(
         "--force", action="store_true",
