@@ -80,28 +80,32 @@ class OptimalityGap:
     @property
     def words(self) -> str:
         """Value, kind and gap in a line."""
-        if self.value is None:
+        return self.told("the answer")
+
+    def told(self, answer: str) -> str:
+        """Return value, kind and gap in a line.
+
+        Args:
+            answer: What is compared with the bound: a noun.
+        """
+        if self.value is None or self.kind is BoundKind.NONE:
             return f"{BoundKind.NONE.value}: {self.reason}"
         if self.kind is BoundKind.SAMPLED:
             return f"sampled estimate {self.value:.{_DIGITS}g} (no bound)"
-        if self.kind is BoundKind.NONE:
-            return f"{self.kind.value}: {self.reason}"
         shown = f"{_rounded(self.value, _DIGITS, up=self.sense < 0)} {self.kind.value}"
         if self.kind is BoundKind.TRIVIAL:
             shown += " (the least stage cost)"
-        return f"{shown}; {self.compared}"
+        return f"{shown}; {self._compared(answer)}"
 
-    @property
-    def compared(self) -> str:
-        """The answer beside the bound: a clause."""
+    def _compared(self, answer: str) -> str:
         apart, side = self.apart, "below" if self.sense > 0 else "above"
         if apart is None:
             return "there is no confirmed answer to compare with it"
         if apart == 0.0:
-            return "the answer is at the bound"
+            return f"{answer} is at the bound"
         if apart > 0.0:
-            return f"the optimum is at most {self._far(apart)} {side} the answer"
-        said = f"the answer is {side} the bound by {_rounded(-apart, 2, up=True)}"
+            return f"the optimum is at most {self._far(apart)} {side} {answer}"
+        said = f"{answer} is {side} the bound by {_rounded(-apart, 2, up=True)}"
         if -apart <= self.tolerance:
             return f"{said}: within its tolerance"
         return f"{said}, more than its tolerance: one of the two is wrong"

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.campaign.claims import judged
 from swarmstart.cases.campaign.planned_once import bound_of, planned_once
+from swarmstart.cases.campaign.run_status import status_of
 from swarmstart.cases.format.kind import Flight, Measure, Posed
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.kinds.flight import flight_of
@@ -52,15 +53,12 @@ from swarmstart.cases.record.record import (
     withdraw,
 )
 from swarmstart.cases.record.trajectory_arrays import (
-    found_plans,
-    planned,
     trajectory_arrays,
 )
 from swarmstart.compile_time import Stopwatch, stopwatch
 from swarmstart.heuristics.interrupts import heeded, put_off
 from swarmstart.ocp import (
     DivergedError,
-    DualMode,
     LowerBound,
     SearchReport,
     Step,
@@ -395,7 +393,7 @@ def _measured(
     """Return a flight with what is measured of it and said of its claims."""
     scenario = resolved.scenario
     measures = resolved.kind.measure(scenario, flight, trajectory)
-    status, feasible = _status(flight, trajectory)
+    status, feasible = status_of(flight, trajectory)
     return Run(
         resolved=resolved,
         seed=seed,
@@ -502,58 +500,6 @@ def _kept(
         return [], rng, None
     steps, rng.bit_generator.state, arrays = kept
     return steps, rng, multipliers_from(arrays)
-
-
-def _status(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]:
-    """Return one sentence on a flight, and whether any of its plans can be used."""
-    said, is_usable = _status_of_plans(flight, trajectory)
-    controller = flight.controller
-    if isinstance(controller, DualMode) and controller.uncertified:
-        said += "; the linear law's terminal sets are not certified"
-    return said, is_usable
-
-
-def _status_of_plans(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]:
-    """Return one sentence on the plans of a flight, and whether any can be used.
-
-    One plan that is flown to its end must be confirmed along its path.
-    """
-    if flight.posed.open_loop:
-        answer = flight.answer(trajectory)
-        said = f"simulated to the end; the plan is {answer.status.value}"
-        if flight.posed.plant.differs:
-            said += ", for the model it was made with: the simulated system is another"
-        if answer.status.is_confirmed:
-            return said, True
-        return f"{said}: {answer.reason}; {answer.advice}", False
-    found = [found_plans(d) for d in trajectory.decisions if planned(d)]
-    infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
-    if not infeasible:
-        law = f", {linear} steps under the linear law" if linear else ""
-        said = "simulated to the end; every planned step found a feasible plan"
-        return said + law + _searched(trajectory), True
-    if infeasible == len(found):
-        return "simulated to the end; no step found a feasible plan", False
-    return (
-        f"simulated to the end; {infeasible} of {len(found)} planned steps found no "
-        f"feasible plan{_searched(trajectory)}",
-        True,
-    )
-
-
-def _searched(trajectory: Trajectory) -> str:
-    """Return how many plans were searched, where a warm polish was enough for some."""
-    plans = [
-        plan
-        for decision in trajectory.decisions
-        if planned(decision)
-        for plan in decision.plans
-        if plan.polish_status is not None
-    ]
-    searched = sum(plan.is_searched for plan in plans)
-    if searched in {0, len(plans)}:
-        return ""
-    return f", {searched} of {len(plans)} plans were searched"
 
 
 def _recorded(

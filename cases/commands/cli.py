@@ -322,6 +322,11 @@ def _add_compare(compare: _Parser) -> None:
         "margin, for all solvers alike; default: yes",
     )  # fmt: skip
     compare.add_argument(
+        "--bound", metavar="60s",
+        help="then seek for so long what no plan can cost less than, with a proof; of "
+        "each scenario that is compared by one plan",
+    )  # fmt: skip
+    compare.add_argument(
         "--dry-run", action="store_true", help="say how many runs, and how long"
     )
     compare.add_argument("--out", metavar="DIR", help="default: results/compare")

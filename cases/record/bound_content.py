@@ -27,8 +27,12 @@ def bound_content(bound: LowerBound, beside: OptimalityGap) -> dict[str, Any]:
         bound: The bound.
         beside: The same, with the answer.
     """
+    return {**_compared(beside), **bound_account(bound)}
+
+
+def bound_account(bound: LowerBound) -> dict[str, Any]:
+    """Return what a bound took and rests on, as JSON has it."""
     return {
-        **_compared(beside),
         "seconds": bound.cpu_seconds,
         "degree": bound.degree,
         "slack": bound.slack,

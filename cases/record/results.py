@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.format.document import shown
 from swarmstart.cases.format.yaml_reader import read_yaml
+from swarmstart.cases.record.bound_content import bound_content
 from swarmstart.cases.record.files import (
     RecordError,
     is_temporary,
@@ -110,6 +111,9 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
         "compile_seconds": solution.compile_seconds,
         "member_costs": solution.member_costs.tolist(),
         "multipliers": told(solution.multipliers),
+        "bound": None
+        if solution.bound is None
+        else bound_content(solution.bound, solution.beside(solution.bound)),
     }
     return _saved(folder, SOLUTION, arrays, summary, force=force)
 
