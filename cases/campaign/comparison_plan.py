@@ -53,7 +53,7 @@ class ComparePart(Part):
     timeout_s: int | None = Field(default=None, ge=1)
     repair: bool | None = None
     known: Mapping[str, Number] = Field(default_factory=dict)
-    bound: str | None = None
+    bound: str | Number | None = None
 
 
 class PlanFile(Part):

