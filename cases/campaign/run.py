@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from swarmstart.cases.campaign.claims import judged
 from swarmstart.cases.campaign.planned_once import bound_of, planned_once
 from swarmstart.cases.campaign.run_status import status_of
-from swarmstart.cases.format.kind import Flight, Measure, Posed
+from swarmstart.cases.format.kind import Flight, Measure, Posed, SeveralPlansError
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.record.bound_content import (
@@ -201,8 +201,7 @@ class Run:
         return decisions[0].plans[0].search if decisions else SearchReport()
 
     def _certificates(self) -> list[str]:
-        is_there = self.folder and (self.bound_content or {}).get("certificate")
-        return [CERTIFICATE] if is_there else []
+        return [CERTIFICATE] if (self.bound_content or {}).get("certificate") else []
 
     def _starts(self) -> dict[str, Any] | None:
         agent = self.flight.posed.agents[0]
@@ -353,7 +352,11 @@ def _kept_bound(finished: Run, folder: Path) -> Mapping[str, Any] | None:
     Figures of before are kept in the same way.
     """
     kept = kept_bound(folder, key_of(finished.resolved, finished.seed))
-    if kept is None or not finished.flight.posed.open_loop:
+    if kept is None:
+        return None
+    try:  # A record is a user's file, and may claim a bound of several plans.
+        planned_once(finished.flight.posed, finished.resolved.scenario.steps)
+    except SeveralPlansError:
         return None
     return compared_anew(kept, finished.flight.answer(finished.trajectory))
 
@@ -372,6 +375,8 @@ def _bounded(finished: Run, seconds: float | None, progress: ProgressCallback) -
         bound, is_interrupted = stopped.partial, True
     if bound is not None:
         content = bound_content(bound, answer.beside(bound))
+        if finished.folder is None:
+            content["certificate"] = None
         finished = replace(finished, bound=bound, bound_content=content)
         _record_bound(finished, bound)
     if is_interrupted:

@@ -16,8 +16,8 @@ from swarmstart.cases.record.record import MARK, finished_key
 from swarmstart.ocp import BoundKind, LowerBound, OptimalityGap, Solution
 
 CERTIFICATE = "bound_certificate.json"
-_CONTENT_OF = "swarmstart.ocp.lower_bound.certificate:certificate_content"
-"""Named, not imported: it is needed only where something was proven."""
+CONTENT_OF = "swarmstart.ocp.lower_bound.certificate:certificate_content"
+"""What makes a certificate: named, since it is needed only if something was proven."""
 
 
 def bound_content(bound: LowerBound, beside: OptimalityGap) -> dict[str, Any]:
@@ -33,10 +33,10 @@ def bound_content(bound: LowerBound, beside: OptimalityGap) -> dict[str, Any]:
 def bound_account(bound: LowerBound) -> dict[str, Any]:
     """Return what a bound took and rests on, as JSON has it."""
     return {
-        "seconds": bound.cpu_seconds,
-        "degree": bound.degree,
-        "slack": bound.slack,
-        "boxes": bound.boxes,
+        "seconds": float(bound.cpu_seconds),
+        "degree": int(bound.degree),
+        "slack": float(bound.slack),
+        "boxes": int(bound.boxes),
         "set": bound.set_name,
         "certificate": None if bound.evidence is None else CERTIFICATE,
     }
@@ -120,5 +120,5 @@ def write_certificate(folder: Path, bound: LowerBound) -> None:
     if bound.evidence is None:
         file.unlink(missing_ok=True)
         return
-    content = resolve_name(_CONTENT_OF)(bound.evidence)
+    content = resolve_name(CONTENT_OF)(bound.evidence)
     write_text(file, json.dumps(content, indent=1) + "\n")

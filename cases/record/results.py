@@ -2,6 +2,7 @@
 
     result.json      status, cost, names; written last: the commit mark
     solution.npz     of a Solution: nodes, controls and the finer path
+    bound_certificate.json   of a Solution whose bound is proven by polynomials
     trajectory.npz   of a Trajectory, as in the record of a run
 
 A record of `swarmstart run` is read the same way. No file is unpickled, no code is run.
@@ -18,7 +19,11 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.format.document import shown
 from swarmstart.cases.format.yaml_reader import read_yaml
-from swarmstart.cases.record.bound_content import bound_content
+from swarmstart.cases.record.bound_content import (
+    CERTIFICATE,
+    bound_content,
+    write_certificate,
+)
 from swarmstart.cases.record.files import (
     RecordError,
     is_temporary,
@@ -41,7 +46,7 @@ from swarmstart.cases.record.record import (
     versions,
 )
 from swarmstart.cases.record.trajectory_arrays import trajectory_arrays, trajectory_of
-from swarmstart.ocp import Solution, Trajectory
+from swarmstart.ocp import LowerBound, Solution, Trajectory
 from swarmstart.ocp.multipliers import Multipliers
 
 RESULT, SOLUTION = "result.json", "solution.npz"
@@ -115,7 +120,7 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
         if solution.bound is None
         else bound_content(solution.bound, solution.beside(solution.bound)),
     }
-    return _saved(folder, SOLUTION, arrays, summary, force=force)
+    return _saved(folder, SOLUTION, arrays, summary, force=force, bound=solution.bound)
 
 
 def save_trajectory(trajectory: Trajectory, folder: Path, *, force: bool) -> Path:
@@ -138,6 +143,7 @@ def _saved(
     summary: Mapping[str, Any],
     *,
     force: bool,
+    bound: LowerBound | None = None,
 ) -> Path:
     """Write arrays, then the mark; the mark that was there goes first."""
     with locked(folder):
@@ -150,9 +156,11 @@ def _saved(
                 expected="an empty folder",
                 way="choose another, or replace an earlier result with force=True",
             )
-        for old in (RESULT, SOLUTION, TRAJECTORY):
+        for old in (RESULT, SOLUTION, TRAJECTORY, CERTIFICATE):
             (folder / old).unlink(missing_ok=True)
         write_arrays(folder / name, arrays)
+        if bound is not None:
+            write_certificate(folder, bound)
         mark = {"schema": 1, **summary, "arrays": name, "versions": versions()}
         write_json(folder / RESULT, mark)
     return folder

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import signal
-from dataclasses import dataclass, field
+import sys
+from dataclasses import dataclass, field, replace
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -46,3 +48,13 @@ class Found:
         """Take the place of `lower_bound` in a test."""
         monkeypatch.setattr(bounding, "lower_bound", self)
         return self
+
+
+def with_evidence(bound: LowerBound, monkeypatch: pytest.MonkeyPatch) -> LowerBound:
+    """Return a bound that has a certificate."""
+    module = ModuleType("certificate")
+    content = {"format": "swarmstart lower bound certificate", "version": 1}
+    module.certificate_content = lambda evidence: {**content, "of": evidence}  # type: ignore[attr-defined]
+    name = "swarmstart.ocp.lower_bound.certificate"
+    monkeypatch.setitem(sys.modules, name, module)
+    return replace(bound, evidence="what the proof rests on")  # type: ignore[arg-type]

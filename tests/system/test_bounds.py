@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import signal
-import sys
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -16,7 +14,14 @@ from swarmstart.cases.campaign.library import run
 from swarmstart.cases.campaign.run import Interrupted
 from swarmstart.ocp import InvalidProblemError
 from swarmstart.ocp.lower_bound.answer import LowerBound
-from swarmstart.tests.ocp.bounds import NONE, PROVEN, SAMPLED, TRIVIAL, Found
+from swarmstart.tests.ocp.bounds import (
+    NONE,
+    PROVEN,
+    SAMPLED,
+    TRIVIAL,
+    Found,
+    with_evidence,
+)
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
@@ -37,16 +42,6 @@ prediction: {horizon_s: 1, intervals: 4, substeps: 1}
 search: {name: none}
 lanes: 0
 """
-
-
-def with_evidence(bound: LowerBound, monkeypatch: pytest.MonkeyPatch) -> LowerBound:
-    """Return a bound that has a certificate."""
-    module = ModuleType("certificate")
-    content = {"format": "swarmstart lower bound certificate", "version": 1}
-    module.certificate_content = lambda evidence: {**content, "of": evidence}  # type: ignore[attr-defined]
-    name = "swarmstart.ocp.lower_bound.certificate"
-    monkeypatch.setitem(sys.modules, name, module)
-    return replace(bound, evidence="what the proof rests on")  # type: ignore[arg-type]
 
 
 def kept(folder: Path) -> dict[str, Any]:

@@ -12,10 +12,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from swarmstart.cases.campaign.engine.cell_keys import modules_of_settings
 from swarmstart.cases.format.scenario import resolved_again
 from swarmstart.cases.kinds.flight import first_problem
-from swarmstart.cases.record.bound_content import bound_account, write_certificate
+from swarmstart.cases.record.bound_content import (
+    CONTENT_OF,
+    bound_account,
+    write_certificate,
+)
 from swarmstart.ocp.bounded import bounded
+
+
+def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return further modules whose code a cell uses: its kind's, the certificate's."""
+    certifying = CONTENT_OF.partition(":")[0]
+    return (*modules_of_settings(job["settings"]), certifying)
 
 
 def bound_cell(
