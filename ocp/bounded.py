@@ -59,7 +59,7 @@ def bounded(
                 x0,
                 known=known,
                 answer=answer,
-                seconds=seconds,
+                seconds=float(seconds),
                 progress=progress,
             )
     except KeyboardInterrupt:
