@@ -19,6 +19,8 @@ from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 _DIGITS, _GAP_DIGITS = 6, 2
 _SHORT = Decimal("1e-4"), Decimal("1e7")
 """Numbers between these are written without an exponent."""
+_OF_ROUNDING = 1e-200
+"""Outward rounding moves a 0 by less."""
 _WHOLE = 1.0
 """Beyond this part of the cost a gap is told as a difference, not in percent."""
 
@@ -130,6 +132,8 @@ def _rounded(value: float, digits: int, *, up: bool) -> str:
         ('2.86612', '0.042')
     """
     rounding = ROUND_CEILING if up else ROUND_FLOOR
+    if abs(value) < _OF_ROUNDING:
+        return "0"
     exact = Decimal(repr(float(value)))
     shown = exact.normalize(Context(prec=digits, rounding=rounding))
     is_short = _SHORT[0] <= abs(shown) < _SHORT[1] or not shown

@@ -61,6 +61,7 @@ from swarmstart.ocp import (
     DivergedError,
     LowerBound,
     SearchReport,
+    Solution,
     Step,
     Trajectory,
     chosen_backend,
@@ -374,22 +375,23 @@ def _bounded(finished: Run, seconds: float | None, progress: ProgressCallback) -
     except BoundInterrupted as stopped:
         bound, is_interrupted = stopped.partial, True
     if bound is not None:
-        content = bound_content(bound, answer.beside(bound))
-        if finished.folder is None:
-            content["certificate"] = None
-        finished = replace(finished, bound=bound, bound_content=content)
-        _record_bound(finished, bound)
+        finished = _with_bound(finished, bound, answer)
     if is_interrupted:
         steps = len(finished.trajectory.decisions)
         raise Interrupted(finished.folder, steps, run=finished)
     return finished
 
 
-def _record_bound(finished: Run, bound: LowerBound) -> None:
-    if finished.folder is not None:
-        with put_off():
-            write_certificate(finished.folder, bound)
-            write_json(finished.folder / MARK, finished.summary())
+def _with_bound(finished: Run, bound: LowerBound, answer: Solution) -> Run:
+    """Return a run with its bound; its record gets that, too."""
+    folder, beside = finished.folder, answer.beside(bound)
+    with put_off():
+        file = None if folder is None else write_certificate(folder, bound)
+        content = bound_content(bound, beside, certificate=file)
+        finished = replace(finished, bound=bound, bound_content=content)
+        if folder is not None:
+            write_json(folder / MARK, finished.summary())
+    return finished
 
 
 def _measured(

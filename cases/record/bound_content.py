@@ -13,24 +13,30 @@ from typing import Any
 
 from swarmstart.cases.record.files import write_text
 from swarmstart.cases.record.record import MARK, finished_key
+from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import BoundKind, LowerBound, OptimalityGap, Solution
+from swarmstart.ocp.lower_bound.evidence import Evidence
 
 CERTIFICATE = "bound_certificate.json"
 CONTENT_OF = "swarmstart.ocp.lower_bound.certificate:certificate_content"
 """What makes a certificate: named, since it is needed only if something was proven."""
 
 
-def bound_content(bound: LowerBound, beside: OptimalityGap) -> dict[str, Any]:
+def bound_content(
+    bound: LowerBound, beside: OptimalityGap, *, certificate: str | None
+) -> dict[str, Any]:
     """Return a bound as JSON has it.
 
     Args:
         bound: The bound.
         beside: The same, with the answer.
+        certificate: Name of the file; None: there is none.
     """
-    return {**_compared(beside), **bound_account(bound)}
+    account = bound_account(bound, certificate=certificate)
+    return {**_compared(beside), **account}
 
 
-def bound_account(bound: LowerBound) -> dict[str, Any]:
+def bound_account(bound: LowerBound, *, certificate: str | None) -> dict[str, Any]:
     """Return what a bound took and rests on, as JSON has it."""
     return {
         "seconds": float(bound.cpu_seconds),
@@ -38,7 +44,7 @@ def bound_account(bound: LowerBound) -> dict[str, Any]:
         "slack": float(bound.slack),
         "boxes": int(bound.boxes),
         "set": bound.set_name,
-        "certificate": None if bound.evidence is None else CERTIFICATE,
+        "certificate": certificate,
     }
 
 
@@ -106,19 +112,31 @@ def compared_anew(content: Mapping[str, Any], answer: Solution) -> dict[str, Any
     return {**content, **_compared(answer.beside(same))}
 
 
-def write_certificate(folder: Path, bound: LowerBound) -> None:
+def write_certificate(folder: Path, bound: LowerBound) -> str | None:
     """Write the certificate of a bound; one of an earlier bound goes.
 
     Args:
-        folder: Where it is written; its own record names the file.
+        folder: Where it is written.
         bound: The bound.
+
+    Returns:
+        The file's name; None: nothing was proven by polynomials, or the problem has an
+        operation that a certificate has no word for.
 
     Raises:
         RecordError: If it cannot be written.
     """
     file = folder / CERTIFICATE
-    if bound.evidence is None:
+    content = None if bound.evidence is None else _certificate(bound.evidence)
+    if content is None:
         file.unlink(missing_ok=True)
-        return
-    content = resolve_name(CONTENT_OF)(bound.evidence)
-    write_text(file, json.dumps(content, indent=1) + "\n")
+        return None
+    write_text(file, json.dumps(content, allow_nan=False) + "\n")
+    return CERTIFICATE
+
+
+def _certificate(evidence: Evidence) -> Mapping[str, object] | None:
+    try:
+        return resolve_name(CONTENT_OF)(evidence)  # type: ignore[no-any-return]
+    except (SwarmstartError, ValueError):
+        return None

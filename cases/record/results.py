@@ -46,7 +46,7 @@ from swarmstart.cases.record.record import (
     versions,
 )
 from swarmstart.cases.record.trajectory_arrays import trajectory_arrays, trajectory_of
-from swarmstart.ocp import LowerBound, Solution, Trajectory
+from swarmstart.ocp import Solution, Trajectory
 from swarmstart.ocp.multipliers import Multipliers
 
 RESULT, SOLUTION = "result.json", "solution.npz"
@@ -116,11 +116,9 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
         "compile_seconds": solution.compile_seconds,
         "member_costs": solution.member_costs.tolist(),
         "multipliers": told(solution.multipliers),
-        "bound": None
-        if solution.bound is None
-        else bound_content(solution.bound, solution.beside(solution.bound)),
+        "bound": None,
     }
-    return _saved(folder, SOLUTION, arrays, summary, force=force, bound=solution.bound)
+    return _saved(folder, SOLUTION, arrays, summary, force=force, bounded=solution)
 
 
 def save_trajectory(trajectory: Trajectory, folder: Path, *, force: bool) -> Path:
@@ -143,7 +141,7 @@ def _saved(
     summary: Mapping[str, Any],
     *,
     force: bool,
-    bound: LowerBound | None = None,
+    bounded: Solution | None = None,
 ) -> Path:
     """Write arrays, then the mark; the mark that was there goes first."""
     with locked(folder):
@@ -159,8 +157,11 @@ def _saved(
         for old in (RESULT, SOLUTION, TRAJECTORY, CERTIFICATE):
             (folder / old).unlink(missing_ok=True)
         write_arrays(folder / name, arrays)
-        if bound is not None:
-            write_certificate(folder, bound)
+        if bounded is not None and bounded.bound is not None:
+            file = write_certificate(folder, bounded.bound)
+            beside = bounded.beside(bounded.bound)
+            bound = bound_content(bounded.bound, beside, certificate=file)
+            summary = {**summary, "bound": bound}
         mark = {"schema": 1, **summary, "arrays": name, "versions": versions()}
         write_json(folder / RESULT, mark)
     return folder

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from swarmstart.ocp import InvalidProblemError
 from swarmstart.ocp.lower_bound import bounding
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 
@@ -50,11 +51,19 @@ class Found:
         return self
 
 
-def with_evidence(bound: LowerBound, monkeypatch: pytest.MonkeyPatch) -> LowerBound:
-    """Return a bound that has a certificate."""
+def with_evidence(
+    bound: LowerBound, monkeypatch: pytest.MonkeyPatch, *, fails: bool = False
+) -> LowerBound:
+    """Return a bound that has a certificate, or whose certificate cannot be made."""
+
+    def content(evidence: object) -> dict[str, object]:
+        if fails:
+            raise InvalidProblemError("no word for erf")
+        head = {"format": "swarmstart lower bound certificate", "version": 1}
+        return {**head, "of": evidence}
+
     module = ModuleType("certificate")
-    content = {"format": "swarmstart lower bound certificate", "version": 1}
-    module.certificate_content = lambda evidence: {**content, "of": evidence}  # type: ignore[attr-defined]
+    vars(module)["certificate_content"] = content
     name = "swarmstart.ocp.lower_bound.certificate"
     monkeypatch.setitem(sys.modules, name, module)
     return replace(bound, evidence="what the proof rests on")  # type: ignore[arg-type]

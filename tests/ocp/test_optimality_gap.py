@@ -51,6 +51,11 @@ PROVEN = OptimalityGap(
             {"value": -4.0, "cost": 0.0},
             "-4 proven; the optimum is at most 4 below the answer",
         ),
+        (
+            {"kind": BoundKind.TRIVIAL, "value": -1e-299, "cost": 2.0},
+            "0 trivial (the least stage cost); the optimum is at most 100 % below the "
+            "answer",
+        ),
         ({"kind": BoundKind.SAMPLED}, "sampled estimate 2.8661 (no bound)"),
         (
             {"kind": BoundKind.NONE, "value": None, "reason": "5 states, at most 3"},

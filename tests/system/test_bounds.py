@@ -116,6 +116,16 @@ def test_a_bound_changes_no_other_number_and_is_in_no_key(
     assert kept(tmp_path)["bound"]["kind"] == "none"
 
 
+def test_a_bound_without_a_word_in_certificates_is_kept(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Found(with_evidence(NEAR, monkeypatch, fails=True)).instead(monkeypatch)
+    said = command("run", *PLAN, "--bound", "1s", "--out", tmp_path)
+    assert said.code == 0 and "proof" not in said.out
+    bound = kept(tmp_path)["bound"]
+    assert (bound["value"], bound["certificate"]) == (11.75, None)
+
+
 def test_another_run_in_the_folder_takes_the_certificate_away(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

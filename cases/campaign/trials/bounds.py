@@ -45,11 +45,11 @@ def bound_cell(
     bound = bounded(
         job["known"], one.problem, one.x0, one.known, seconds=job["seconds"]
     )
-    write_certificate(folder, bound)
+    certificate = write_certificate(folder, bound)
     return {
         "value": bound.value,
         "kind": bound.kind.value,
         "reason": bound.reason,
         "sense": int(bound.sense),
-        **bound_account(bound),
+        **bound_account(bound, certificate=certificate),
     }
