@@ -93,6 +93,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Agent as Agent,
         AlgebraicEquations as AlgebraicEquations,
         BackendWarning as BackendWarning,
+        BoundKind as BoundKind,
         Bounds as Bounds,
         Connection as Connection,
         Decision as Decision,
@@ -105,6 +106,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Known as Known,
         LocalAgent as LocalAgent,
         LocalTeam as LocalTeam,
+        LowerBound as LowerBound,
         Memetic as Memetic,
         Mode as Mode,
         Model as Model,
@@ -112,6 +114,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         NlpOptions as NlpOptions,
         OpenLoop as OpenLoop,
         OptimalControlProblem as OptimalControlProblem,
+        OptimalityGap as OptimalityGap,
         PathConstraint as PathConstraint,
         PhasedHorizon as PhasedHorizon,
         Phases as Phases,
@@ -147,6 +150,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         ensemble as ensemble,
         fly as fly,
         interpolate as interpolate,
+        lower_bound as lower_bound,
         multistart as multistart,
         phased_horizon as phased_horizon,
         phases as phases,
@@ -219,18 +223,19 @@ _NAMES = {
         static_penalty
     """,
     "swarmstart.ocp": """
-        Agent AlgebraicEquations BackendWarning Bounds Connection Decision DivergedError
-        DualMode Fitness
-        Free InvalidProblemError IpoptOptions Known LocalAgent LocalTeam Memetic
-        Mode Model Multistart NlpOptions OpenLoop OptimalControlProblem PathConstraint
-        PhasedHorizon Phases
+        Agent AlgebraicEquations BackendWarning BoundKind Bounds Connection Decision
+        DivergedError DualMode Fitness
+        Free InvalidProblemError IpoptOptions Known LocalAgent LocalTeam LowerBound
+        Memetic
+        Mode Model Multistart NlpOptions OpenLoop OptimalControlProblem OptimalityGap
+        PathConstraint PhasedHorizon Phases
         Plan Planner PlanningInterrupted Plant PolishStatus Radau RecedingHorizon
         SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError
         SolveInterrupted Source Start StartOutcome Step SteppedPlant Table Team
         TerminalConstraint Trajectory TrajectoryFamily UncertifiedSetError
         WarmStartReport WarmStartedSolver compile_batch disc ensemble fly interpolate
-        multistart phased_horizon phases simulate solve stack_models table
+        lower_bound multistart phased_horizon phases simulate solve stack_models table
         terminal_set_of warm_start
     """,
     "swarmstart.terminal_set": """

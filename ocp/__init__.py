@@ -35,10 +35,13 @@ from swarmstart.ocp.lane_settings import (
     population_of,
 )
 from swarmstart.ocp.local_team import LocalAgent, LocalTeam
+from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.lower_bound.bounding import lower_bound
 from swarmstart.ocp.model import Model, right_hand_side, stack_models
 from swarmstart.ocp.multipliers import Multipliers
 from swarmstart.ocp.multistart import multistart
 from swarmstart.ocp.opti import warm_start
+from swarmstart.ocp.optimality_gap import OptimalityGap
 from swarmstart.ocp.phased_horizon import PhasedHorizon, phased_horizon
 from swarmstart.ocp.phases import Phases, phases
 from swarmstart.ocp.plan import Plan, PlanningInterrupted, SearchReport, Source
@@ -70,6 +73,7 @@ __all__ = [
     "Backend",
     "BackendWarning",
     "BatchFunction",
+    "BoundKind",
     "Bounds",
     "Connection",
     "Constraint",
@@ -86,6 +90,7 @@ __all__ = [
     "Known",
     "LocalAgent",
     "LocalTeam",
+    "LowerBound",
     "Memetic",
     "Mode",
     "Model",
@@ -94,6 +99,7 @@ __all__ = [
     "NlpOptions",
     "OpenLoop",
     "OptimalControlProblem",
+    "OptimalityGap",
     "PathConstraint",
     "PhasedHorizon",
     "Phases",
@@ -141,6 +147,7 @@ __all__ = [
     "held_step",
     "interpolate",
     "largest_distance",
+    "lower_bound",
     "multistart",
     "phased_horizon",
     "phases",

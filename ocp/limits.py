@@ -155,6 +155,20 @@ def require_count(role: str, count: int) -> None:
         )
 
 
+def require_seconds(role: str, seconds: object) -> None:
+    """Refuse a length of time that is no positive finite number; None is taken.
+
+    Raises:
+        InvalidProblemError: If it is another value.
+    """
+    is_number = isinstance(seconds, Real) and not isinstance(seconds, bool)
+    if seconds is None or (is_number and 0.0 < seconds < np.inf):  # type: ignore[operator]
+        return
+    raise InvalidProblemError(
+        f"{role} must be a positive number of seconds, got {shortened(seconds)}"
+    )
+
+
 def require_distance(role: str, distance: float, *margins: float) -> None:
     """Raise unless a distance is positive, and each margin at least zero, and finite.
 

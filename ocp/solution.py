@@ -23,9 +23,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.fitness import NOTHING, Known, at_nodes, shared_arguments
+from swarmstart.ocp.lower_bound.answer import LowerBound
 from swarmstart.ocp.member_costs import member_costs
 from swarmstart.ocp.multipliers import Multipliers, multipliers_of
 from swarmstart.ocp.optimality import Curvature, curvature, is_stationary
+from swarmstart.ocp.optimality_gap import OptimalityGap
 from swarmstart.ocp.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.plan import Plan, start_of
 from swarmstart.ocp.polish import SAME_COST
@@ -76,6 +78,7 @@ class Solution(Presented):
             that follows, shape (nz, nodes); empty of a model without such.
         member_costs: Costs of the members of an ensemble on the problem's own grid,
             shape (M,); empty of any other problem.
+        bound: How good any answer can be, at most, if `solve` was asked for it.
     """
 
     status: SolutionStatus
@@ -95,6 +98,23 @@ class Solution(Presented):
     compile_seconds: float = 0.0
     algebraic: Array = field(default_factory=lambda: np.empty((0, 0)))
     member_costs: Array = field(default_factory=lambda: np.empty(0))
+    bound: LowerBound | None = None
+
+    @property
+    def gap(self) -> OptimalityGap | None:
+        """How far the answer is from the optimum at most; None: no bound was asked for.
+
+        The answer's cost is that of the finer path, and only if it is confirmed.
+        """
+        return None if self.bound is None else self.beside(self.bound)
+
+    def beside(self, bound: LowerBound) -> OptimalityGap:
+        """Return how far the answer is from the optimum at most, by a bound."""
+        return OptimalityGap.of(
+            bound,
+            self.verified_cost if self.status.is_confirmed else None,
+            tolerance=TOLERANCE * self.path.magnitude,
+        )
 
     @property
     def multipliers(self) -> Multipliers | None:
@@ -178,6 +198,8 @@ class Solution(Presented):
             lines.insert(7, f"  decided     {', '.join(values)}")
         if self.member_costs.size:
             lines.insert(4, f"  members     {_spread(self.member_costs)}")
+        if self.gap is not None:
+            lines.insert(4, f"  bound       {self.gap.words}")
         lines += plan.search.lines(self.problem.sense)
         if plan.starts is not None:
             lines += plan.starts.lines(self.problem.sense)

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.compile_time import stopwatch
 from swarmstart.heuristics import Budget, Order, generator_of
 from swarmstart.heuristics.interrupts import heeded
+from swarmstart.ocp.bounded import BoundInterrupted, bounded
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.fitness import NOTHING, Known
 from swarmstart.ocp.improving import improved
-from swarmstart.ocp.limits import require_choice, require_count
+from swarmstart.ocp.limits import require_choice, require_count, require_seconds
 from swarmstart.ocp.many_starts import LANES
 from swarmstart.ocp.plan import PlanningInterrupted
 from swarmstart.ocp.planner import Planner
@@ -38,7 +39,8 @@ class SolveInterrupted(KeyboardInterrupt):
     """Ctrl-C during `solve`.
 
     Attributes:
-        partial: The best answer so far, verified.
+        partial: The best answer so far, verified; if only its bound was interrupted,
+            the answer, with the best bound until then if there is one.
     """
 
     def __init__(self, partial: Solution) -> None:
@@ -61,6 +63,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     repair: bool = False,
     lanes: int | None = None,
     backend: str | None = None,
+    bound: float | None = None,
     rng: np.random.Generator | None = None,
     seed: int | Sequence[int] | None = None,
     progress: ProgressCallback = tell_nothing,
@@ -92,6 +95,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             the search's best and guesses of states as well, and the answer says what
             each led to. None means 64, if there is a polish; 0 means one start alone.
         backend: What evaluates populations, as in compiled/backend.py.
+        bound: Seconds for a lower bound of what any answer costs, which is sought when
+            the answer is there, by `lower_bound`; None means that none is sought.
         rng: Source of all randomness; either this or a seed.
         seed: Seed of a new generator.
         progress: Told (evaluations, all, "searching") now and then, and what follows:
@@ -102,7 +107,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
 
     Raises:
         InvalidProblemError: If there is neither a search nor a polish, a shape is not
-            the problem's, or the start is outside and must not be.
+            the problem's, the start is outside and must not be, or the seconds of the
+            bound are no positive number.
         SolveInterrupted: On Ctrl-C, with the best answer so far; a plain
             KeyboardInterrupt if there is none yet.
     """
@@ -113,6 +119,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     if lanes:
         require_count("lanes", lanes)
     require_choice("start", start, ("must hold", "may violate"))
+    require_seconds("bound", bound)
+    given = x0, known
     rng = generator_of(rng, seed)
     settings = search_settings(search, budget, order)
     polishing = polish_options(polish)
@@ -142,7 +150,28 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             rng=rng,
             progress=progress,
         )
-        return replace(solution, compile_seconds=watch.compile_seconds)
+    solution = replace(solution, compile_seconds=watch.compile_seconds)
+    if bound is None:
+        return solution
+    return _with_bound(solution, *given, seconds=bound, progress=progress)
+
+
+def _with_bound(
+    solution: Solution,
+    x0: ArrayLike,
+    known: Known,
+    *,
+    seconds: float,
+    progress: ProgressCallback,
+) -> Solution:
+    """Return an answer with its bound; on Ctrl-C the answer is not lost."""
+    try:
+        found = bounded(
+            solution, solution.problem, x0, known, seconds=seconds, progress=progress
+        )
+    except BoundInterrupted as stopped:
+        raise SolveInterrupted(replace(solution, bound=stopped.partial)) from None
+    return replace(solution, bound=found)
 
 
 def _solved(  # noqa: PLR0913 - what solve was given, checked

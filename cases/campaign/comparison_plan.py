@@ -53,6 +53,7 @@ class ComparePart(Part):
     timeout_s: int | None = Field(default=None, ge=1)
     repair: bool | None = None
     known: Mapping[str, Number] = Field(default_factory=dict)
+    bound: str | Number | None = None
 
 
 class PlanFile(Part):
@@ -92,6 +93,8 @@ class ComparisonPlan:
         repair: Whether answers that break a constraint between the checks are solved
             again.
         known: Best known costs by scenario, in the user's sense.
+        bound_s: Time for a lower bound of each scenario that makes one plan [s]; None:
+            none is sought.
     """
 
     scenarios: tuple[Chosen, ...]
@@ -101,6 +104,7 @@ class ComparisonPlan:
     timeout_s: int = 300
     repair: bool = True
     known: Mapping[str, float] = field(default_factory=dict)
+    bound_s: float | None = None
 
 
 def is_plan(document: Document) -> bool:

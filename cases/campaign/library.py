@@ -57,6 +57,7 @@ def run(  # noqa: PLR0913 - the options of a command
     figures: bool = True,
     force: bool = False,
     allow_python: bool = False,
+    bound: float | None = None,
     settings: Mapping[str, Any] = NO_SETTINGS,
     progress: ProgressCallback = tell_nothing,
 ) -> Run:
@@ -73,6 +74,7 @@ def run(  # noqa: PLR0913 - the options of a command
         force: As --force: whether files of the record's names are replaced.
         allow_python: As --allow-python: whether the file that a scenario of kind python
             names is run.
+        bound: As --bound: seconds for a lower bound of the one plan; None: none.
         settings: As --set, such as {"steps": 2, "budget.evaluations": 600}.
         progress: Told (finished steps, all steps, what is being done).
 
@@ -88,6 +90,8 @@ def run(  # noqa: PLR0913 - the options of a command
         RecordError: If a file cannot be written.
         CodeNotAllowedError: If a file is to be run, and may not.
         UserCodeError: If that file gives no problem.
+        InvalidProblemError: If the seconds of the bound are no positive number.
+        SeveralPlansError: If a bound is asked for, and more than one plan is made.
     """
     resolved = _resolved(
         scenario, settings, variant=variant, search=search, polish=polish
@@ -96,7 +100,9 @@ def run(  # noqa: PLR0913 - the options of a command
     recording = None
     if out is not None:
         recording = Recording(folder=Path(out), figures=figures, force=force)
-    return run_resolved(resolved, seed=seed, recording=recording, progress=progress)
+    return run_resolved(
+        resolved, seed=seed, recording=recording, bound_s=bound, progress=progress
+    )
 
 
 def compare(  # noqa: PLR0913 - the options of a command

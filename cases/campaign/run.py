@@ -20,9 +20,18 @@ import yaml
 from numpy.typing import NDArray
 
 from swarmstart.cases.campaign.claims import judged
-from swarmstart.cases.format.kind import Flight, Measure, Posed
+from swarmstart.cases.campaign.planned_once import bound_of, planned_once
+from swarmstart.cases.campaign.run_status import status_of
+from swarmstart.cases.format.kind import Flight, Measure, Posed, SeveralPlansError
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.kinds.flight import flight_of
+from swarmstart.cases.record.bound_content import (
+    CERTIFICATE,
+    bound_content,
+    compared_anew,
+    kept_bound,
+    write_certificate,
+)
 from swarmstart.cases.record.files import locked, write_arrays, write_json, write_text
 from swarmstart.cases.record.multiplier_arrays import (
     multiplier_arrays,
@@ -44,16 +53,15 @@ from swarmstart.cases.record.record import (
     withdraw,
 )
 from swarmstart.cases.record.trajectory_arrays import (
-    found_plans,
-    planned,
     trajectory_arrays,
 )
 from swarmstart.compile_time import Stopwatch, stopwatch
 from swarmstart.heuristics.interrupts import heeded, put_off
 from swarmstart.ocp import (
     DivergedError,
-    DualMode,
+    LowerBound,
     SearchReport,
+    Solution,
     Step,
     Trajectory,
     chosen_backend,
@@ -61,6 +69,8 @@ from swarmstart.ocp import (
     fly,
 )
 from swarmstart.ocp.account import StartsAccount
+from swarmstart.ocp.bounded import BoundInterrupted
+from swarmstart.ocp.limits import require_seconds
 from swarmstart.ocp.multipliers import Multipliers, multipliers_of
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
@@ -74,18 +84,32 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C during a run; what was finished is in its folder.
 
     Attributes:
-        folder: The run's folder.
+        folder: The run's folder; None if none was asked for.
         finished: Number of finished steps.
+        run: The finished run, if only its bound was interrupted, with the best bound
+            until then if there is one; else None.
     """
 
-    def __init__(self, folder: Path, finished: int) -> None:
-        """Keep where the finished steps are."""
+    def __init__(
+        self, folder: Path | None, finished: int, *, run: Run | None = None
+    ) -> None:
+        """Keep what is finished and where it is."""
         super().__init__(
             f"{finished} finished steps are kept in {folder}; the same command again "
             "goes on from there"
+            if run is None
+            else _without_bound(run)
         )
         self.folder = folder
         self.finished = finished
+        self.run = run
+
+
+def _without_bound(run: Run) -> str:
+    """Return what is there of a run whose bound was interrupted."""
+    kept = "" if run.folder is None else f" and kept in {run.folder}"
+    best = "none was proven until then" if run.bound is None else "the best is kept"
+    return f"the run is finished{kept}; its bound was interrupted: {best}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -108,6 +132,9 @@ class Run:
         figures: The figures drawn.
         resumed: Steps that an interrupted run before had finished.
         multipliers: Of the first plan, if one agent plans and a solver has converged.
+        bound: How good any plan can be, at most, if it was asked for.
+        bound_content: The same as run.json has it; of the same run before, if none was
+            asked for and its record has one; else None.
     """
 
     resolved: Resolved
@@ -124,6 +151,8 @@ class Run:
     figures: tuple[Path, ...] = ()
     resumed: int = 0
     multipliers: Multipliers | None = None
+    bound: LowerBound | None = None
+    bound_content: Mapping[str, Any] | None = None
 
     def __repr__(self) -> str:
         """Return scenario, seed and how it ended in one line."""
@@ -147,6 +176,7 @@ class Run:
             "multipliers": told(self.multipliers),
             "starts": self._starts(),
             "search_lanes": self._search_lanes(),
+            "bound": None if self.bound_content is None else dict(self.bound_content),
             "claims": self.claims,
             "evaluations": self.measures.get("evaluations"),
             "wall_s": self.wall_s,
@@ -155,7 +185,7 @@ class Run:
             "resumed_steps": self.resumed,
             "versions": versions(),
             "figures": [file.name for file in self.figures],
-            "documents": list(self.flight.documents),
+            "documents": [*self.flight.documents, *self._certificates()],
             "out": str(self.folder) if self.folder else None,
         }
 
@@ -170,6 +200,9 @@ class Run:
         """What the search of the first plan found."""
         decisions = self.trajectory.decisions
         return decisions[0].plans[0].search if decisions else SearchReport()
+
+    def _certificates(self) -> list[str]:
+        return [CERTIFICATE] if (self.bound_content or {}).get("certificate") else []
 
     def _starts(self) -> dict[str, Any] | None:
         agent = self.flight.posed.agents[0]
@@ -202,6 +235,7 @@ def run(
     *,
     seed: int,
     recording: Recording | None = None,
+    bound_s: float | None = None,
     progress: ProgressCallback = tell_nothing,
 ) -> Run:
     """Fly a scenario, measure it, and record it.
@@ -210,9 +244,13 @@ def run(
         resolved: The scenario.
         seed: The seed of all randomness.
         recording: Where and how to record; None means nowhere, and no figures.
+        bound_s: Time for a lower bound of the one plan, when all else is done [s]; None
+            means that none is sought. It changes nothing else, and is in no key.
         progress: Told after each step.
 
     Raises:
+        InvalidProblemError: If that time is no positive number.
+        SeveralPlansError: If a bound is asked for, and there is more than one plan.
         Interrupted: On Ctrl-C; the finished steps are in the folder.
         DivergedError: If the plant leaves the finite numbers; the same of its steps.
         OccupiedFolderError: If the folder holds anything but a record of this run.
@@ -221,15 +259,19 @@ def run(
         RecordError: If a file cannot be written.
         SwarmstartError: If the animation cannot be made here.
     """
+    require_seconds("bound", bound_s)
+    if bound_s is not None:
+        planned_once(resolved.posed(), resolved.scenario.steps)  # Else refused now.
     if recording is None:
-        return _run(resolved, seed, None, progress)
+        return _bounded(_run(resolved, seed, None, progress), bound_s, progress)
     with locked(recording.folder):  # Tried before the flight, not after it.
         if recording.force:
             _keep_original(resolved, recording.folder)
         else:
             key = key_of(resolved, seed)
             require_own(recording.folder, key, _scenario_text(resolved))
-        return _run(resolved, seed, recording, progress)
+        finished = _run(resolved, seed, recording, progress)
+        return _bounded(finished, bound_s, progress)
 
 
 def _keep_original(resolved: Resolved, folder: Path) -> None:
@@ -291,12 +333,64 @@ def _timed(
         if folder is None:
             raise
         raise Interrupted(folder, len(steps)) from None
-    finished = replace(finished, folder=recording.folder, figures=tuple(drawn))
+    finished = replace(
+        finished,
+        folder=recording.folder,
+        figures=tuple(drawn),
+        bound_content=_kept_bound(finished, recording.folder),
+    )
     with put_off():
         write_json(
             recording.folder / MARK, finished.summary()
         )  # The commit mark: last.
         remove_partial(recording.folder)
+    return finished
+
+
+def _kept_bound(finished: Run, folder: Path) -> Mapping[str, Any] | None:
+    """Return the bound that the record of the same run before has, if it has one.
+
+    Figures of before are kept in the same way.
+    """
+    kept = kept_bound(folder, key_of(finished.resolved, finished.seed))
+    if kept is None:
+        return None
+    try:  # A record is a user's file, and may claim a bound of several plans.
+        planned_once(finished.flight.posed, finished.resolved.scenario.steps)
+    except SeveralPlansError:
+        return None
+    return compared_anew(kept, finished.flight.answer(finished.trajectory))
+
+
+def _bounded(finished: Run, seconds: float | None, progress: ProgressCallback) -> Run:
+    """Return a finished run with its bound; the record has it, too."""
+    if seconds is None:
+        return finished
+    flight, scenario = finished.flight, finished.resolved.scenario
+    answer, is_interrupted = flight.answer(finished.trajectory), False
+    try:
+        bound: LowerBound | None = bound_of(
+            flight.posed, scenario.steps, answer, seconds=seconds, progress=progress
+        )
+    except BoundInterrupted as stopped:
+        bound, is_interrupted = stopped.partial, True
+    if bound is not None:
+        finished = _with_bound(finished, bound, answer)
+    if is_interrupted:
+        steps = len(finished.trajectory.decisions)
+        raise Interrupted(finished.folder, steps, run=finished)
+    return finished
+
+
+def _with_bound(finished: Run, bound: LowerBound, answer: Solution) -> Run:
+    """Return a run with its bound; its record gets that, too."""
+    folder, beside = finished.folder, answer.beside(bound)
+    with put_off():
+        file = None if folder is None else write_certificate(folder, bound)
+        content = bound_content(bound, beside, certificate=file)
+        finished = replace(finished, bound=bound, bound_content=content)
+        if folder is not None:
+            write_json(folder / MARK, finished.summary())
     return finished
 
 
@@ -306,7 +400,7 @@ def _measured(
     """Return a flight with what is measured of it and said of its claims."""
     scenario = resolved.scenario
     measures = resolved.kind.measure(scenario, flight, trajectory)
-    status, feasible = _status(flight, trajectory)
+    status, feasible = status_of(flight, trajectory)
     return Run(
         resolved=resolved,
         seed=seed,
@@ -413,58 +507,6 @@ def _kept(
         return [], rng, None
     steps, rng.bit_generator.state, arrays = kept
     return steps, rng, multipliers_from(arrays)
-
-
-def _status(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]:
-    """Return one sentence on a flight, and whether any of its plans can be used."""
-    said, is_usable = _status_of_plans(flight, trajectory)
-    controller = flight.controller
-    if isinstance(controller, DualMode) and controller.uncertified:
-        said += "; the linear law's terminal sets are not certified"
-    return said, is_usable
-
-
-def _status_of_plans(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]:
-    """Return one sentence on the plans of a flight, and whether any can be used.
-
-    One plan that is flown to its end must be confirmed along its path.
-    """
-    if flight.posed.open_loop:
-        answer = flight.answer(trajectory)
-        said = f"simulated to the end; the plan is {answer.status.value}"
-        if flight.posed.plant.differs:
-            said += ", for the model it was made with: the simulated system is another"
-        if answer.status.is_confirmed:
-            return said, True
-        return f"{said}: {answer.reason}; {answer.advice}", False
-    found = [found_plans(d) for d in trajectory.decisions if planned(d)]
-    infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
-    if not infeasible:
-        law = f", {linear} steps under the linear law" if linear else ""
-        said = "simulated to the end; every planned step found a feasible plan"
-        return said + law + _searched(trajectory), True
-    if infeasible == len(found):
-        return "simulated to the end; no step found a feasible plan", False
-    return (
-        f"simulated to the end; {infeasible} of {len(found)} planned steps found no "
-        f"feasible plan{_searched(trajectory)}",
-        True,
-    )
-
-
-def _searched(trajectory: Trajectory) -> str:
-    """Return how many plans were searched, where a warm polish was enough for some."""
-    plans = [
-        plan
-        for decision in trajectory.decisions
-        if planned(decision)
-        for plan in decision.plans
-        if plan.polish_status is not None
-    ]
-    searched = sum(plan.is_searched for plan in plans)
-    if searched in {0, len(plans)}:
-        return ""
-    return f", {searched} of {len(plans)} plans were searched"
 
 
 def _recorded(

@@ -245,6 +245,11 @@ def _add_run(run: _Parser) -> None:
         "--workers", type=_count, default=os.cpu_count() or 1, metavar="N",
         help="processes for --seeds; default: every core",
     )  # fmt: skip
+    run.add_argument(
+        "--bound", metavar="120s",
+        help="then seek for so long what no plan can cost less than, with a proof; of "
+        "scenarios that make one plan",
+    )  # fmt: skip
     run.add_argument("--out", metavar="DIR", help="default: results/<scenario>/<key>")
     run.add_argument(
         "--force", action="store_true",
@@ -315,6 +320,11 @@ def _add_compare(compare: _Parser) -> None:
         "--repair", action=argparse.BooleanOptionalAction, default=None,
         help="solve answers that break a constraint between the checks again with a "
         "margin, for all solvers alike; default: yes",
+    )  # fmt: skip
+    compare.add_argument(
+        "--bound", metavar="60s",
+        help="then seek for so long what no plan can cost less than, with a proof; of "
+        "each scenario that is compared by one plan",
     )  # fmt: skip
     compare.add_argument(
         "--dry-run", action="store_true", help="say how many runs, and how long"

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from swarmstart.cases.campaign.bounds_compared import bounds_of
 from swarmstart.cases.campaign.comparing import (
     Contest,
     contest_of,
@@ -35,6 +36,7 @@ from swarmstart.cases.campaign.engine.cells import (
 from swarmstart.cases.campaign.judging.comparison_file import read_comparison
 from swarmstart.cases.campaign.judging.comparison_table import report_text
 from swarmstart.cases.campaign.judging.content import content_of
+from swarmstart.cases.campaign.judging.limits import listed
 from swarmstart.cases.campaign.judging.parquet import (
     pyarrow_module,
     write_curves,
@@ -64,6 +66,7 @@ from swarmstart.cases.commands.output import (
 )
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.format.document import Document
+from swarmstart.cases.format.duration import seconds_of
 from swarmstart.cases.format.scenario import read_document
 from swarmstart.cases.record.files import (
     is_record,
@@ -120,24 +123,29 @@ def compare_command(options: argparse.Namespace) -> int:
     cells = interleaved(contests)
     if options.dry_run:
         answer(_dry_run(cells, root / CELLS, options.workers, budget))
+        if plan.bound_s is not None:
+            count = sum(contest.of == "plan" for contest in contests)
+            answer(f"then {count} lower bounds, {plan.bound_s:g} s each")
         return DONE
     with Progress("compare", quiet=options.quiet) as progress:
-        outcomes = carried_out(
-            cells,
-            root / CELLS,
+        work = functools.partial(
+            carried_out,
+            root=root / CELLS,
             workers=options.workers,
             told=progress.update,
             engine=options.scheduler or LOCAL,
         )
-    by_key = {cell.key: one for cell, one in zip(cells, outcomes, strict=True)}
-    content = _content(contests, by_key, plan, budget, options)
+        outcomes = work(cells)
+        by_key = {cell.key: one for cell, one in zip(cells, outcomes, strict=True)}
+        bounds = bounds_of(contests, by_key, plan.bound_s, work)
+    content = _content(contests, by_key, bounds, plan, budget, options)
     if baseline is not None:
         old, path = baseline
         content["regression"] = regression(
             old, content, margin=options.margin, against=path
         )
     table = _write(root, content, contests, by_key, parquet=options.parquet)
-    _say_what_is_left_out(contests)
+    _say_what_is_left_out(contests, plan)
     answer(
         to_json(content)
         if options.json
@@ -180,12 +188,17 @@ def _asked(options: argparse.Namespace) -> tuple[ComparisonPlan, list[Document]]
             if one is not None
         ),
         known=part.known,
+        bound_s=_bound_s(part.bound if options.bound is None else options.bound),
     )  # fmt: skip
     documents = [
         read[one.source] if one.source in read else read_document(one.source)
         for one in scenarios
     ]
     return plan, documents
+
+
+def _bound_s(given: str | float | None) -> float | None:
+    return None if given is None else seconds_of(str(given))
 
 
 def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:
@@ -230,6 +243,7 @@ def _dry_run(
 def _content(
     contests: Sequence[Contest],
     outcomes: Mapping[str, Outcome],
+    bounds: Mapping[str, Mapping[str, Any]],
     plan: ComparisonPlan,
     budget: Mapping[str, float | int],
     options: argparse.Namespace,
@@ -247,6 +261,7 @@ def _content(
             variant=contest.resolved.variant,
             of=contest.of,
             known_cost=_known(contest, plan, outcomes),
+            bound=bounds.get(contest.name),
             is_seeded=contest.is_seeded,
         )
         for contest in contests
@@ -258,7 +273,19 @@ def _content(
         for contest in contests
         if contest.left_out
     ]
+    content["limits"] += _unbounded(contests, plan)
     return content
+
+
+def _unbounded(contests: Sequence[Contest], plan: ComparisonPlan) -> list[str]:
+    """Return of what no bound was sought though it was asked for, a sentence each."""
+    flown = [one.name for one in contests if one.of == "flight"]
+    if plan.bound_s is None or not flown:
+        return []
+    return [
+        f"A lower bound is of one plan, and there is none of whole flights: "
+        f"{listed(flown)}."
+    ]
 
 
 def _known(
@@ -310,7 +337,9 @@ def _put_aside(file: Path, content: Mapping[str, Any]) -> None:
     file.rename(aside)
 
 
-def _say_what_is_left_out(contests: Sequence[Contest]) -> None:
+def _say_what_is_left_out(contests: Sequence[Contest], plan: ComparisonPlan) -> None:
+    for sentence in _unbounded(contests, plan):
+        say(sentence)
     for contest in contests:
         if contest.left_out:
             say(

@@ -26,15 +26,22 @@ from swarmstart.cases.commands.output import (
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.commands.seeds import run_seeds
 from swarmstart.cases.format.document import printable
+from swarmstart.cases.format.duration import seconds_of
 from swarmstart.cases.format.kind import NEVER, Measure
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.format.settings import Scenario
+from swarmstart.cases.record.bound_content import CERTIFICATE
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
+from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.first_use import kernels_ahead
 from swarmstart.ocp import DivergedError, population_of
 
 RESULTS = Path("results")
+
+
+class BoundOfSeedsError(SwarmstartError, ValueError):
+    """A bound was asked for of runs over seeds, which have it in common."""
 
 
 def run_command(options: argparse.Namespace) -> int:
@@ -52,6 +59,7 @@ def run_command(options: argparse.Namespace) -> int:
 
 def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> int:
     """Run; `begin` is told of the scenario as soon as its form is known."""
+    bound_s = _bound_s(options)
     resolved = resolve(
         read_document(options.scenario),
         variant=options.variant,
@@ -84,6 +92,7 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
                 resolved,
                 seed=options.seed,
                 recording=recording,
+                bound_s=bound_s,
                 progress=progress.update,
             )
     except DivergedError as error:
@@ -91,6 +100,18 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
         return INFEASIBLE
     answer(to_json(finished.summary()) if options.json else _report(finished))
     return _exit_code(finished, conditions)
+
+
+def _bound_s(options: argparse.Namespace) -> float | None:
+    """Return the time for a bound [s]; None: none is sought."""
+    if options.bound is None:
+        return None
+    if options.seeds is not None:
+        raise BoundOfSeedsError(
+            "expected --bound without --seeds: a bound is of the problem, the same for "
+            "all seeds"
+        )
+    return seconds_of(options.bound)
 
 
 def _exit_code(finished: Run, conditions: Sequence[Condition]) -> int:
@@ -124,6 +145,8 @@ def _report(finished: Run) -> str:
         lines += finished.starts.lines(sense)
     if finished.resumed:
         lines.append(f"went on after step {finished.resumed}, where it had stopped")
+    if finished.bound_content is not None:
+        lines.append(f"bound: {printable(finished.bound_content['words'])}")
     lines.append("")
     lines += table_lines(
         [(name, _shown(value)) for name, value in finished.measures.items()]
@@ -135,11 +158,19 @@ def _report(finished: Run) -> str:
     if others:
         lines += ["", "claims not judged, which need"]
         lines += table_lines([(c["id"], c["text"], c["needs"]) for c in others])
-    if finished.folder is not None:
-        lines += ["", f"record   {finished.folder}"]
-    if finished.folder is not None and finished.figures:
-        lines += [f"figures  {finished.folder / 'figures'}"]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_files(finished)])
+
+
+def _files(finished: Run) -> list[str]:
+    """Return lines on what was written."""
+    if finished.folder is None:
+        return []
+    lines = ["", f"record   {finished.folder}"]
+    if finished.figures:
+        lines.append(f"figures  {finished.folder / 'figures'}")
+    if (finished.bound_content or {}).get("certificate"):
+        lines.append(f"proof    {finished.folder / CERTIFICATE}")
+    return lines
 
 
 VERDICTS = {True: "holds", False: "does not hold", None: "not judged"}

@@ -169,7 +169,7 @@ class Posed:
 
 
 class SeveralPlansError(SwarmstartError):
-    """A step of the scenario has several planning problems."""
+    """A scenario has several planning problems: of several agents, or of its steps."""
 
 
 P_co = TypeVar("P_co", bound=Posed, covariant=True)

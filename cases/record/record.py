@@ -137,7 +137,7 @@ def require_own(folder: Path, key: str, scenario: str) -> None:
     names = [file.name for file in folder.iterdir() if not is_temporary(file.name)]
     if not names:
         return
-    keys = {kept for kept in (_finished_key(folder), partial_key(folder)) if kept}
+    keys = {kept for kept in (finished_key(folder), partial_key(folder)) if kept}
     if keys != {key}:
         listed = ", ".join(map(shown, sorted(names)[:_LISTED]))
         more = ", ..." if len(names) > _LISTED else ""
@@ -162,7 +162,7 @@ def withdraw(folder: Path) -> None:
 
 def kept_figures(folder: Path, key: str) -> list[Path] | None:
     """Return the figures of a finished record; None if the run has no such record."""
-    if _finished_key(folder) != key:
+    if finished_key(folder) != key:
         return None
     return [file for file in _listed(folder, "figures") if file.exists()]
 
@@ -177,7 +177,7 @@ def _listed(folder: Path, what: str) -> list[Path]:
         return []
 
 
-def _finished_key(folder: Path) -> str | None:
+def finished_key(folder: Path) -> str | None:
     """Return the key of the record in a folder; "unknown" if damaged, None if none."""
     try:
         text = (folder / MARK).read_text(encoding="utf-8")

@@ -2,6 +2,7 @@
 
     result.json      status, cost, names; written last: the commit mark
     solution.npz     of a Solution: nodes, controls and the finer path
+    bound_certificate.json   of a Solution whose bound is proven by polynomials
     trajectory.npz   of a Trajectory, as in the record of a run
 
 A record of `swarmstart run` is read the same way. No file is unpickled, no code is run.
@@ -18,6 +19,11 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.format.document import shown
 from swarmstart.cases.format.yaml_reader import read_yaml
+from swarmstart.cases.record.bound_content import (
+    CERTIFICATE,
+    bound_content,
+    write_certificate,
+)
 from swarmstart.cases.record.files import (
     RecordError,
     is_temporary,
@@ -110,8 +116,9 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
         "compile_seconds": solution.compile_seconds,
         "member_costs": solution.member_costs.tolist(),
         "multipliers": told(solution.multipliers),
+        "bound": None,
     }
-    return _saved(folder, SOLUTION, arrays, summary, force=force)
+    return _saved(folder, SOLUTION, arrays, summary, force=force, bounded=solution)
 
 
 def save_trajectory(trajectory: Trajectory, folder: Path, *, force: bool) -> Path:
@@ -134,6 +141,7 @@ def _saved(
     summary: Mapping[str, Any],
     *,
     force: bool,
+    bounded: Solution | None = None,
 ) -> Path:
     """Write arrays, then the mark; the mark that was there goes first."""
     with locked(folder):
@@ -146,9 +154,14 @@ def _saved(
                 expected="an empty folder",
                 way="choose another, or replace an earlier result with force=True",
             )
-        for old in (RESULT, SOLUTION, TRAJECTORY):
+        for old in (RESULT, SOLUTION, TRAJECTORY, CERTIFICATE):
             (folder / old).unlink(missing_ok=True)
         write_arrays(folder / name, arrays)
+        if bounded is not None and bounded.bound is not None:
+            file = write_certificate(folder, bounded.bound)
+            beside = bounded.beside(bounded.bound)
+            bound = bound_content(bounded.bound, beside, certificate=file)
+            summary = {**summary, "bound": bound}
         mark = {"schema": 1, **summary, "arrays": name, "versions": versions()}
         write_json(folder / RESULT, mark)
     return folder

@@ -13,6 +13,8 @@ import math
 import time as clock
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pkgutil import resolve_name
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -45,7 +47,7 @@ from swarmstart.ocp.lower_bound.subsolution import (
 from swarmstart.ocp.lower_bound.tube import NoTubeError, tube_of
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
-from swarmstart.ocp.solution import Solution
+from swarmstart.ocp.status import SolutionStatus
 from swarmstart.terminal_set.intervals import (
     UnknownIntervalOperationError,
     interval_function,
@@ -79,12 +81,25 @@ ABOVE = 1e-6
 """By which part the cost that prunings compare with is above the known one."""
 
 
+@runtime_checkable
+class Answered(Protocol):
+    """An answer to a problem: a `Solution`, which may have a bound itself."""
+
+    @property
+    def status(self) -> SolutionStatus:
+        """What can be said of it."""
+
+    @property
+    def verified_cost(self) -> float:
+        """Its cost, accurately integrated, as the problem states it."""
+
+
 def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
     problem: OptimalControlProblem,
     x0: ArrayLike,
     *,
     known: Known = NOTHING,
-    answer: Solution | float | None = None,
+    answer: Answered | float | None = None,
     seconds: float = 60.0,
     seed: int = 0,
     progress: ProgressCallback = tell_nothing,
@@ -140,7 +155,7 @@ def _cost_of(  # noqa: PLR0913 - as lower_bound has them
     problem: OptimalControlProblem,
     x0: ArrayLike,
     known: Known,
-    answer: Solution | float | None,
+    answer: Answered | float | None,
     seconds: float,
     seed: int,
 ) -> float:
@@ -149,13 +164,12 @@ def _cost_of(  # noqa: PLR0913 - as lower_bound has them
     That of an answer which is not feasible would cut nothing sensible off.
     """
     if answer is None:
-        from swarmstart.ocp.solving import solve  # It has a bound of its own.
-
-        try:
+        try:  # Named, not imported: it has a bound of its own, and so imports this.
+            solve = resolve_name("swarmstart.ocp.solving:solve")
             answer = solve(problem, x0, known=known, search=None, seed=seed)
         except InvalidProblemError:
             return math.nan
-    if isinstance(answer, Solution):
+    if isinstance(answer, Answered):
         return answer.verified_cost if answer.status.is_confirmed else math.nan
     try:
         return float(answer)

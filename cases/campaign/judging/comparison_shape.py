@@ -39,7 +39,8 @@ _SCENARIO = {
     "name": TEXT, "title": TEXT, "kind": TEXT, "variant": TEXT, "of": TEXT,
     "sense": NUMBER, "best_cost": (NUMBER,), "best_by": (TEXT,),
     "bests": (_CURVE,),
-    "known_cost": (NUMBER,), "bound": ({"value": (NUMBER,)},), "rows": [_ROW],
+    "known_cost": (NUMBER,), "rows": [_ROW],
+    "bound": ({"value": (NUMBER,), "kind": TEXT, "gap": (NUMBER,), "words": TEXT},),
     "pairs": [_PAIR], "answer": ({"solver": TEXT, "seed": COUNT, "plan": {}},),
 }  # fmt: skip
 _CHANGE = {

@@ -85,6 +85,8 @@ def _notes(scenario: Content, times: bool) -> list[str]:
     if scenario["best_cost"] is not None and scenario["best_by"] is None:
         best = scenario["sense"] * scenario["best_cost"]
         notes.append(f"  the best known, {best:.6g}, is from elsewhere")
+    if scenario["bound"] is not None:
+        notes.append(f"  bound: {scenario['bound']['words']}")
     for row in rows:
         cut = row["cut"]
         if cut and times:

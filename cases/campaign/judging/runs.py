@@ -37,7 +37,8 @@ class About:
         of: "plan" or "flight"; empty: as the results say.
         known_cost: A feasible cost known from elsewhere, to be minimised like all; None
             if there is none.
-        bound: {"value", "kind"}: below which no cost is; None if there is none.
+        bound: {"value", "kind", "reason"} and what it took: a value below which no cost
+            is, if its kind is one of a bound; None if none was sought.
         is_seeded: Whether each seed is a problem of its own, as its gusts differ: then
             the best known is that of each seed.
     """

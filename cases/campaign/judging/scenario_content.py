@@ -37,6 +37,7 @@ from swarmstart.cases.campaign.judging.statistics import (
     quantile,
     wilson_interval,
 )
+from swarmstart.ocp import BoundKind, OptimalityGap
 
 Array = NDArray[np.float64]
 
@@ -192,7 +193,7 @@ def scenario_content(
         "bests": plain(found.bests) if found.is_seeded else None,
         "best_by": winner[0].name if winner else None,
         "known_cost": about.known_cost,
-        "bound": dict(about.bound) if about.bound is not None else None,
+        "bound": _bound(about.bound, best, asked, sense_of(found.runs)),
         "rows": [
             _row(runs, found, asked, curves, against_first.get(runs.name))
             for runs in found.runs
@@ -200,6 +201,25 @@ def scenario_content(
         "pairs": [_pair(pair) for pair in found.pairs],
         "answer": _answer(winner),
     }
+
+
+def _bound(
+    given: Mapping[str, Any] | None, best: float | None, asked: Asked, sense: int
+) -> dict[str, Any] | None:
+    """Return what is known of the least cost, beside the best known one."""
+    if given is None:
+        return None
+    value = given["value"]
+    size = max(abs(value or 0.0), abs(best or 0.0))
+    beside = OptimalityGap(
+        kind=BoundKind(given["kind"]),
+        value=None if value is None else sense * value,
+        reason=str(given.get("reason", "")),
+        sense=sense,
+        cost=None if best is None else sense * best,
+        tolerance=asked.near[1] * size,
+    )
+    return {**given, "gap": beside.gap, "words": beside.told("the best known")}
 
 
 def _first(found: Judged, key: str) -> Any:

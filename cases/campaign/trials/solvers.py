@@ -32,6 +32,7 @@ from swarmstart.cases.campaign.trials.trial import (
     answered,
     judged_checkpoint,
 )
+from swarmstart.cases.format.duration import UNITS
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.registry import KINDS, SEARCHES
 from swarmstart.cases.format.scenario import resolved_again
@@ -63,7 +64,7 @@ LARGEST = 1e12
 KEPT = 16
 """Of what a worker has built: the last ones used."""
 _BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m|h)")
-_UNITS = {"evals": 1, "s": 1, "m": 60, "h": 3600}
+_UNITS = {"evals": 1, **UNITS}
 
 
 class InvalidBudgetTextError(SwarmstartError, ValueError):

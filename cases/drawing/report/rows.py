@@ -168,10 +168,8 @@ def best_words(scenario: Mapping[str, Any]) -> str:
     known = scenario["known_cost"]
     if is_number(known):
         told += f"; known from elsewhere: {number(shown(known, sense), digits=6)}"
-    bound = scenario["bound"]
-    if bound is not None and is_number(bound["value"]):
-        value = number(shown(bound["value"], sense), digits=6)
-        told += f"; bound ({bound['kind']}): {value}"
+    if scenario["bound"] is not None:
+        told += f"; bound: {shortened(scenario['bound']['words'], _SENTENCE)}"
     return told + (". The value is maximised." if sense == -1 else ".")
 
 

@@ -25,6 +25,7 @@ from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.record import SCENARIO
 from swarmstart.cases.record.results import Record, load
+from swarmstart.ocp import BoundKind
 
 MOST_CHARACTERS = 2000
 MOST_ROWS = 500
@@ -205,6 +206,10 @@ def _headline(
         if scenario.get("maximize") is True:
             words = words.replace("cost", "objective")
         parts.append(f"{words} {shown(measures[cost])}")
+    bound = _mapping(summary.get("bound") or {})
+    if is_number(bound.get("value")):  # Of no bound only the facts tell.
+        estimate = bound["kind"] == BoundKind.SAMPLED.value
+        parts.append(("" if estimate else "bound ") + _words(bound["words"]))
     for name, words in _ENDS.items():
         if is_number(measures.get(name)):
             parts.append(f"{words} {shown(measures[name])} m")
@@ -268,6 +273,7 @@ def _facts(
             else "",
         ),
         ("how it ended", _words(summary["status"])),
+        ("bound", _bound_words(_mapping(summary.get("bound") or {}))),
         ("evaluations", shown(summary.get("evaluations"))),
         (
             "wall time",
@@ -277,6 +283,19 @@ def _facts(
         ("backend", str(summary.get("backend") or "")),
     ]
     return [(name, _words(words)) for name, words in facts if words]
+
+
+def _bound_words(bound: Mapping[str, Any]) -> str:
+    """Return a bound, and what its proof took; empty without one."""
+    if not bound:
+        return ""
+    told = str(bound["words"])
+    if bound["set"]:
+        told += (
+            f" (polynomials of degree {shown(bound['degree'])} on {bound['set']}, "
+            f"{shown(bound['boxes'])} boxes, {duration(_float(bound['seconds']))})"
+        )
+    return told
 
 
 def _measure_rows(

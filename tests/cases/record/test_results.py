@@ -22,6 +22,7 @@ from swarmstart.ocp import (
     Trajectory,
     simulate,
 )
+from swarmstart.tests.ocp.bounds import PROVEN, with_evidence
 
 NAMES = ["place", "speed"]
 
@@ -36,6 +37,20 @@ def test_a_saved_solution_is_read_again(solution: Solution, tmp_path: Path) -> N
     np.testing.assert_array_equal(record.arrays["controls"], solution.controls)
     np.testing.assert_array_equal(record.arrays["dense_states"], solution.path.states)
     assert record.trajectory is None and record.scenario is None
+
+
+def test_a_bound_is_saved_with_its_certificate(
+    solution: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bound = replace(PROVEN, value=solution.verified_cost - 1.0, boxes=np.int64(7))  # type: ignore[arg-type]
+    proven = replace(solution, bound=with_evidence(bound, monkeypatch))
+    kept = load(proven.save(tmp_path)).summary["bound"]
+    assert (kept["kind"], kept["value"]) == ("proven", bound.value)
+    assert (kept["boxes"], kept["certificate"]) == (7, "bound_certificate.json")
+    file = tmp_path / "bound_certificate.json"
+    assert json.loads(file.read_text(encoding="utf-8"))["version"] == 1
+    again = replace(solution, bound=None).save(tmp_path, force=True)
+    assert load(again).summary["bound"] is None and not file.exists()
 
 
 def test_a_saved_flight_is_the_same_flight_again(

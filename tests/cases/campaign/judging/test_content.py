@@ -183,13 +183,57 @@ def test_limits_say_what_cannot_be_concluded() -> None:
         made_up({"s": {"de": [10.0] * 8, "ga": [10.5] * 8}}, about=about)["limits"]
     )
     assert "No solver comes within 1 % of the cost known from elsewhere: s." in said
-    assert "A cost is below the bound that was given; one is wrong: s." in said
+    assert "A cost is below the bound; one of the two is wrong: s." in said
     assert "8 seeds are few: a difference that is not shown may still be" in said
     assert "seconds are shown, and not compared" in said
     failed = " ".join(CASES["few failed"]["limits"])
     assert "Of 16 runs 1 failed; they count as they ended." in failed
     assert "No feasible answer is known: s." in CASES["no feasible answer"]["limits"]
     assert any(said.startswith("One seed: ") for said in CASES["one seed"]["limits"])
+
+
+@pytest.mark.parametrize(
+    ("sense", "words"),
+    [
+        (1, "9.9375 proven; the optimum is at most 0.63 % below the best known"),
+        (-1, "-9.9375 proven; the optimum is at most 0.63 % above the best known"),
+    ],
+)
+def test_a_bound_stands_beside_the_best_known(sense: int, words: str) -> None:
+    """Costs and bounds are minimised inside, and told in the user's sense."""
+    about = {"s": About(bound={"value": 9.9375, "kind": "proven", "reason": "proof"})}
+    results = {"s": {"de": [10.0] * 8, "ga": [10.5] * 8}}
+    content = made_up(results, about=about, more=lambda _: {"sense": sense})
+    (scenario,) = content["scenarios"]
+    assert scenario["bound"]["words"] == words
+    assert scenario["bound"]["gap"] == pytest.approx(0.00625, rel=1e-12)
+    assert not any("no proof that none is less" in said for said in content["limits"])
+
+
+def test_an_estimate_from_samples_is_no_bound() -> None:
+    """It may be above the best known, has no gap, and proves nothing."""
+    about = {"s": About(bound={"value": 11.0, "kind": "sampled", "reason": "..."})}
+    content = made_up({"s": {"de": [10.0] * 8, "ga": [10.5] * 8}}, about=about)
+    (scenario,) = content["scenarios"]
+    assert scenario["bound"]["gap"] is None
+    assert scenario["bound"]["words"] == "sampled estimate 11 (no bound)"
+    assert any("no proof that none is less" in said for said in content["limits"])
+    assert not any("below the bound" in said for said in content["limits"])
+    assert "bound" not in content["headline"]
+    assert "  bound: sampled estimate 11 (no bound)" in report_text(content)
+
+
+def test_without_a_bound_the_reason_is_told() -> None:
+    bound = {
+        "value": None,
+        "kind": "none",
+        "reason": "5 states, at most 3 are possible",
+    }
+    about = {"s": About(bound=bound)}
+    content = made_up({"s": {"de": [10.0] * 8, "ga": [10.5] * 8}}, about=about)
+    assert "  bound: none: 5 states, at most 3 are possible" in report_text(content)
+    unsolved = made_up({"s": {"de": [NAN] * 8}}, about=about)
+    assert unsolved["scenarios"][0]["bound"]["gap"] is None
 
 
 def test_a_failed_run_costs_its_budget_and_has_no_time() -> None:

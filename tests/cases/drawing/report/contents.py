@@ -108,6 +108,15 @@ def hostile() -> dict[str, Any]:
     return attacked(given)  # type: ignore[no-any-return]
 
 
+def _bound(best: float, sense: int) -> dict[str, Any]:
+    return {
+        "value": best - 5,
+        "kind": "proven",
+        "gap": 5 / abs(best),
+        "words": f"{sense * (best - 5):g} proven; the optimum is at most 5 away",
+    }
+
+
 def _scenario(  # noqa: PLR0913
     rng: np.random.Generator,
     place: int,
@@ -138,7 +147,7 @@ def _scenario(  # noqa: PLR0913
         "best_cost": best if is_any and not nulls else None,
         "best_by": names[0] if is_any and not nulls else None,
         "known_cost": None if nulls else best,
-        "bound": None if nulls else {"value": best - 5, "kind": "relaxation"},
+        "bound": None if nulls else _bound(best, sense),
         "rows": rows,
         "pairs": []
         if nulls

@@ -209,10 +209,16 @@ def test_arrays_that_do_not_fit_are_one_message(
     lambda s: s.update(versions=3),
     lambda s: s.pop("status"),
     lambda s: s.pop("measures"),
+    lambda s: s.update(bound="proven"),
+    lambda s: s.update(bound={"value": 1.0}),
 ])  # fmt: skip
 def test_a_forged_summary_is_one_message(change: Any, copied: Path) -> None:
     with pytest.raises(RecordError, match=r"copy: expected .* found"):
         run_page(changed(copied, change))
+
+
+def test_a_record_without_a_word_on_bounds_is_an_older_one(copied: Path) -> None:
+    assert "bound</" not in run_page(changed(copied, lambda s: s.pop("bound", None)))
 
 
 def test_a_flight_that_leaves_the_finite_numbers_is_drawn_until_then(

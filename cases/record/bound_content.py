@@ -1,0 +1,142 @@
+"""A lower bound as a record holds it, and its certificate beside it.
+
+The certificate is everything that the proof rests on:
+`python -m swarmstart.ocp.lower_bound.check bound_certificate.json` proves it again.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+
+from swarmstart.cases.record.files import write_text
+from swarmstart.cases.record.record import MARK, finished_key
+from swarmstart.errors import SwarmstartError
+from swarmstart.ocp import BoundKind, LowerBound, OptimalityGap, Solution
+from swarmstart.ocp.lower_bound.evidence import Evidence
+
+CERTIFICATE = "bound_certificate.json"
+CONTENT_OF = "swarmstart.ocp.lower_bound.certificate:certificate_content"
+"""What makes a certificate: named, since it is needed only if something was proven."""
+
+
+def bound_content(
+    bound: LowerBound, beside: OptimalityGap, *, certificate: str | None
+) -> dict[str, Any]:
+    """Return a bound as JSON has it.
+
+    Args:
+        bound: The bound.
+        beside: The same, with the answer.
+        certificate: Name of the file; None: there is none.
+    """
+    account = bound_account(bound, certificate=certificate)
+    return {**_compared(beside), **account}
+
+
+def bound_account(bound: LowerBound, *, certificate: str | None) -> dict[str, Any]:
+    """Return what a bound took and rests on, as JSON has it."""
+    return {
+        "seconds": float(bound.cpu_seconds),
+        "degree": int(bound.degree),
+        "slack": float(bound.slack),
+        "boxes": int(bound.boxes),
+        "set": bound.set_name,
+        "certificate": certificate,
+    }
+
+
+def _compared(beside: OptimalityGap) -> dict[str, Any]:
+    return {
+        "kind": beside.kind.value,
+        "value": beside.value,
+        "gap": beside.gap,
+        "words": beside.words,
+        "answer": beside.cost,
+        "tolerance": beside.tolerance,
+        "sense": int(beside.sense),
+        "reason": beside.reason,
+    }
+
+
+def beside_of(content: Mapping[str, Any]) -> OptimalityGap:
+    """Return a recorded bound beside the answer that was recorded with it.
+
+    Raises:
+        LookupError, TypeError, ValueError: If it is no such content.
+    """
+    value, cost = content["value"], content["answer"]
+    return OptimalityGap(
+        kind=BoundKind(content["kind"]),
+        value=None if value is None else _number(value),
+        reason=str(content["reason"]),
+        sense=-1.0 if _number(content["sense"]) < 0 else 1.0,
+        cost=None if cost is None else _number(cost),
+        tolerance=_number(content["tolerance"]),
+    )
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not math.isfinite(value):
+        raise ValueError(f"expected a finite number, found {value!r}")
+    return float(value)
+
+
+def kept_bound(folder: Path, key: str) -> dict[str, Any] | None:
+    """Return the bound in the finished record of a run; None if there is none.
+
+    A bound is of the problem, so that of the same run before still holds.
+    """
+    if finished_key(folder) != key:
+        return None
+    try:
+        text = (folder / MARK).read_text(encoding="utf-8")
+        content = json.loads(text)["bound"]
+        beside_of(content)
+    except (OSError, ValueError, LookupError, TypeError, OverflowError):
+        return None
+    return dict(content)
+
+
+def compared_anew(content: Mapping[str, Any], answer: Solution) -> dict[str, Any]:
+    """Return a recorded bound beside another answer to the same problem."""
+    old = beside_of(content)
+    same = LowerBound(
+        kind=old.kind,
+        value=math.nan if old.value is None else old.value,
+        reason=old.reason,
+        sense=old.sense,
+    )
+    return {**content, **_compared(answer.beside(same))}
+
+
+def write_certificate(folder: Path, bound: LowerBound) -> str | None:
+    """Write the certificate of a bound; one of an earlier bound goes.
+
+    Args:
+        folder: Where it is written.
+        bound: The bound.
+
+    Returns:
+        The file's name; None: nothing was proven by polynomials, or the problem has an
+        operation that a certificate has no word for.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    file = folder / CERTIFICATE
+    content = None if bound.evidence is None else _certificate(bound.evidence)
+    if content is None:
+        file.unlink(missing_ok=True)
+        return None
+    write_text(file, json.dumps(content, allow_nan=False) + "\n")
+    return CERTIFICATE
+
+
+def _certificate(evidence: Evidence) -> Mapping[str, object] | None:
+    try:
+        return resolve_name(CONTENT_OF)(evidence)  # type: ignore[no-any-return]
+    except (SwarmstartError, ValueError):
+        return None

@@ -1,0 +1,71 @@
+"""A lower bound sought for an answer that is there already, and is never lost."""
+
+import math
+
+from numpy.typing import ArrayLike
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics.interrupts import heeded
+from swarmstart.ocp.fitness import NOTHING, Known
+from swarmstart.ocp.lower_bound import bounding
+from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.solution import Solution
+
+
+class BoundInterrupted(KeyboardInterrupt):
+    """Ctrl-C while an answer's bound was sought.
+
+    Attributes:
+        partial: The best bound so far; None if there is none.
+    """
+
+    def __init__(self, partial: LowerBound | None) -> None:
+        """Keep the best bound so far."""
+        super().__init__("the bound was interrupted")
+        self.partial = partial
+
+
+def bounded(
+    answer: Solution | float | None,
+    problem: OptimalControlProblem,
+    x0: ArrayLike,
+    known: Known = NOTHING,
+    *,
+    seconds: float,
+    progress: ProgressCallback = tell_nothing,
+) -> LowerBound:
+    """Return a lower bound of what any answer costs; NONE where it cannot be sought.
+
+    Args:
+        answer: An answer, or its cost as the problem states it: with one the bound is
+            better; None: none is known.
+        problem: The problem, as it was given.
+        x0: Initial state, as it was given.
+        known: Parameters and signals, as they were given.
+        seconds: Time that it may take [s].
+        progress: As in `solve`.
+
+    Raises:
+        BoundInterrupted: On Ctrl-C, with the best bound until then.
+    """
+    progress(0, 0, "bounding")
+    found = None
+    try:
+        with heeded():
+            found = bounding.lower_bound(
+                problem,
+                x0,
+                known=known,
+                answer=answer,
+                seconds=float(seconds),
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        raise BoundInterrupted(found) from None
+    except SwarmstartError as error:
+        return LowerBound(
+            kind=BoundKind.NONE, value=math.nan, reason=str(error), sense=problem.sense
+        )
+    return found
