@@ -161,9 +161,7 @@ class Box:
 
 def packed(polynomial: Polynomial) -> Array:
     """Return the parameters of the symbolic form, shape (parameters,)."""
-    return np.concatenate(
-        [polynomial.middle, polynomial.half, polynomial.coefficients]
-    )
+    return np.concatenate([polynomial.middle, polynomial.half, polynomial.coefficients])
 
 
 def shifted(basis: Basis, box: Box, latest: float) -> tuple[Array, Array]:

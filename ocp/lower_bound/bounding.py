@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.fitness import NOTHING, Known
-from swarmstart.ocp.lower_bound.basis import Box
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.lower_bound.basis import Box
 from swarmstart.ocp.lower_bound.evidence import Evidence, Pruning, Step, Tube
 from swarmstart.ocp.lower_bound.region import Region, basis_of
 from swarmstart.ocp.lower_bound.stage import Stage
@@ -146,12 +146,10 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
 
 
 def _none(reason: str, sense: float) -> LowerBound:
-    return LowerBound(
-        kind=BoundKind.NONE, value=math.nan, reason=reason, sense=sense
-    )
+    return LowerBound(kind=BoundKind.NONE, value=math.nan, reason=reason, sense=sense)
 
 
-def _cost_of(  # noqa: PLR0913 - as lower_bound has them
+def _cost_of(
     problem: OptimalControlProblem,
     x0: ArrayLike,
     known: Known,
@@ -457,9 +455,7 @@ class _Path:
         """Return a step that prunes, proven to within little."""
         search = self._search(forms, aim, ROUGH_SHARE)
         now = clock.perf_counter()
-        search = replace(
-            search, until=now + 0.5 * max(0.0, limit - now), needed=needed
-        )
+        search = replace(search, until=now + 0.5 * max(0.0, limit - now), needed=needed)
         best, quality = None, (-1.0, -math.inf)
         latest = self.statement.horizon[1]
         enough = 3 * ROUGH_SHARE * self._setting.size

@@ -107,9 +107,7 @@ class Inequality:
             pull += np.abs(line.u) * at.pull[k] + line.pull
         return settled(at.reach, constant, slope, bend, rest, pull, pairs)
 
-    def _line(
-        self, at: Expansion, k: int, pairs: list[tuple[int, int]]
-    ) -> _Line:
+    def _line(self, at: Expansion, k: int, pairs: list[tuple[int, int]]) -> _Line:
         """Return what bounds p_k from below over boxes; k counts from 1."""
         affine = self._affine
         q = 0.0 if affine is None else float(affine.quadratic[k - 1])

@@ -60,7 +60,7 @@ class Limits:
     max_boxes: int = 20_000_000
 
 
-def proven_floor(  # noqa: PLR0913 - a function, a set, and when to end
+def proven_floor(
     bounds: Callable[[Array, Array], Bounds],
     outside: Callable[[Array, Array], Mask],
     value: Callable[[Array], Array],

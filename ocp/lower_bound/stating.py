@@ -92,9 +92,7 @@ def _reason_for_none(problem: OptimalControlProblem) -> str:
 class _Maker:
     """Puts numbers and sizes into the expressions of a problem."""
 
-    def __init__(
-        self, pair: Lowered, known: Known, sizes: Sizes, start: Array
-    ) -> None:
+    def __init__(self, pair: Lowered, known: Known, sizes: Sizes, start: Array) -> None:
         self._problem, model = pair.stated, pair.stated.model
         self._sizes, n = sizes, model.nx
         scale = np.where(sizes.states[:n] > 0, sizes.states[:n], 1.0)

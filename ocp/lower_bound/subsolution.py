@@ -89,9 +89,7 @@ class Cuts:
 
     def joined(self, points: Array, ends: Array) -> Cuts:
         """Return these and more."""
-        return Cuts(
-            np.hstack([self.points, points]), np.hstack([self.ends, ends])
-        )
+        return Cuts(np.hstack([self.points, points]), np.hstack([self.ends, ends]))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -297,9 +295,7 @@ class Search:
         V = self.forms.basis.values(self.box, ends) @ w
         return self.setting.stage.end(ends) - V
 
-    def _proved(
-        self, w: Array, room: float
-    ) -> tuple[Step | None, Array, Array, bool]:
+    def _proved(self, w: Array, room: float) -> tuple[Step | None, Array, Array, bool]:
         """Prove both inequalities of a polynomial.
 
         Returns:
@@ -310,7 +306,12 @@ class Search:
         parameters = packed(polynomial)
         floor = self._proved_inside(parameters, w, room)
         points = self._thinned(floor.points, w)
-        ends, end_slack, boxes, proven = np.zeros((len(self.box.half), 0)), None, 0, True
+        ends, end_slack, boxes, proven = (
+            np.zeros((len(self.box.half), 0)),
+            None,
+            0,
+            True,
+        )
         if self._has_end:
             at_end = self._proved_at_end(parameters, w)
             ends, boxes, proven = at_end.points[:, :500], at_end.boxes, at_end.proven
