@@ -87,7 +87,7 @@ class Basis:
         found = powers[0][self.exponents[:, 0]].copy()
         for axis in range(1, self.variables):
             found *= powers[axis][self.exponents[:, axis]]
-        return found.T
+        return np.asarray(found.T)
 
     @property
     def parameters(self) -> int:

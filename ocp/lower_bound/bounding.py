@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.fitness import NOTHING, Known
+from swarmstart.ocp.limits import require_number
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.basis import Box
 from swarmstart.ocp.lower_bound.evidence import Evidence, Pruning, Step, Tube
@@ -115,7 +116,7 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
             a bound is never above it. None: the problem is solved for it.
         seconds: Wall time, about [s].
         seed: Of the samples. A bound does not hang on them, only its height does.
-        progress: Told (milliseconds, all of them, "bounding") now and then.
+        progress: Told (whole seconds, all of them, "bounding") now and then.
 
     Returns:
         The best bound that was proven; of kind NONE with a reason if there is none.
@@ -134,13 +135,17 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
             f"seconds must be a number above 0, got {shortened(seconds)}"
         )
     began, cpu = clock.perf_counter(), clock.process_time()
+
+    def tell() -> None:
+        progress(int(clock.perf_counter() - began), math.ceil(seconds), "bounding")
+
     try:
         statement = statement_of(problem, x0, known)
     except NoBoundError as error:
         return _none(str(error), problem.sense)
     cost = _cost_of(problem, x0, known, answer, seconds, seed)
     found = _bounded(
-        statement, cost, began + seconds, np.random.default_rng(seed), progress
+        statement, cost, began + seconds, np.random.default_rng(seed), tell
     )
     return replace(found, cpu_seconds=clock.process_time() - cpu)
 
@@ -169,12 +174,11 @@ def _cost_of(
             return math.nan
     if isinstance(answer, Answered):
         return answer.verified_cost if answer.status.is_confirmed else math.nan
-    try:
-        return float(answer)
-    except (TypeError, ValueError) as error:
+    if isinstance(answer, bool) or not isinstance(answer, int | float | np.number):
         raise InvalidProblemError(
             f"answer must be a Solution or a cost, got {shortened(answer)}"
-        ) from error
+        )
+    return require_number("answer, the cost of one,", answer)
 
 
 @dataclass(eq=False)
@@ -213,7 +217,7 @@ def _bounded(
     cost: float,
     until: float,
     rng: np.random.Generator,
-    progress: ProgressCallback,
+    tell: Callable[[], None],
 ) -> LowerBound:
     """Return the best bound that can be proven until a time."""
     best = _trivial(statement, None)
@@ -226,7 +230,7 @@ def _bounded(
         path = _Path(statement, tube, goal, until, rng)
         for found in path.bounds():
             best = _better(best, found)
-            _tell(progress, until)
+            tell()
             if goal - best.value < CLOSED * abs(goal):
                 break
     except (NoTubeError, UnknownIntervalOperationError) as error:
@@ -234,11 +238,6 @@ def _bounded(
     except KeyboardInterrupt:
         best = replace(best, reason=f"{best.reason}; interrupted")
     return best.answer()
-
-
-def _tell(progress: ProgressCallback, until: float) -> None:
-    left = max(0.0, until - clock.perf_counter())
-    progress(0, int(1e3 * left), "bounding")
 
 
 def _better(one: _Best, other: _Best) -> _Best:
@@ -324,9 +323,9 @@ class _Path:
         best = -math.inf
         for degree in DEGREES[self.statement.n]:
             forms = Forms(self._setting, degree)
-            for found in self._pruned(forms):
-                yield found
-                best = max(best, found.value)
+            for bound in self._pruned(forms):
+                yield bound
+                best = max(best, bound.value)
             if degree < FIRST_DEGREE:
                 continue
             search = self._search(forms, "start", self._share(best))

@@ -105,7 +105,7 @@ class Inequality:
                 bend[number] -= line.curved * at.slope[k, i] * at.slope[k, j]
             rest += np.abs(line.u) * at.rest[k] + line.rest
             pull += np.abs(line.u) * at.pull[k] + line.pull
-        return settled(at.reach, constant, slope, bend, rest, pull, pairs)
+        return settled(Quadratic(at.reach, constant, slope, bend, rest, pull), pairs)
 
     def _line(self, at: Expansion, k: int, pairs: list[tuple[int, int]]) -> _Line:
         """Return what bounds p_k from below over boxes; k counts from 1."""
@@ -158,35 +158,42 @@ class _Line(NamedTuple):
     pull: Array
 
 
-def settled(  # noqa: PLR0913 - the parts of a Taylor form
-    reach: Array,
-    constant: Array,
-    slope: Array,
-    bend: Array,
-    rest: Array,
-    pull: Array,
-    pairs: list[tuple[int, int]],
-) -> Bounds:
-    """Return lower bounds of constant + g'd + d'Hd / 2 - rest, rounded down.
+class Quadratic(NamedTuple):
+    """Functions that are at least constant + g'd + d'Hd / 2 - rest over m boxes.
 
-    Args:
+    Attributes:
         reach: Of the boxes, shape (d, m).
         constant: Shape (m,).
-        slope: Shape (d, m).
-        bend: Shape (pairs, m).
+        slope: g, shape (d, m).
+        bend: H for each pair of coordinates, shape (pairs, m).
         rest: Shape (m,).
         pull: The part of the rest that each coordinate has, shape (d, m).
+    """
+
+    reach: Array
+    constant: Array
+    slope: Array
+    bend: Array
+    rest: Array
+    pull: Array
+
+
+def settled(at: Quadratic, pairs: list[tuple[int, int]]) -> Bounds:
+    """Return lower bounds over the boxes, rounded down.
+
+    Args:
+        at: The functions.
         pairs: The pairs of coordinates.
     """
-    least, spread = least_quadratic(slope, bend, reach, pairs)
-    size = np.abs(constant) + spread.sum(axis=0) + rest
-    low = constant + least - rest - PADDING * size
-    spread = spread + pull
+    least, spread = least_quadratic(at.slope, at.bend, at.reach, pairs)
+    size = np.abs(at.constant) + spread.sum(axis=0) + at.rest
+    low = at.constant + least - at.rest - PADDING * size
+    spread = spread + at.pull
     lost = ~np.isfinite(low)
     low[lost] = -np.inf
     # Where nothing is known the longest side is cut.
     known = np.isfinite(spread).all(axis=0) & ~lost
-    return Bounds(low, np.where(known, spread, reach))
+    return Bounds(low, np.where(known, spread, at.reach))
 
 
 class Margin:
@@ -210,11 +217,13 @@ class Margin:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             at = self._form.expanded(lower, upper, parameters)
             return settled(
-                at.reach,
-                at.value[0] - at.value_radius[0],
-                at.slope[0],
-                at.bend[0],
-                at.rest[0],
-                at.pull[0],
+                Quadratic(
+                    reach=at.reach,
+                    constant=at.value[0] - at.value_radius[0],
+                    slope=at.slope[0],
+                    bend=at.bend[0],
+                    rest=at.rest[0],
+                    pull=at.pull[0],
+                ),
                 self._form.pairs,
             )

@@ -68,7 +68,7 @@ def proven_floor(
     hoped: float,
     limits: Limits,
 ) -> Floor:
-    """Prove that a function is at least -slack on a set, with as little slack as can be.
+    """Prove that a function is at least -slack on a set, with little slack.
 
     Args:
         bounds: Lower and upper corners of boxes, (d, m) -> lower bounds of it.

@@ -97,7 +97,7 @@ class _Maker:
         self._sizes, n = sizes, model.nx
         scale = np.where(sizes.states[:n] > 0, sizes.states[:n], 1.0)
         # Powers of two: nothing is rounded.
-        self._scale = 2.0 ** np.round(np.log2(scale))
+        self._scale: Array = np.exp2(np.round(np.log2(scale)))
         self._time = ca.SX.sym("t")
         self._states = ca.SX.sym("x", n)
         self._start = start[:n]

@@ -40,6 +40,11 @@ WORST = 400
 RADII = (0.05, 0.015, 0.005, 0.0015)
 TRIES = 6
 LITTLE = 0.05
+"""Weight of a point that a pruning cuts off already."""
+PATIENCE = 4
+"""Rounds without a proof, however far off the samples are."""
+BINDING = 1e-9
+"""Dual from which on a row is never dropped."""
 SHARE_OF_ENDS = 0.1
 """Of the slack hoped for: that at the end."""
 
@@ -141,7 +146,7 @@ class Search:
         self.box = self.region.box
         basis, statement = self.forms.basis, self.setting.statement
         start = np.concatenate([[0.0], statement.x0])[:, None]
-        self._at_start = basis.values(self.box, start)[0]
+        self._at_start: Array = basis.values(self.box, start)[0]
         if self.aim != "start":
             points = self.region.sampled(self.rng, 6000)
             values = basis.values(self.box, points)
@@ -224,7 +229,7 @@ class Search:
             compares = self.aim == "start" and np.isfinite(best)
             room = (value - best) / latest if compares else np.inf
             enough = max(4 * self.hoped, min(0.5 * room, 0.1 * self.setting.size))
-            if found.lowest > -enough or number - last_proof > 4:
+            if found.lowest > -enough or number - last_proof > PATIENCE:
                 last_proof = number
                 step, more, ends, converged = self._proved(w, room)
                 found = _Failing(
@@ -445,7 +450,7 @@ class _Rows:
         if rows > MOST_ROWS:
             slack = self._A @ found.w + self._b / size
             last = np.partition(slack, 2 * MOST_ROWS // 3)[2 * MOST_ROWS // 3]
-            kept = (found.duals[:rows] > 1e-9) | (slack < last)
+            kept = (found.duals[:rows] > BINDING) | (slack < last)
             self._A, self._b = self._A[kept], self._b[kept]
             self.cuts = replace(self.cuts, points=self.cuts.points[:, kept])
         return np.asarray(size * found.w)
