@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 RIDGE = 1e-14
+LARGEST_RIDGE = 1e-4
 STEP = 0.995
 FEASIBLE = 1e-8
 
@@ -69,7 +70,10 @@ def maximised(
         )
         if gap < tolerance and solved:
             break
-        newton = _Newton(A, s, z, short, dual)
+        try:
+            newton = _Newton(A, s, z, short, dual)
+        except scipy.linalg.LinAlgError:
+            break
         dw, ds, dz = newton.step(-z * s)
         far_s, far_z = _longest(ds, s), _longest(dz, z)
         after = float((s + far_s * ds) @ (z + far_z * dz))
@@ -102,13 +106,14 @@ class _Newton:
         self._sizes = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         normal *= self._sizes[:, None] * self._sizes
         diagonal, ridge = np.diag_indices(len(normal)), RIDGE
-        while True:
+        while ridge < LARGEST_RIDGE:
             normal[diagonal] += ridge
             try:
                 self._factor = scipy.linalg.cho_factor(normal, check_finite=False)
-                break
+                return
             except scipy.linalg.LinAlgError:
                 ridge *= 10.0
+        raise scipy.linalg.LinAlgError("the normal equations are singular")
 
     def _solved(self, right: Array) -> Array:
         inner = scipy.linalg.cho_solve(

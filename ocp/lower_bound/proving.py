@@ -31,7 +31,7 @@ class Floor:
 
     Attributes:
         slack: The function is at least -slack on the set, if `proven`.
-        proven: Whether every box was decided.
+        proven: Whether that is so: not if a box has no bound at all.
         boxes: How many were looked at.
         points: Points of the set where the function is below what was hoped for, shape
             (d, N), the lowest first.
@@ -81,11 +81,10 @@ def proven_floor(
     stack, boxes, slack = [start], 0, hoped
     met: list[Array] = []
     values: list[Array] = []
-    finished, useless_since = True, -1
+    useless_since = -1
     while stack:
         lower, upper = _next(stack)
-        kept = ~outside(lower, upper)
-        lower, upper = lower[:, kept], upper[:, kept]
+        lower, upper = _left(outside, lower, upper)
         boxes += lower.shape[1]
         if not lower.size:
             continue
@@ -101,25 +100,48 @@ def proven_floor(
             met.append(middle[:, below])
             values.append(at[below])
             slack = max(slack, -BEYOND * float(at.min()))
+        stack.append(halved(lower, upper, spread))
         if slack >= limits.useless and useless_since < 0:
             useless_since = boxes
         given_up = useless_since >= 0 and boxes > useless_since + FEW
         too_long = boxes > limits.max_boxes or clock.perf_counter() > limits.until
         if given_up or too_long or (spread.max(axis=0) <= 0).any():
-            finished = False
             break
-        stack.append(halved(lower, upper, spread))
+    # What is left has lower bounds, too: a poor proof is one all the same.
+    slack = max(slack, -_least(bounds, outside, stack))
     d = start[0].shape[0]
     points = np.hstack(met) if met else np.zeros((d, 0))
     each = np.concatenate(values) if values else np.zeros(0)
     order = np.argsort(each)
     return Floor(
         slack=slack,
-        proven=finished,
+        proven=bool(np.isfinite(slack)),
         boxes=boxes,
         points=points[:, order],
         lowest=float(each.min()) if each.size else np.inf,
     )
+
+
+def _left(
+    outside: Callable[[Array, Array], Mask], lower: Array, upper: Array
+) -> tuple[Array, Array]:
+    """Return the boxes that may have points of the set."""
+    kept = ~outside(lower, upper)
+    return lower[:, kept], upper[:, kept]
+
+
+def _least(
+    bounds: Callable[[Array, Array], Bounds],
+    outside: Callable[[Array, Array], Mask],
+    stack: list[tuple[Array, Array]],
+) -> float:
+    """Return the least lower bound of boxes, infinite if there are none."""
+    least = np.inf
+    while stack:
+        lower, upper = _left(outside, *_next(stack))
+        if lower.size:
+            least = min(least, float(bounds(lower, upper).low.min()))
+    return least
 
 
 def _next(stack: list[tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -41,6 +41,10 @@ RADII = (0.05, 0.015, 0.005, 0.0015)
 TRIES = 6
 LITTLE = 0.05
 """Weight of a point that a pruning cuts off already."""
+MOST_BOXES = 3_000_000
+MOST_END_BOXES = 100_000
+PROOF_TIME = 0.2
+"""Of the time that is left."""
 PATIENCE = 4
 """Rounds without a proof, however far off the samples are."""
 BINDING = 1e-9
@@ -355,7 +359,7 @@ class Search:
             value,
             (lower, upper),
             self.hoped,
-            Limits(until=self.until, useless=room),
+            Limits(until=self._soon(), useless=room, max_boxes=MOST_BOXES),
         )
 
     def _proved_at_end(self, parameters: Array, w: Array) -> Floor:
@@ -372,8 +376,13 @@ class Search:
             value,
             self.region.end_boxes(),
             hoped,
-            Limits(until=self.until),
+            Limits(until=self._soon(), max_boxes=MOST_END_BOXES),
         )
+
+    def _soon(self) -> float:
+        """Return when a proof is to end: one must leave time for others."""
+        now = clock.perf_counter()
+        return now + max(1.0, PROOF_TIME * (self.until - now))
 
     def _thinned(self, points: Array, w: Array) -> Array:
         """Return counterexamples with their worst controls, the lowest and some."""
