@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pkgutil import resolve_name
 from typing import Protocol, runtime_checkable
 
@@ -25,25 +25,13 @@ from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.fitness import NOTHING, Known
 from swarmstart.ocp.limits import require_number
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
-from swarmstart.ocp.lower_bound.basis import Box
-from swarmstart.ocp.lower_bound.evidence import Evidence, Pruning, Step, Tube
-from swarmstart.ocp.lower_bound.region import Region, basis_of
-from swarmstart.ocp.lower_bound.stage import Stage
+from swarmstart.ocp.lower_bound.ascent import Ascent, Best
+from swarmstart.ocp.lower_bound.evidence import Tube
+from swarmstart.ocp.lower_bound.region import Region
 from swarmstart.ocp.lower_bound.statement import Statement
 from swarmstart.ocp.lower_bound.stating import (
     NoBoundError,
-    affine_form,
     statement_of,
-)
-from swarmstart.ocp.lower_bound.subsolution import (
-    Aim,
-    Cuts,
-    Forms,
-    Round,
-    Search,
-    Setting,
-    loss_of,
-    worth,
 )
 from swarmstart.ocp.lower_bound.tube import NoTubeError, tube_of
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -55,31 +43,8 @@ from swarmstart.terminal_set.intervals import (
 )
 
 Array = NDArray[np.float64]
-SLACK_SHARES = (3e-4, 1e-5)
-"""Slack hoped for at first and at last, times the horizon, in parts of the size."""
-SLACK_OF_GAP = 0.1
-"""The same, in parts of the gap that is left."""
-ROUGH_SHARE = 0.01
-"""The same of the steps that prune."""
 CLOSED = 1e-5
 """Gap at which the search ends, in parts of the known cost."""
-PRUNING_TIME = 0.3
-"""Of the time that is left, for one pruning."""
-MOST_PRUNINGS = 3
-"""Of each degree."""
-FEWEST_ROUNDS = 3
-WORTHWHILE = 0.8
-"""A pruning that leaves more than this part of the volume is the degree's last one."""
-USELESS = 0.97
-"""One that leaves more than this part is not kept."""
-DEGREES = {1: (2, 4, 6, 8, 10, 12), 2: (2, 3, 4, 5, 6, 7, 8), 3: (2, 3, 4, 5, 6)}
-"""By the number of states."""
-FIRST_DEGREE = 3
-"""Below it polynomials only prune."""
-SETTLED = 0.1
-"""Slack of a step, in parts of its gap, from which on the next degree is tried."""
-ABOVE = 1e-6
-"""By which part the cost that prunings compare with is above the known one."""
 
 
 @runtime_checkable
@@ -181,37 +146,6 @@ def _cost_of(
     return require_number("answer, the cost of one,", answer)
 
 
-@dataclass(eq=False)
-class _Best:
-    """The best bound so far, of a statement's cost without its offset."""
-
-    statement: Statement
-    value: float
-    kind: BoundKind
-    reason: str
-    degree: int = 0
-    slack: float = 0.0
-    boxes: int = 0
-    set_name: str = ""
-    evidence: Evidence | None = None
-
-    def answer(self) -> LowerBound:
-        """Return it as the problem states it."""
-        sense = self.statement.sense
-        value = sense * (self.value + self.statement.offset)
-        return LowerBound(
-            kind=self.kind,
-            value=value if self.kind.is_bound else math.nan,
-            reason=self.reason,
-            degree=self.degree,
-            slack=self.slack,
-            boxes=self.boxes,
-            set_name=self.set_name,
-            evidence=self.evidence,
-            sense=sense,
-        )
-
-
 def _bounded(
     statement: Statement,
     cost: float,
@@ -227,8 +161,8 @@ def _bounded(
         goal = statement.sense * cost - statement.offset
         if not Region(statement, tube).paving[0].size:
             raise NoTubeError("no trajectory keeps the bounds of the states")
-        path = _Path(statement, tube, goal, until, rng)
-        for found in path.bounds():
+        ascent = Ascent(statement, tube, goal, until, rng)
+        for found in ascent.bounds():
             best = _better(best, found)
             tell()
             if goal - best.value < CLOSED * abs(goal):
@@ -240,13 +174,13 @@ def _bounded(
     return best.answer()
 
 
-def _better(one: _Best, other: _Best) -> _Best:
+def _better(one: Best, other: Best) -> Best:
     if not other.kind.is_bound:
         return one
     return other if not one.kind.is_bound or other.value > one.value else one
 
 
-def _trivial(statement: Statement, tube: Tube | None) -> _Best:
+def _trivial(statement: Statement, tube: Tube | None) -> Best:
     """Return the bound that the least stage cost gives.
 
     Args:
@@ -262,7 +196,7 @@ def _trivial(statement: Statement, tube: Tube | None) -> _Best:
     costs = ca.Function(
         "costs", [at], [ca.densify(ca.vertcat(statement.stage, statement.end))]
     )
-    none = _Best(statement, math.nan, BoundKind.NONE, "no bound was proven in the time")
+    none = Best(statement, math.nan, BoundKind.NONE, "no bound was proven in the time")
     try:
         evaluate = interval_function(costs)
     except UnknownIntervalOperationError as error:
@@ -279,192 +213,4 @@ def _trivial(statement: Statement, tube: Tube | None) -> _Best:
     if not math.isfinite(value):
         return none
     reason = "the least stage cost over the horizon, and the least terminal cost"
-    return _Best(statement, value, BoundKind.TRIVIAL, reason)
-
-
-@dataclass(eq=False)
-class _Path:
-    """The way from a tube to bounds."""
-
-    statement: Statement
-    tube: Tube
-    goal: float
-    until: float
-    rng: np.random.Generator
-
-    def __post_init__(self) -> None:
-        """Bring the problem into the form that the steps need."""
-        affine = affine_form(self.statement)
-        stage = Stage(self.statement, affine)
-        self._region = Region(self.statement, self.tube)
-        self._setting = Setting(self.statement, affine, stage, self._size(stage))
-        self._began = clock.perf_counter()
-        self._prunings: list[Pruning] = []
-        self.shares: list[float] = []
-        self._cuts: dict[str, Cuts] = {}
-        self._boxes = 0
-        known = self.goal + ABOVE * abs(self.goal)
-        self._known = known if math.isfinite(known) else math.inf
-
-    def _size(self, stage: Stage) -> float:
-        """Return the size of the costs."""
-        points = self._region.sampled(self.rng, 2000)
-        middle = sum(self.statement.control_box) / 2
-        u = np.repeat(np.atleast_1d(middle)[:, None], points.shape[1], axis=1)
-        _, L = stage.rates(points, u)
-        latest = self.statement.horizon[1]
-        usual = latest * float(np.median(np.abs(L))) if L.size else 0.0
-        usual += float(np.median(np.abs(stage.end(points)))) if L.size else 0.0
-        size = abs(self.goal) if math.isfinite(self.goal) else usual
-        return max(size, 1e-3 * usual, 1e-12)
-
-    def bounds(self) -> Iterator[_Best]:
-        """Yield proven bounds, of rising degrees on a set that gets smaller."""
-        best = -math.inf
-        for degree in DEGREES[self.statement.n]:
-            forms = Forms(self._setting, degree)
-            for bound in self._pruned(forms):
-                yield bound
-                best = max(best, bound.value)
-            if degree < FIRST_DEGREE:
-                continue
-            search = self._search(forms, "start", self._share(best))
-            for number, found in enumerate(search.rounds(self._kept("start"), best)):
-                self._cuts["start"] = found.cuts
-                if found.step is not None:
-                    bound = self._bound(found.step, degree)
-                    yield bound
-                    best = max(best, bound.value)
-                if found.converged or self._settled(found, best, number):
-                    break
-            if clock.perf_counter() > self.until:
-                return
-
-    def _kept(self, aim: Aim) -> Cuts | None:
-        """Return the cuts of earlier searches that are still in the set."""
-        cuts = self._cuts.get(aim)
-        if cuts is None:
-            return None
-        points, ends = cuts.points, cuts.ends
-        within = self._region.inside(points)
-        if ends.size:
-            ends = ends[:, self._region.inside_ends(ends)]
-        return Cuts(points[:, within], ends)
-
-    def _share(self, best: float) -> float:
-        """Return the slack hoped for, in parts of the costs' size."""
-        first, last = SLACK_SHARES
-        if not math.isfinite(self._known - best):
-            return first
-        gap = SLACK_OF_GAP * (self._known - best) / self._setting.size
-        return float(np.clip(gap, last, first))
-
-    def _settled(self, found: Round, best: float, number: int) -> bool:
-        """Return whether a higher degree promises more than another round."""
-        if not math.isfinite(best):
-            return False
-        apart = self._known - best
-        if not math.isfinite(apart):
-            apart = abs(best)
-        return number > 3 and found.value - best < SETTLED * apart  # noqa: PLR2004
-
-    def _search(self, forms: Forms, aim: Aim, share: float) -> Search:
-        hoped = share * self._setting.size / self.statement.horizon[1]
-        return Search(
-            self._setting, self._region, forms, aim, hoped, self.rng, self.until
-        )
-
-    def _bound(self, step: Step, degree: int) -> _Best:
-        """Return the bound that a step proves."""
-        self._boxes += step.boxes
-        value = min(self._known, worth(step, self.statement))
-        evidence = Evidence(
-            statement=self.statement,
-            tube=self.tube,
-            prunings=tuple(self._prunings),
-            final=step,
-            known=self._known,
-            bound=value + self.statement.offset,
-        )
-        latest = self.statement.horizon[1]
-        pruned = f", pruned {len(self._prunings)} times" if self._prunings else ""
-        return _Best(
-            self.statement,
-            value,
-            BoundKind.PROVEN,
-            "no admissible trajectory of the set that holds them all costs less",
-            degree=degree,
-            slack=loss_of(step, latest),
-            boxes=self._boxes,
-            set_name=f"tube of {len(self.tube.directions)} faces{pruned}",
-            evidence=evidence,
-        )
-
-    def _pruned(self, forms: Forms) -> Iterator[_Best]:
-        """Make the set smaller by the known cost; yield the bounds met on the way."""
-        if not math.isfinite(self._known):
-            return
-        for _ in range(MOST_PRUNINGS):
-            left = self.until - clock.perf_counter()
-            limit = clock.perf_counter() + PRUNING_TIME * left
-            go = self._rough(forms, "go", self._needed(None), limit)
-            if go is None:
-                return
-            yield self._bound(go, forms.basis.degree)
-            come = self._rough(forms, "come", self._needed(go), limit)
-            if come is None:
-                return
-            pruning = Pruning(come=come, go=go)
-            sample = self._region.sampled(self.rng, 8000)
-            region = self._region.pruned(pruning, self._known)
-            share = float(region.inside(sample).mean()) if sample.size else 1.0
-            self.shares.append(share)
-            if share > USELESS or not region.paving[0].size:
-                return
-            self._region = region
-            self._prunings.append(pruning)
-            self._boxes += come.boxes
-            if share > WORTHWHILE:
-                return
-
-    def _needed(self, go: Step | None) -> Callable[[Array], Array]:
-        """Return how much the way to a point must cost for it to be cut off.
-
-        Args:
-            go: What is known of the way on; None: nothing.
-        """
-
-        def needed(points: Array) -> Array:
-            if go is None:
-                return np.full(points.shape[1], self._known)
-            V = go.polynomial
-            basis = basis_of(V)
-            values = basis.values(Box(V.middle, V.half), points) @ V.coefficients
-            return np.asarray(self._known - values)
-
-        return needed
-
-    def _rough(
-        self,
-        forms: Forms,
-        aim: Aim,
-        needed: Callable[[Array], Array],
-        limit: float,
-    ) -> Step | None:
-        """Return a step that prunes, proven to within little."""
-        search = self._search(forms, aim, ROUGH_SHARE)
-        now = clock.perf_counter()
-        search = replace(search, until=now + 0.5 * max(0.0, limit - now), needed=needed)
-        best, quality = None, (-1.0, -math.inf)
-        latest = self.statement.horizon[1]
-        enough = 3 * ROUGH_SHARE * self._setting.size
-        for number, found in enumerate(search.rounds(self._kept(aim))):
-            self._cuts[aim] = found.cuts
-            if found.step is None:
-                continue
-            loss = loss_of(found.step, latest)
-            if (found.share, -loss) > quality:
-                best, quality = found.step, (found.share, -loss)
-            if loss < enough and number >= FEWEST_ROUNDS:
-                break
-        return best
+    return Best(statement, value, BoundKind.TRIVIAL, reason)

@@ -1,0 +1,277 @@
+"""The way from a set that holds all trajectories to better and better proven bounds.
+
+For rising degrees: polynomials that make the set smaller by the known cost, as long as
+that pays, then one that is high at the start.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.lower_bound.basis import Box
+from swarmstart.ocp.lower_bound.evidence import Evidence, Pruning, Step, Tube
+from swarmstart.ocp.lower_bound.region import Region, basis_of
+from swarmstart.ocp.lower_bound.stage import Stage
+from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.stating import affine_form
+from swarmstart.ocp.lower_bound.subsolution import (
+    Aim,
+    Cuts,
+    Forms,
+    Round,
+    Search,
+    Setting,
+    loss_of,
+    worth,
+)
+
+Array = NDArray[np.float64]
+SLACK_SHARES = (3e-4, 1e-5)
+"""Slack hoped for at first and at last, times the horizon, in parts of the size."""
+SLACK_OF_GAP = 0.1
+"""The same, in parts of the gap that is left."""
+ROUGH_SHARE = 0.01
+"""The same of the steps that prune."""
+PRUNING_TIME = 0.3
+"""Of the time that is left, for one pruning."""
+MOST_PRUNINGS = 3
+"""Of each degree."""
+FEWEST_ROUNDS = 3
+WORTHWHILE = 0.8
+"""A pruning that leaves more than this part of the volume is the degree's last one."""
+USELESS = 0.97
+"""One that leaves more than this part is not kept."""
+DEGREES = {1: (2, 4, 6, 8, 10, 12), 2: (2, 3, 4, 5, 6, 7, 8), 3: (2, 3, 4, 5, 6)}
+"""By the number of states."""
+FIRST_DEGREE = 3
+"""Below it polynomials only prune."""
+SETTLED = 0.1
+"""Slack of a step, in parts of its gap, from which on the next degree is tried."""
+ABOVE = 1e-6
+"""By which part the cost that prunings compare with is above the known one."""
+
+
+@dataclass(eq=False)
+class Best:
+    """The best bound so far, of a statement's cost without its offset."""
+
+    statement: Statement
+    value: float
+    kind: BoundKind
+    reason: str
+    degree: int = 0
+    slack: float = 0.0
+    boxes: int = 0
+    set_name: str = ""
+    evidence: Evidence | None = None
+
+    def answer(self) -> LowerBound:
+        """Return it as the problem states it."""
+        sense = self.statement.sense
+        value = sense * (self.value + self.statement.offset)
+        return LowerBound(
+            kind=self.kind,
+            value=value if self.kind.is_bound else math.nan,
+            reason=self.reason,
+            degree=self.degree,
+            slack=self.slack,
+            boxes=self.boxes,
+            set_name=self.set_name,
+            evidence=self.evidence,
+            sense=sense,
+        )
+
+
+@dataclass(eq=False)
+class Ascent:
+    """The way from a tube to bounds."""
+
+    statement: Statement
+    tube: Tube
+    goal: float
+    until: float
+    rng: np.random.Generator
+
+    def __post_init__(self) -> None:
+        """Bring the problem into the form that the steps need."""
+        affine = affine_form(self.statement)
+        stage = Stage(self.statement, affine)
+        self._region = Region(self.statement, self.tube)
+        self._setting = Setting(self.statement, affine, stage, self._size(stage))
+        self._began = clock.perf_counter()
+        self._prunings: list[Pruning] = []
+        self.shares: list[float] = []
+        self._cuts: dict[str, Cuts] = {}
+        self._boxes = 0
+        known = self.goal + ABOVE * abs(self.goal)
+        self._known = known if math.isfinite(known) else math.inf
+
+    def _size(self, stage: Stage) -> float:
+        """Return the size of the costs."""
+        points = self._region.sampled(self.rng, 2000)
+        middle = sum(self.statement.control_box) / 2
+        u = np.repeat(np.atleast_1d(middle)[:, None], points.shape[1], axis=1)
+        _, L = stage.rates(points, u)
+        latest = self.statement.horizon[1]
+        usual = latest * float(np.median(np.abs(L))) if L.size else 0.0
+        usual += float(np.median(np.abs(stage.end(points)))) if L.size else 0.0
+        size = abs(self.goal) if math.isfinite(self.goal) else usual
+        return max(size, 1e-3 * usual, 1e-12)
+
+    def bounds(self) -> Iterator[Best]:
+        """Yield proven bounds, of rising degrees on a set that gets smaller."""
+        best = -math.inf
+        for degree in DEGREES[self.statement.n]:
+            forms = Forms(self._setting, degree)
+            for bound in self._pruned(forms):
+                yield bound
+                best = max(best, bound.value)
+            if degree < FIRST_DEGREE:
+                continue
+            search = self._search(forms, "start", self._share(best))
+            for number, found in enumerate(search.rounds(self._kept("start"), best)):
+                self._cuts["start"] = found.cuts
+                if found.step is not None:
+                    bound = self._bound(found.step, degree)
+                    yield bound
+                    best = max(best, bound.value)
+                if found.converged or self._settled(found, best, number):
+                    break
+            if clock.perf_counter() > self.until:
+                return
+
+    def _kept(self, aim: Aim) -> Cuts | None:
+        """Return the cuts of earlier searches that are still in the set."""
+        cuts = self._cuts.get(aim)
+        if cuts is None:
+            return None
+        points, ends = cuts.points, cuts.ends
+        within = self._region.inside(points)
+        if ends.size:
+            ends = ends[:, self._region.inside_ends(ends)]
+        return Cuts(points[:, within], ends)
+
+    def _share(self, best: float) -> float:
+        """Return the slack hoped for, in parts of the costs' size."""
+        first, last = SLACK_SHARES
+        if not math.isfinite(self._known - best):
+            return first
+        gap = SLACK_OF_GAP * (self._known - best) / self._setting.size
+        return float(np.clip(gap, last, first))
+
+    def _settled(self, found: Round, best: float, number: int) -> bool:
+        """Return whether a higher degree promises more than another round."""
+        if not math.isfinite(best):
+            return False
+        apart = self._known - best
+        if not math.isfinite(apart):
+            apart = abs(best)
+        return number > 3 and found.value - best < SETTLED * apart  # noqa: PLR2004
+
+    def _search(self, forms: Forms, aim: Aim, share: float) -> Search:
+        hoped = share * self._setting.size / self.statement.horizon[1]
+        return Search(
+            self._setting, self._region, forms, aim, hoped, self.rng, self.until
+        )
+
+    def _bound(self, step: Step, degree: int) -> Best:
+        """Return the bound that a step proves."""
+        self._boxes += step.boxes
+        value = min(self._known, worth(step, self.statement))
+        evidence = Evidence(
+            statement=self.statement,
+            tube=self.tube,
+            prunings=tuple(self._prunings),
+            final=step,
+            known=self._known,
+            bound=value + self.statement.offset,
+        )
+        latest = self.statement.horizon[1]
+        pruned = f", pruned {len(self._prunings)} times" if self._prunings else ""
+        return Best(
+            self.statement,
+            value,
+            BoundKind.PROVEN,
+            "no admissible trajectory of the set that holds them all costs less",
+            degree=degree,
+            slack=loss_of(step, latest),
+            boxes=self._boxes,
+            set_name=f"tube of {len(self.tube.directions)} faces{pruned}",
+            evidence=evidence,
+        )
+
+    def _pruned(self, forms: Forms) -> Iterator[Best]:
+        """Make the set smaller by the known cost; yield the bounds met on the way."""
+        if not math.isfinite(self._known):
+            return
+        for _ in range(MOST_PRUNINGS):
+            left = self.until - clock.perf_counter()
+            limit = clock.perf_counter() + PRUNING_TIME * left
+            go = self._rough(forms, "go", self._needed(None), limit)
+            if go is None:
+                return
+            yield self._bound(go, forms.basis.degree)
+            come = self._rough(forms, "come", self._needed(go), limit)
+            if come is None:
+                return
+            pruning = Pruning(come=come, go=go)
+            sample = self._region.sampled(self.rng, 8000)
+            region = self._region.pruned(pruning, self._known)
+            share = float(region.inside(sample).mean()) if sample.size else 1.0
+            self.shares.append(share)
+            if share > USELESS or not region.paving[0].size:
+                return
+            self._region = region
+            self._prunings.append(pruning)
+            self._boxes += come.boxes
+            if share > WORTHWHILE:
+                return
+
+    def _needed(self, go: Step | None) -> Callable[[Array], Array]:
+        """Return how much the way to a point must cost for it to be cut off.
+
+        Args:
+            go: What is known of the way on; None: nothing.
+        """
+
+        def needed(points: Array) -> Array:
+            if go is None:
+                return np.full(points.shape[1], self._known)
+            V = go.polynomial
+            basis = basis_of(V)
+            values = basis.values(Box(V.middle, V.half), points) @ V.coefficients
+            return np.asarray(self._known - values)
+
+        return needed
+
+    def _rough(
+        self,
+        forms: Forms,
+        aim: Aim,
+        needed: Callable[[Array], Array],
+        limit: float,
+    ) -> Step | None:
+        """Return a step that prunes, proven to within little."""
+        search = self._search(forms, aim, ROUGH_SHARE)
+        now = clock.perf_counter()
+        search = replace(search, until=now + 0.5 * max(0.0, limit - now), needed=needed)
+        best, quality = None, (-1.0, -math.inf)
+        latest = self.statement.horizon[1]
+        enough = 3 * ROUGH_SHARE * self._setting.size
+        for number, found in enumerate(search.rounds(self._kept(aim))):
+            self._cuts[aim] = found.cuts
+            if found.step is None:
+                continue
+            loss = loss_of(found.step, latest)
+            if (found.share, -loss) > quality:
+                best, quality = found.step, (found.share, -loss)
+            if loss < enough and number >= FEWEST_ROUNDS:
+                break
+        return best
