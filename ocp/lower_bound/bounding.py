@@ -19,6 +19,7 @@ from typing import Protocol, runtime_checkable
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import threadpool_limits
 
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import shortened
@@ -109,9 +110,11 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
     except NoBoundError as error:
         return _none(str(error), problem.sense)
     cost = _cost_of(problem, x0, known, answer, seconds, seed)
-    found = _bounded(
-        statement, cost, began + seconds, np.random.default_rng(seed), tell
-    )
+    # Small matrices: threads of BLAS wait for each other, and for all else that runs.
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = _bounded(
+            statement, cost, began + seconds, np.random.default_rng(seed), tell
+        )
     return replace(found, cpu_seconds=clock.process_time() - cpu)
 
 
