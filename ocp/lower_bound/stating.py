@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.errors import SwarmstartError
+from swarmstart.ocp.constraint_forms import known_scales
 from swarmstart.ocp.constraints import Constraint
 from swarmstart.ocp.fitness import Known, core_known
 from swarmstart.ocp.free import Free
@@ -165,7 +166,7 @@ class _Maker:
         return {id(c): rows for c, rows in zip(every, self._sizes.rows, strict=False)}
 
     def _at_most_zero(
-        self, constraints: object, scales: dict[int, Array]
+        self, constraints: Iterable[Constraint], scales: dict[int, Array]
     ) -> Iterator[ca.SX]:
         """Yield the rows of constraints, widened by the tolerance of answers.
 
@@ -173,37 +174,23 @@ class _Maker:
         bound no higher.
         """
         free = ca.vertcat(self._problem.model.controls, self._problem.previous)
-        for constraint in constraints:  # type: ignore[attr-defined]
-            rows = constraint.smooth(constraint.expression)
-            size = self._size_of(constraint, scales)
+        for constraint in constraints:
+            # As stated: the smooth form of an NLP may have a margin.
+            rows = constraint.rows(constraint.expression)
+            sizes = scales.get(id(constraint), known_scales(constraint))
             for i in range(rows.values.numel()):
                 value = rows.values[i]
                 if free.numel() and ca.depends_on(value, free):
                     continue
-                number = self._numbers(value)
+                limits = np.abs([rows.lower[i], rows.upper[i]])
+                largest = float(limits[np.isfinite(limits)].max(initial=1.0))
+                size = float(sizes[i]) if np.isfinite(sizes[i]) else largest
                 width = self._problem.path_tolerance * size
+                number = self._numbers(value)
                 if np.isfinite(rows.upper[i]):
                     yield number - float(rows.upper[i] + width)
                 if np.isfinite(rows.lower[i]):
                     yield float(rows.lower[i] - width) - number
-
-    def _size_of(self, constraint: Constraint, scales: dict[int, Array]) -> float:
-        """Return the size of a constraint's rows: the largest, which is the safe one.
-
-        A smooth form has the square of a distance, whose tolerance is larger.
-        """
-        rows, smooth = (
-            form(constraint.expression) for form in (constraint.rows, constraint.smooth)
-        )
-        limits = np.concatenate([smooth.lower, smooth.upper, rows.lower, rows.upper])
-        limits = np.abs(limits[np.isfinite(limits)])
-        size = float(limits.max()) if limits.size else 1.0
-        known = scales.get(id(constraint))
-        if known is not None and known.size:
-            size = max(size if rows.values.numel() == 0 else 0.0, float(known.max()))
-        if not ca.is_equal(rows.values, smooth.values, 10):
-            size = max(2.5 * float(limits.max()), size) if limits.size else size
-        return size
 
 
 def affine_form(statement: Statement) -> Affine | None:
