@@ -9,8 +9,7 @@ entry below gives g_0 ... g_3, sizes of which their errors are a small share, an
 bound of the last factor.
 
 NumPy's exp, log, sqrt, sin, cos and arctan are taken to be right to 16 units in the
-last place of the result's size (of 1 for sin and cos, so that no cancellation counts);
-their own tests allow 4.
+last place of the result's size (of 1 for sin and cos, so that no cancellation counts).
 """
 
 from __future__ import annotations
