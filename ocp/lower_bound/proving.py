@@ -140,7 +140,9 @@ def _least(
     while stack:
         lower, upper = _left(outside, *_next(stack))
         if lower.size:
-            least = min(least, float(bounds(lower, upper).low.min()))
+            low = bounds(lower, upper).low
+            # The built-in min would pass over a bound that is NaN.
+            least = min(least, float(np.where(np.isnan(low), -np.inf, low).min()))
     return least
 
 
