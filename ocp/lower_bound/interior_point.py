@@ -23,6 +23,8 @@ RIDGE = 1e-14
 LARGEST_RIDGE = 1e-4
 STEP = 0.995
 FEASIBLE = 1e-8
+DIVERGED = 1e100
+"""Size of an iterate from which on the program has surely no optimum."""
 
 
 class Optimum(NamedTuple):
@@ -41,6 +43,7 @@ class Optimum(NamedTuple):
     solved: bool
 
 
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")
 def maximised(
     c: Array, A: Array, b: Array, *, tolerance: float = 1e-6, iterations: int = 150
 ) -> Optimum:
@@ -82,7 +85,7 @@ def maximised(
         far_s = min(1.0, STEP * _longest(ds, s))
         far_z = min(1.0, STEP * _longest(dz, z))
         moved = (w + far_s * dw, s + far_s * ds, z + far_z * dz)
-        if not all(np.isfinite(part).all() for part in moved):
+        if not all((np.abs(part) < DIVERGED).all() for part in moved):
             break
         w, s, z = moved
     return Optimum(w, z * sizes, gap, solved)
