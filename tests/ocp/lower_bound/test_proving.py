@@ -125,9 +125,7 @@ def test_a_hole_of_the_set_is_left_out(radius: float) -> None:
 def test_points_outside_of_the_set_are_no_counterexamples() -> None:
     # The boxes of the hole cannot be left out, so they are cut till the limit.
     _, value = ring(0.5)
-    found = proven_floor(
-        bowl_bounds, nothing, value, SQUARE, 0.1, soon(max_boxes=2000)
-    )
+    found = proven_floor(bowl_bounds, nothing, value, SQUARE, 0.1, soon(max_boxes=2000))
     assert (((found.points - CENTER) ** 2).sum(axis=0) >= 0.25).all()
     assert found.slack >= 2.0  # As of the boxes that are left.
 

@@ -1,5 +1,7 @@
 """Taylor forms: what they leave over holds at every point, and falls as a cube."""
 
+from itertools import pairwise
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -101,7 +103,7 @@ def test_the_rest_falls_as_the_cube_of_the_box(name: str) -> None:
         rests.append(
             form.expanded(middle - size * reach, middle + size * reach, GIVEN).rest
         )
-    for large, small in zip(rests[:-1], rests[1:], strict=True):
+    for large, small in pairwise(rests):
         assert (large > 4**2.8 * small).all()
 
 
