@@ -126,7 +126,7 @@ class Case:
             step = (high[k] - low[k]) / (tried - 1)
             if step > 0:
                 best = self._bent(slopes, points, best, (k, step))
-        return np.minimum(found, self._h(slopes, points, best))
+        return np.asarray(np.minimum(found, self._h(slopes, points, best)))
 
     def _bent(
         self, slopes: Array, points: Array, u: Array, along: tuple[int, float]
@@ -349,7 +349,7 @@ def test_rounding_of_values_does_not_lift_the_bound(
         return own + cancelling(x) if where == "stage" else own
 
     def rate(_: ca.SX, x: ca.SX, u: ca.SX) -> list[ca.SX]:
-        factor = {"drift": 1.0, "column": u[0], "stage": 0.0}[where]
+        factor = {"drift": ca.SX(1), "column": u[0], "stage": ca.SX(0)}[where]
         return [cancelling(x) * factor]
 
     one = costing(rate, stage, [(1, 2)], n=1)

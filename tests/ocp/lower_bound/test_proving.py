@@ -86,6 +86,13 @@ def test_what_is_hoped_for_stays_if_it_is_true(hoped: float) -> None:
     assert found.lowest == np.inf
 
 
+@pytest.mark.parametrize("hoped", [1.96, 1.99, 1.999, 1.9999])
+def test_what_is_hoped_for_in_vain_by_little_is_not_kept(hoped: float) -> None:
+    found = searched(hoped)
+    assert found.proven
+    assert 2.0 <= found.slack <= BEYOND * 2.0
+
+
 @pytest.mark.parametrize("max_boxes", [0, 3, 10, 30, 100, 300])
 @pytest.mark.parametrize("hoped", [0.5, 1.9, 2.0])
 def test_a_limit_of_boxes_leaves_a_poor_proof(max_boxes: int, hoped: float) -> None:
