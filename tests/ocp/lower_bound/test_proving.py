@@ -183,13 +183,13 @@ def test_a_search_of_no_use_ends_after_a_few_boxes_with_a_floor() -> None:
 
     def bounds(lower: Array, upper: Array) -> Bounds:
         spread = SLOPE * (upper - lower)
-        return Bounds(tilted((lower + upper) / 2) - 5 * spread.sum(axis=0), spread)
+        return Bounds(tilted((lower + upper) / 2) - 60 * spread.sum(axis=0), spread)
 
     limits = soon(30.0, useless=0.5)
     found = proven_floor(bounds, nothing, tilted, SQUARE, 0.1, limits)
     assert found.slack >= 1.0
     assert found.proven
-    assert found.boxes <= FEW + 3 * CHUNK
+    assert FEW < found.boxes <= FEW + 3 * CHUNK
 
 
 def test_starts_of_many_boxes_are_all_searched() -> None:
