@@ -338,7 +338,16 @@ def cancelling(x: ca.SX) -> ca.SX:
 
 @pytest.mark.parametrize(
     ("cost", "least"),
-    [((0, 1), 1.0), ((1, 0), 1.0), ((0, 0), 0.0), ((0, 0.01), 0.01)],
+    [
+        ((0, 1), 1.0),
+        ((1, 0), 1.0),
+        ((0, 0), 0.0),
+        ((0, 0.01), 0.01),
+        # Far from a switch: no chord and no curvature has room for the rounding.
+        ((1000, 0), 1000.0),
+        ((1000, 1), 1001.0),
+        ((-1000, 1), -1996.0),
+    ],
 )
 @pytest.mark.parametrize("where", ["drift", "column", "stage"])
 def test_rounding_of_values_does_not_lift_the_bound(

@@ -120,8 +120,8 @@ def test_the_rest_covers_the_rounding_of_slopes_and_bends() -> None:
     # Slope and bend in y_0 are exactly 0 as numbers, but not as they are rounded.
     flat = (y[1] + 1e8) ** 2 - y[1] ** 2 - 2e8 * y[1] - 1e16
     rng = np.random.default_rng(4)
-    middle, reach = rng.random((3, 100)), np.array([[4.0], [0.0], [0.0]])
-    at = TaylorForm([flat * y[0], flat * y[0] ** 2], y, p)
+    middle, reach = rng.random((3, 100)), np.array([[4.0], [0.0], [3.0]])
+    at = TaylorForm([flat * y[0], flat * y[0] ** 2, flat * y[0] * y[2]], y, p)
     found = at.expanded(middle - reach, middle + reach, GIVEN)
     slopes = np.abs(found.slope[0, 0])
     assert slopes.max() > 0.1
@@ -130,6 +130,11 @@ def test_the_rest_covers_the_rounding_of_slopes_and_bends() -> None:
     assert bends.max() > 0.1
     assert (found.rest[1] >= 8 * bends).all()
     assert (found.pull[1, 0] >= 8 * bends).all()
+    # About 0 the slopes are exact: 16 and 12 radii of the bend are left.
+    middle[[0, 2]] = 0.0
+    found = at.expanded(middle - reach, middle + reach, GIVEN)
+    assert found.rest[1].min() > 0.1
+    assert found.rest[2] == pytest.approx(found.rest[1] * 12 / 16)
 
 
 @pytest.mark.parametrize(
