@@ -157,3 +157,18 @@ def test_too_few_iterations_are_not_called_an_optimum() -> None:
     found = maximised(c, A, b, iterations=2)
     assert found.gap > 1e-6
     assert finite(found)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_solved_says_that_rows_and_duals_hold_after_any_iterations(seed: int) -> None:
+    c, A, b = drawn(seed)
+    sizes = np.abs(A).max(axis=1)
+    met = set()
+    for iterations in range(1, 25):
+        # The outcome's `solved` is that of the point before the last step: it stays so.
+        found = maximised(c, A, b, iterations=iterations, tolerance=1e-12)
+        rows = ((A @ found.w + b) / sizes).min() > -1e-7
+        duals = np.abs(A.T @ found.duals + c).max() < 1e-6 * (1 + np.abs(c).max())
+        assert not found.solved or (rows and duals)
+        met.add(found.solved)
+    assert met == {False, True}
