@@ -361,7 +361,8 @@ def test_rounding_of_values_does_not_lift_the_bound(
         factor = {"drift": ca.SX(1), "column": u[0], "stage": ca.SX(0)}[where]
         return [cancelling(x) * factor]
 
-    one = costing(rate, stage, [(1, 2)], n=1)
+    # The larger end alone, of (0, 2), has to make room, too.
+    one = costing(rate, stage, [(0 if cost[0] < 0 else 1, 2)], n=1)
     basis, box = Basis(2, 1), Box(np.zeros(2), np.ones(2))
     w = np.zeros(basis.size)
     w[basis.exponents.tolist().index([0, 1])] = 1.0  # V = x
@@ -447,3 +448,10 @@ def test_what_is_left_over_and_rounding_lower_a_quadratic_s_bound() -> None:
     assert found.low == pytest.approx([4.0, 3.75])
     assert (found.low < [4.0, 3.75]).all()
     assert found.spread == pytest.approx(1.5 * one)
+
+
+def test_rounding_does_not_lift_the_bound_of_a_margin() -> None:
+    x = ca.SX.sym("x")
+    at = np.random.default_rng(0).random((1, 300))
+    found = Margin(cancelling(x), x, ca.SX(0, 1)).bounds(np.zeros(0), at, at)
+    assert (found.low <= 0).all()
