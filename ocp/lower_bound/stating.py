@@ -16,9 +16,15 @@ from swarmstart.ocp.lower_bound.statement import Affine, Statement
 from swarmstart.ocp.lowering import Lowered, lowered
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes, Sizing
+from swarmstart.terminal_set.intervals import expanded_tape
 
 Array = NDArray[np.float64]
 MOST_STATES = 3
+_SMOOTH = frozenset(
+    "add sub mul div neg exp log pow constpow sqrt sq twice sin cos tan asin acos atan "
+    "inv sinh cosh tanh asinh acosh atanh log1p expm1 erf hypot assign".split()
+)
+"""Operations that their derivatives say all of."""
 
 
 class NoBoundError(SwarmstartError):
@@ -239,6 +245,8 @@ def affine_form(statement: Statement) -> Affine | None:
     """
     u, f, L = statement.controls, statement.rate, statement.stage
     zero = ca.SX.zeros(u.shape)
+    if _has_kinks(ca.vertcat(f, L), u):
+        return None
     columns = ca.jacobian(f, u)
     slope = ca.gradient(L, u) if u.numel() else ca.SX(0, 1)
     bend = ca.jacobian(slope, u)
@@ -259,6 +267,30 @@ def affine_form(statement: Statement) -> Affine | None:
         linear=c,
         quadratic=diagonal / 2,
     )
+
+
+def _has_kinks(column: ca.SX, u: ca.SX) -> bool:
+    """Return whether a kink or a jump depends on the controls.
+
+    Derivatives say nothing of these: that of |u| does not depend on u.
+    """
+    function = ca.Function("column", [u, *_others(column, u)], [ca.densify(column)])
+    tape = expanded_tape(function)
+    moved: list[bool] = []
+    for node in tape.nodes:
+        if node.operation in ("input", "constant"):
+            moved.append(node.operation == "input" and node.arguments[0] == 0)
+            continue
+        moved.append(any(moved[a] for a in node.arguments))
+        if moved[-1] and node.operation not in _SMOOTH:
+            return True
+    return False
+
+
+def _others(column: ca.SX, u: ca.SX) -> list[ca.SX]:
+    """Return the symbols of an expression but those given."""
+    given = {one.element_hash() for one in ca.symvar(u)}
+    return [one for one in ca.symvar(column) if one.element_hash() not in given]
 
 
 def _is_number(expression: ca.SX) -> bool:
