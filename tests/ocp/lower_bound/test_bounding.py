@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmstart.ocp import PathConstraint, solve
+from swarmstart.ocp import Free, PathConstraint, solve
 from swarmstart.ocp.fitness import NOTHING
 from swarmstart.ocp.lower_bound import subsolution
 from swarmstart.ocp.lower_bound.answer import BoundKind
-from swarmstart.ocp.lower_bound.bounding import lower_bound
+from swarmstart.ocp.lower_bound.bounding import _trivial, lower_bound
 from swarmstart.ocp.lower_bound.certificate import certificate_content
 from swarmstart.ocp.lower_bound.check import main
 from swarmstart.ocp.lower_bound.region import Region
@@ -23,7 +23,7 @@ from swarmstart.ocp.lower_bound.tube import tube_of
 from swarmstart.ocp.separation import disc
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 from swarmstart.tests.ocp.lower_bound.known_optimum import Symbols, stated
-from swarmstart.tests.ocp.lower_bound.scalar_optima import catch, regulator
+from swarmstart.tests.ocp.lower_bound.scalar_optima import regulator
 from swarmstart.tests.ocp.lower_bound.test_known_optima import stop_after
 from swarmstart.tests.ocp.lower_bound.test_region import full
 
@@ -44,13 +44,27 @@ def test_a_regulator_s_bound_is_near_its_optimum_and_checked(tmp_path: Path) -> 
 
 
 def test_a_maximised_worth_is_bounded_from_above() -> None:
-    known = catch()
+    # The regulator's cost, less 3, with another sense.
+    s = Symbols(1)
+    problem = stated(
+        s, s.u, horizon=1.0, controls=(-5, 5), stage=3 - s.x**2 - s.u**2, maximize=True
+    )
+    optimum = 3 - OPTIMUM
     bound = lower_bound(
-        known.problem, known.x0, answer=0.95 * known.optimum, seconds=6.0,
-        progress=stop_after(3),
-    )  # fmt: skip
+        problem, [1.0], answer=0.95 * optimum, seconds=6.0, progress=stop_after(2)
+    )
     assert bound.kind is BoundKind.PROVEN and bound.sense == -1
-    assert known.optimum <= bound.value <= 1.3 * known.optimum
+    assert optimum <= bound.value <= 1.1 * optimum
+
+
+@pytest.mark.parametrize("rate", [2.0, -2.0])
+def test_the_trivial_bound_counts_the_horizon_that_is_least(rate: float) -> None:
+    s = Symbols(1)
+    problem = stated(s, s.u, horizon=Free(1.0, 3.0), controls=(-1, 1), stage=rate)
+    statement = statement_of(problem, [0.0], NOTHING)
+    least = 2.0 if rate > 0 else -6.0
+    assert _trivial(statement, None).value == pytest.approx(least, rel=1e-12)
+    assert _trivial(statement, None).value <= least
 
 
 def test_a_cost_that_is_too_low_makes_no_bound_above_it() -> None:
@@ -83,7 +97,7 @@ def test_the_time_is_kept() -> None:
         stage=s.x[0] ** 2 + s.u**2,
     )  # fmt: skip
     begin = time.perf_counter()
-    lower_bound(problem, [1.0, 0.0], answer=100.0, seconds=1.0)
+    lower_bound(problem, [1.0, 0.0], answer=100.0, seconds=0.5)
     # What a round or a proof began is ended, at least.
     assert time.perf_counter() - begin < 8.0
 

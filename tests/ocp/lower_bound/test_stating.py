@@ -20,7 +20,9 @@ from swarmstart.ocp import (
     TerminalConstraint,
     solve,
 )
+from swarmstart.ocp.algebraic import AlgebraicEquations
 from swarmstart.ocp.checking import ConstraintRows
+from swarmstart.ocp.ensemble import ensemble
 from swarmstart.ocp.fitness import NOTHING
 from swarmstart.ocp.lower_bound.bounding import lower_bound
 from swarmstart.ocp.lower_bound.statement import Statement
@@ -286,7 +288,7 @@ def simple(**changes: Any) -> OptimalControlProblem:
 
 def jumping() -> OptimalControlProblem:
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
-    model = Model(states=x, controls=u, ode=u, jump=x / 2)
+    model = Model(states=x, controls=u, ode=u, next_state=x / 2)
     return OptimalControlProblem(
         model, horizon=1.0, intervals=4, stage_cost=x, bounds=Bounds(controls=(-1, 1))
     )
@@ -294,7 +296,8 @@ def jumping() -> OptimalControlProblem:
 
 def algebraic() -> OptimalControlProblem:
     x, z, u = (ca.SX.sym(name) for name in "xzu")
-    model = Model(states=x, controls=u, ode=z, algebraic=(z, z - u))
+    equations = AlgebraicEquations(symbols=z, residual=z - u)
+    model = Model(states=x, controls=u, ode=z, algebraic=equations)
     return OptimalControlProblem(
         model, horizon=1.0, intervals=4, stage_cost=x, bounds=Bounds(controls=(-1, 1))
     )
@@ -305,9 +308,26 @@ def of_four_states() -> OptimalControlProblem:
     return stated(s, ca.vertcat(s.x[1:], s.u), horizon=1.0, controls=(-1, 1))
 
 
+def of_a_parameter(**changes: Any) -> OptimalControlProblem:
+    x, u, p = (ca.SX.sym(name) for name in "xup")
+    model = Model(states=x, controls=u, ode=p * u, parameters=p)
+    return OptimalControlProblem(
+        model, horizon=1.0, intervals=4, stage_cost=x**2,
+        bounds=Bounds(controls=(-1, 1)), **changes,
+    )  # fmt: skip
+
+
 NONE: dict[str, Callable[[], OptimalControlProblem]] = {
     "4 states": of_four_states,
     "the control u has no bounds": lambda: simple(bounds=Bounds(controls=(-1, np.inf))),
+    "jumps at the end of an interval": jumping,
+    "algebraic equations": algebraic,
+    "signals": lambda: simple(signals=ca.SX.sym("w")),
+    "the start is decided": lambda: simple(start={"x": Free(0.0, 1.0)}),
+    "states are periodic": lambda: simple(periodic=["x"]),
+    "parameters are decided": lambda: of_a_parameter(decided={"p": Free(0.0, 1.0)}),
+    "each interval": lambda: simple(step_cost=ca.SX(1.0)),
+    "ensemble": lambda: ensemble(of_a_parameter(), {"p": [0.5, 1.0]}),
     "summed": lambda: simple(quadrature="left"),
     "no upper bound": lambda: simple(horizon=Free(0.5, np.inf)),
 }
