@@ -136,12 +136,11 @@ def test_paving_and_end_boxes_cover_the_trajectories() -> None:
 def in_some(covering: tuple[Array, Array], points: Array) -> NDArray[np.bool_]:
     """Return whether each point is in one of the boxes, but for rounding."""
     lower, upper = (corner[:, None, :] for corner in covering)
-    found = [
-        ((part[:, :, None] >= lower - 1e-9) & (part[:, :, None] <= upper + 1e-9))
-        .all(axis=0)
-        .any(axis=1)
-        for part in np.array_split(points, max(1, points.shape[1] // 500), axis=1)
-    ]
+    found = []
+    for part in np.array_split(points, max(1, points.shape[1] // 500), axis=1):
+        at = part[:, :, None]
+        within = (at >= lower - 1e-9) & (at <= upper + 1e-9)
+        found.append(np.asarray(within.all(axis=0)).any(axis=1))
     return np.concatenate(found)
 
 

@@ -68,7 +68,11 @@ def plane(**parts: Any) -> OptimalControlProblem:
     """A point that moves in the plane with two controls."""
     s = Symbols(2, 2)
     made = {name: part(s) for name, part in parts.items() if callable(part)}
-    given = {"horizon": 1.0, "controls": (-9, 9), "stage": ca.sumsqr(s.u)}
+    given: dict[str, Any] = {
+        "horizon": 1.0,
+        "controls": (-9, 9),
+        "stage": ca.sumsqr(s.u),
+    }
     return stated(s, s.u, **(given | parts | made), intervals=20)
 
 
@@ -214,14 +218,14 @@ class Beyond:
         near, far = self.relative(one)[row] < share, self.relative(other)[row] > share
         one, other = one[:, near & far], other[:, near & far]
         if not one.size:
-            return one
+            return np.asarray(one)
         for _ in range(80):
             middle = (one + other) / 2
             below = self.relative(middle)[row] <= share
             one = np.where(below, middle, one)
             other = np.where(below, other, middle)
         fine = (self.relative(one) <= share * (1 + 1e-6)).all(axis=0)
-        return one[:, fine]
+        return np.asarray(one[:, fine])
 
 
 def test_a_start_that_breaks_a_constraint_has_no_statement() -> None:
@@ -229,7 +233,7 @@ def test_a_start_that_breaks_a_constraint_has_no_statement() -> None:
     for limits in ({"path": [s.x <= 1]}, {"states": (-1, 1)}):
         problem = stated(
             s, s.u, horizon=2.0, controls=(-2, 2), stage=s.x**2 + s.u**2, intervals=4,
-            **limits,  # type: ignore[arg-type]
+            **limits,
         )  # fmt: skip
         with pytest.raises(NoBoundError, match="the start breaks"):
             statement_of(problem, [1.5], NOTHING)
