@@ -9,17 +9,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp.constraint_forms import known_scales
 from swarmstart.ocp.constraints import Constraint
 from swarmstart.ocp.fitness import Known, core_known
 from swarmstart.ocp.free import Free
 from swarmstart.ocp.lower_bound.statement import Affine, Statement
 from swarmstart.ocp.lowering import Lowered, lowered
-from swarmstart.ocp.problem import STATE_BOUNDS, OptimalControlProblem
+from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes, Sizing
+from swarmstart.terminal_set.intervals import expanded_tape
 
 Array = NDArray[np.float64]
 MOST_STATES = 3
+_SMOOTH = frozenset(
+    "add sub mul div neg exp log pow constpow sqrt sq twice sin cos tan asin acos atan "
+    "inv sinh cosh tanh asinh acosh atanh log1p expm1 erf hypot assign".split()
+)
+"""Operations that their derivatives say all of."""
 
 
 class NoBoundError(SwarmstartError):
@@ -54,7 +59,13 @@ def statement_of(
     )
     if not np.isfinite(start[: stated.model.nx]).all():
         raise NoBoundError("the initial state is not known")
-    return _Maker(problem_pair, known, sizes, start).statement()
+    statement = _Maker(problem_pair, known, sizes, start).statement()
+    if _starts_outside(statement):
+        raise NoBoundError(
+            "the start breaks a bound of the states or a path constraint: "
+            "no bound is known of such a problem"
+        )
+    return statement
 
 
 def _reason_for_none(problem: OptimalControlProblem) -> str:
@@ -135,10 +146,10 @@ class _Maker:
         )
         initial = ca.Function("initial", first, [start])
         scales = self._row_scales()
-        path = [c for c in problem.path_constraints if c.name != STATE_BOUNDS]
+        path = problem.stated
         ends = problem.terminal_constraints
         low, high = problem.state_limits
-        room = problem.path_tolerance * self._scale
+        room = self._room(scales)
         return Statement(
             time=self._time,
             states=self._states,
@@ -158,39 +169,72 @@ class _Maker:
         )
 
     def _row_scales(self) -> dict[int, Array]:
-        """Return the sizes of the rows of each constraint, by its id."""
+        """Return the sizes of the rows of each constraint, by its id.
+
+        They are those that answers are verified by; the core has as many constraints.
+        """
         problem = self._problem
         every = [*problem.path_constraints, *problem.terminal_constraints]
-        if len(every) != len(self._sizes.rows[: len(every)]):
-            return {}
         return {id(c): rows for c, rows in zip(every, self._sizes.rows, strict=False)}
+
+    def _room(self, scales: dict[int, Array]) -> Array:
+        """Return by how much an answer may be beyond the bounds of the states."""
+        problem = self._problem
+        room = problem.path_tolerance * self._scale
+        for one in problem.path_constraints[len(problem.stated) :]:
+            room[problem.bounded_states] = problem.path_tolerance * scales[id(one)]
+        return room
 
     def _at_most_zero(
         self, constraints: Iterable[Constraint], scales: dict[int, Array]
     ) -> Iterator[ca.SX]:
         """Yield the rows of constraints, widened by the tolerance of answers.
 
+        Answers are verified by the rows themselves: the smooth ones may have a margin.
         Rows that depend on the controls are left out: more is admissible then, and the
         bound no higher.
         """
         free = ca.vertcat(self._problem.model.controls, self._problem.previous)
         for constraint in constraints:
-            # As stated: the smooth form of an NLP may have a margin.
             rows = constraint.rows(constraint.expression)
-            sizes = scales.get(id(constraint), known_scales(constraint))
+            widths = self._problem.path_tolerance * scales[id(constraint)]
             for i in range(rows.values.numel()):
                 value = rows.values[i]
                 if free.numel() and ca.depends_on(value, free):
                     continue
-                limits = np.abs([rows.lower[i], rows.upper[i]])
-                largest = float(limits[np.isfinite(limits)].max(initial=1.0))
-                size = float(sizes[i]) if np.isfinite(sizes[i]) else largest
-                width = self._problem.path_tolerance * size
-                number = self._numbers(value)
-                if np.isfinite(rows.upper[i]):
-                    yield number - float(rows.upper[i] + width)
-                if np.isfinite(rows.lower[i]):
-                    yield float(rows.lower[i] - width) - number
+                lower, upper = rows.lower[i] - widths[i], rows.upper[i] + widths[i]
+                yield from _between(self._numbers(value), lower, upper)
+
+
+def _between(number: ca.SX, lower: float, upper: float) -> Iterator[ca.SX]:
+    """Yield what is at most 0 where a number is between limits.
+
+    A distance is compared by its square, which is smooth at 0 too.
+    """
+    if number.is_op(ca.OP_SQRT):
+        lower = lower**2 if lower > 0 else -np.inf
+        # Nothing is nearer than 0: an upper limit below stays one that none keeps.
+        upper = upper**2 if upper >= 0 else upper
+        number = number.dep(0)
+    if np.isfinite(upper):
+        yield number - float(upper)
+    if np.isfinite(lower):
+        yield float(lower) - number
+
+
+def _starts_outside(statement: Statement) -> bool:
+    """Return whether the start breaks a bound of the states or a path constraint.
+
+    An answer may then break it until it keeps it for the first time.
+    """
+    low, high = statement.state_box
+    x0 = statement.x0
+    if not ((low <= x0) & (x0 <= high)).all():
+        return True
+    column = ca.densify(ca.vertcat(ca.SX(0, 1), *statement.path))
+    path = ca.Function("path", [statement.point], [column])
+    values = np.array(path(np.concatenate([[0.0], x0])))
+    return not bool((values <= 0).all())
 
 
 def affine_form(statement: Statement) -> Affine | None:
@@ -201,6 +245,8 @@ def affine_form(statement: Statement) -> Affine | None:
     """
     u, f, L = statement.controls, statement.rate, statement.stage
     zero = ca.SX.zeros(u.shape)
+    if _has_kinks(ca.vertcat(f, L), u):
+        return None
     columns = ca.jacobian(f, u)
     slope = ca.gradient(L, u) if u.numel() else ca.SX(0, 1)
     bend = ca.jacobian(slope, u)
@@ -221,6 +267,30 @@ def affine_form(statement: Statement) -> Affine | None:
         linear=c,
         quadratic=diagonal / 2,
     )
+
+
+def _has_kinks(column: ca.SX, u: ca.SX) -> bool:
+    """Return whether a kink or a jump depends on the controls.
+
+    Derivatives say nothing of these: that of |u| does not depend on u.
+    """
+    function = ca.Function("column", [u, *_others(column, u)], [ca.densify(column)])
+    tape = expanded_tape(function)
+    moved: list[bool] = []
+    for node in tape.nodes:
+        if node.operation in ("input", "constant"):
+            moved.append(node.operation == "input" and node.arguments[0] == 0)
+            continue
+        moved.append(any(moved[a] for a in node.arguments))
+        if moved[-1] and node.operation not in _SMOOTH:
+            return True
+    return False
+
+
+def _others(column: ca.SX, u: ca.SX) -> list[ca.SX]:
+    """Return the symbols of an expression but those given."""
+    given = {one.element_hash() for one in ca.symvar(u)}
+    return [one for one in ca.symvar(column) if one.element_hash() not in given]
 
 
 def _is_number(expression: ca.SX) -> bool:
