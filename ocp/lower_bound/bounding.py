@@ -34,7 +34,7 @@ from swarmstart.ocp.lower_bound.stating import (
     NoBoundError,
     statement_of,
 )
-from swarmstart.ocp.lower_bound.tube import NoTubeError, tube_of
+from swarmstart.ocp.lower_bound.tubes.tube import NoTubeError, tube_of
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 from swarmstart.ocp.status import SolutionStatus

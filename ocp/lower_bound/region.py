@@ -13,13 +13,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lower_bound import tube_set as tubes
 from swarmstart.ocp.lower_bound.basis import Basis, Box, packed
 from swarmstart.ocp.lower_bound.evidence import Polynomial, Pruning, Tube
 from swarmstart.ocp.lower_bound.hamiltonian import Margin
 from swarmstart.ocp.lower_bound.proving import halved
 from swarmstart.ocp.lower_bound.statement import Statement
 from swarmstart.ocp.lower_bound.taylor_form import PADDING
+from swarmstart.ocp.lower_bound.tubes import tube_set as tubes
 from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from swarmstart.ocp.lower_bound.region import Region
 from swarmstart.ocp.lower_bound.stage import Stage
 from swarmstart.ocp.lower_bound.stating import affine_form, statement_of
 from swarmstart.ocp.lower_bound.subsolution import Forms, Search, Setting, worth
-from swarmstart.ocp.lower_bound.tube import tube_of
+from swarmstart.ocp.lower_bound.tubes.tube import tube_of
 from swarmstart.ocp.separation import disc
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 from swarmstart.tests.ocp.lower_bound.known_optimum import Symbols, stated

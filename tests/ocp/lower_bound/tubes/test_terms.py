@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from swarmstart.ocp.lower_bound.terms import terms_of
+from swarmstart.ocp.lower_bound.tubes.terms import terms_of
 from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
 
 x = ca.SX.sym("x", 3)

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.evidence import Tube
 from swarmstart.ocp.lower_bound.statement import Statement
-from swarmstart.ocp.lower_bound.tube import tube_of
-from swarmstart.ocp.lower_bound.tube_set import (
+from swarmstart.ocp.lower_bound.tubes.tube import tube_of
+from swarmstart.ocp.lower_bound.tubes.tube_set import (
     box_over,
     inside,
     levels_over,

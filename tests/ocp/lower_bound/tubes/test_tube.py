@@ -13,8 +13,8 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from swarmstart.ocp.lower_bound.evidence import Tube
 from swarmstart.ocp.lower_bound.statement import Statement
-from swarmstart.ocp.lower_bound.tube import NoTubeError, tube_of
-from swarmstart.ocp.lower_bound.tube_set import inside
+from swarmstart.ocp.lower_bound.tubes.tube import NoTubeError, tube_of
+from swarmstart.ocp.lower_bound.tubes.tube_set import inside
 from swarmstart.tests.ocp.lower_bound.statements import (
     double_integrator,
     pendulum,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.kernel import ieee_kernel
-from swarmstart.ocp.lower_bound.support import PAD
+from swarmstart.ocp.lower_bound.tubes.support import PAD
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -18,8 +18,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lower_bound.motion import Cells, Motion, rates_over
-from swarmstart.ocp.lower_bound.support import (
+from swarmstart.ocp.lower_bound.tubes.motion import Cells, Motion, rates_over
+from swarmstart.ocp.lower_bound.tubes.support import (
     PAD,
     DualVertices,
     dual_vertices,

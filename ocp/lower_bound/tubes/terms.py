@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lower_bound.support import PAD
+from swarmstart.ocp.lower_bound.tubes.support import PAD
 from swarmstart.tape import OPERATIONS, Node, Tape
 from swarmstart.terminal_set.intervals import expanded_tape
 

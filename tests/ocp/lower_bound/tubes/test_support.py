@@ -7,9 +7,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from swarmstart.ocp.lower_bound.faces import template_of
-from swarmstart.ocp.lower_bound.support import dual_vertices, dual_vertices_on_faces
-from swarmstart.ocp.lower_bound.tube import _directions
+from swarmstart.ocp.lower_bound.tubes.faces import template_of
+from swarmstart.ocp.lower_bound.tubes.support import (
+    dual_vertices,
+    dual_vertices_on_faces,
+)
+from swarmstart.ocp.lower_bound.tubes.tube import _directions
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lower_bound.faces import template_of
-from swarmstart.ocp.lower_bound.motion import Cells, motion_of, rates_over
 from swarmstart.ocp.lower_bound.statement import Statement
-from swarmstart.ocp.lower_bound.tube import _directions
+from swarmstart.ocp.lower_bound.tubes.faces import template_of
+from swarmstart.ocp.lower_bound.tubes.motion import Cells, motion_of, rates_over
+from swarmstart.ocp.lower_bound.tubes.tube import _directions
 from swarmstart.tests.ocp.lower_bound.statements import (
     pushed,
     rates,

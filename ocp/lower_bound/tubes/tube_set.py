@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from swarmstart.ocp.lower_bound.evidence import Tube
-from swarmstart.ocp.lower_bound.support import PAD
-from swarmstart.ocp.lower_bound.tube_kernel import mark_outside
+from swarmstart.ocp.lower_bound.tubes.support import PAD
+from swarmstart.ocp.lower_bound.tubes.tube_kernel import mark_outside
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

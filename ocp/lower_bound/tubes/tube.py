@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp.lower_bound.evidence import Tube
-from swarmstart.ocp.lower_bound.faces import Template, rates_at_faces, template_of
-from swarmstart.ocp.lower_bound.motion import Motion, motion_of
 from swarmstart.ocp.lower_bound.statement import Statement
-from swarmstart.ocp.lower_bound.support import PAD
+from swarmstart.ocp.lower_bound.tubes.faces import Template, rates_at_faces, template_of
+from swarmstart.ocp.lower_bound.tubes.motion import Motion, motion_of
+from swarmstart.ocp.lower_bound.tubes.support import PAD
 from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
 
 Array = NDArray[np.float64]

@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.statement import Statement
-from swarmstart.ocp.lower_bound.support import PAD
-from swarmstart.ocp.lower_bound.terms import terms_of
+from swarmstart.ocp.lower_bound.tubes.support import PAD
+from swarmstart.ocp.lower_bound.tubes.terms import terms_of
 from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
 from swarmstart.terminal_set.smoothness import Kinks
 

@@ -1,0 +1,1 @@
+"""Moving polytopes that hold every admissible trajectory."""
