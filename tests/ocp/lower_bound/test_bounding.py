@@ -32,9 +32,15 @@ OPTIMUM = np.tanh(1.0)
 
 def test_a_regulator_s_bound_is_near_its_optimum_and_checked(tmp_path: Path) -> None:
     known = regulator()
-    bound = lower_bound(known.problem, known.x0, answer=1.02 * OPTIMUM, seconds=1.5)
+    bound = lower_bound(
+        known.problem,
+        known.x0,
+        answer=1.02 * OPTIMUM,
+        seconds=60.0,
+        progress=stop_after(6),
+    )
     assert bound.kind is BoundKind.PROVEN
-    assert 0.99 * OPTIMUM <= bound.value <= OPTIMUM
+    assert 0.97 * OPTIMUM <= bound.value <= OPTIMUM
     assert bound.evidence is not None
     assert bound.evidence.bound == bound.value
     assert bound.evidence.prunings
@@ -51,7 +57,7 @@ def test_a_maximised_worth_is_bounded_from_above() -> None:
     )
     optimum = 3 - OPTIMUM
     bound = lower_bound(
-        problem, [1.0], answer=0.95 * optimum, seconds=6.0, progress=stop_after(2)
+        problem, [1.0], answer=0.95 * optimum, seconds=60.0, progress=stop_after(2)
     )
     assert bound.kind is BoundKind.PROVEN and bound.sense == -1
     assert optimum <= bound.value <= 1.1 * optimum
@@ -70,7 +76,7 @@ def test_the_trivial_bound_counts_the_horizon_that_is_least(rate: float) -> None
 def test_a_cost_that_is_too_low_makes_no_bound_above_it() -> None:
     known = regulator()
     low = 0.5 * OPTIMUM
-    bound = lower_bound(known.problem, known.x0, answer=low, seconds=1.0)
+    bound = lower_bound(known.problem, known.x0, answer=low, seconds=60.0)
     assert bound.kind is BoundKind.PROVEN
     assert 0.9 * low <= bound.value <= low * (1 + 1e-5)
 

@@ -124,7 +124,7 @@ def test_a_bound_does_not_cross_a_known_optimum(name: str) -> None:
     # With the optimum as the answer a bound that is too high would be cut to that.
     bound = lower_bound(
         known.problem, known.x0, known=known.known, answer=a_little_worse(known),
-        seconds=6.0, progress=stop_after(4),
+        seconds=60.0, progress=stop_after(2),
     )  # fmt: skip
     assert not crossing(known, bound)
 
