@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from swarmstart.benchmarks.lower_bounds.problems import NAMED
 from swarmstart.ocp import solve
-from swarmstart.ocp.lower_bound.basis import Box
+from swarmstart.ocp.lower_bound.basis import values_of
 from swarmstart.ocp.lower_bound.bounding import lower_bound
 from swarmstart.ocp.lower_bound.evidence import Evidence
-from swarmstart.ocp.lower_bound.region import basis_of
 
 Array = NDArray[np.float64]
 PAGE = Path(__file__).parents[2] / "docs" / "lower_bounds.png"
@@ -38,8 +37,7 @@ def values(evidence: Evidence, times: Array, states: Array) -> Array:
     """
     V = evidence.final.polynomial
     points = np.vstack([times, states / evidence.statement.sizes[:, None]])
-    basis = basis_of(V)
-    return np.asarray(basis.values(Box(V.middle, V.half), points) @ V.coefficients)
+    return values_of(V, points)
 
 
 def main() -> None:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
-from swarmstart.ocp.lower_bound.basis import Box
+from swarmstart.ocp.lower_bound.basis import values_of
 from swarmstart.ocp.lower_bound.evidence import Evidence, Pruning, Step, Tube
-from swarmstart.ocp.lower_bound.region import Region, basis_of
+from swarmstart.ocp.lower_bound.region import Region
 from swarmstart.ocp.lower_bound.stage import Stage
 from swarmstart.ocp.lower_bound.statement import Statement
 from swarmstart.ocp.lower_bound.stating import affine_form
@@ -105,9 +105,7 @@ class Ascent:
         stage = Stage(self.statement, affine)
         self._region = Region(self.statement, self.tube)
         self._setting = Setting(self.statement, affine, stage, self._size(stage))
-        self._began = clock.perf_counter()
         self._prunings: list[Pruning] = []
-        self.shares: list[float] = []
         self._cuts: dict[str, Cuts] = {}
         self._boxes = 0
         known = self.goal + ABOVE * abs(self.goal)
@@ -225,7 +223,6 @@ class Ascent:
             sample = self._region.sampled(self.rng, 8000)
             region = self._region.pruned(pruning, self._known)
             share = float(region.inside(sample).mean()) if sample.size else 1.0
-            self.shares.append(share)
             if share > USELESS or not region.paving[0].size:
                 return
             self._region = region
@@ -244,10 +241,7 @@ class Ascent:
         def needed(points: Array) -> Array:
             if go is None:
                 return np.full(points.shape[1], self._known)
-            V = go.polynomial
-            basis = basis_of(V)
-            values = basis.values(Box(V.middle, V.half), points) @ V.coefficients
-            return np.asarray(self._known - values)
+            return np.asarray(self._known - values_of(go.polynomial, points))
 
         return needed
 

@@ -164,11 +164,14 @@ def packed(polynomial: Polynomial) -> Array:
     return np.concatenate([polynomial.middle, polynomial.half, polynomial.coefficients])
 
 
-def shifted(basis: Basis, box: Box, latest: float) -> tuple[Array, Array]:
-    """Return the coefficients of 1 and of t - latest, each (size,)."""
-    one, time = np.zeros(basis.size), np.zeros(basis.size)
-    axis = np.eye(basis.variables, dtype=np.int64)[0]
-    at = int(np.flatnonzero((basis.exponents == axis).all(axis=1))[0])
-    one[0] = 1.0
-    time[at], time[0] = box.half[0], box.middle[0] - latest
-    return one, time
+def basis_of(polynomial: Polynomial) -> Basis:
+    """Return the basis that a polynomial is written in."""
+    exponents = polynomial.exponents
+    return Basis(exponents.shape[1], int(exponents.sum(axis=1).max()))
+
+
+def values_of(polynomial: Polynomial, points: Array) -> Array:
+    """Return a polynomial's values at points (variables, N), shape (N,), in floats."""
+    box = Box(polynomial.middle, polynomial.half)
+    values = basis_of(polynomial).values(box, points)
+    return np.asarray(values @ polynomial.coefficients)

@@ -109,7 +109,7 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
         statement = statement_of(problem, x0, known)
     except NoBoundError as error:
         return _none(str(error), problem.sense)
-    cost = _cost_of(problem, x0, known, answer, seconds, seed)
+    cost = _cost_of(problem, x0, known, answer, seed)
     # Small matrices: threads of BLAS wait for each other, and for all else that runs.
     with threadpool_limits(limits=1, user_api="blas"):
         found = _bounded(
@@ -127,7 +127,6 @@ def _cost_of(
     x0: ArrayLike,
     known: Known,
     answer: Answered | float | None,
-    seconds: float,
     seed: int,
 ) -> float:
     """Return the cost to compare with, as the problem states it; NaN if there is none.

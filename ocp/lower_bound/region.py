@@ -6,6 +6,7 @@ prunings leave those that cost less than what is known.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,14 +14,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lower_bound.basis import Basis, Box, packed
+from swarmstart.ocp.lower_bound.basis import Box, basis_of, packed, values_of
 from swarmstart.ocp.lower_bound.evidence import Polynomial, Pruning, Tube
 from swarmstart.ocp.lower_bound.hamiltonian import Margin
 from swarmstart.ocp.lower_bound.proving import halved
 from swarmstart.ocp.lower_bound.statement import Statement
 from swarmstart.ocp.lower_bound.taylor_form import PADDING
 from swarmstart.ocp.lower_bound.tubes import tube_set as tubes
-from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
+from swarmstart.terminal_set.intervals import interval_function
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,7 +65,7 @@ class Region:
         out |= tubes.outside(self.tube, lower, upper)
         tests = [one.excludes for one in self.filters]
         if self.statement.path:
-            tests.insert(0, self._breaks_path)
+            tests.insert(0, self._path.broken)
         for test in tests:
             left = np.flatnonzero(~out)
             if left.size:
@@ -79,7 +80,7 @@ class Region:
         within &= tubes.inside(self.tube, points)
         tests = [one.keeps for one in self.filters]
         if self.statement.path:
-            tests.insert(0, self._keeps_path)
+            tests.insert(0, self._path.kept)
         for test in tests:
             left = np.flatnonzero(within)
             if left.size:
@@ -87,17 +88,8 @@ class Region:
         return within
 
     @cached_property
-    def _path(self) -> tuple[ca.Function, IntervalEvaluation]:
-        column = ca.densify(ca.vertcat(*self.statement.path))
-        function = ca.Function("path", [self.statement.point], [column])
-        return function, interval_function(function)
-
-    def _breaks_path(self, lower: Array, upper: Array) -> Mask:
-        least, _ = self._path[1](lower, upper)
-        return np.asarray((least > 0).any(axis=0))
-
-    def _keeps_path(self, points: Array) -> Mask:
-        return np.asarray((np.array(self._path[0](points)) <= 0).all(axis=0))
+    def _path(self) -> Rows:
+        return Rows(self.statement.path, self.statement.point)
 
     @cached_property
     def paving(self) -> tuple[Array, Array]:
@@ -177,36 +169,51 @@ class Region:
         return within
 
 
+class Rows:
+    """Expressions that are to be at most 0, over boxes and at points."""
+
+    def __init__(self, expressions: Sequence[ca.SX], point: ca.SX) -> None:
+        """Compile them; there is at least one."""
+        self.column = ca.densify(ca.vertcat(*expressions))
+        self._function = ca.Function("rows", [point], [self.column])
+        self._intervals = interval_function(self._function)
+
+    def broken(self, lower: Array, upper: Array) -> Mask:
+        """Return in which boxes a row is surely above 0 everywhere, shape (m,)."""
+        least, _ = self._intervals(lower, upper)
+        return np.asarray((least > 0).any(axis=0))
+
+    def kept(self, points: Array) -> Mask:
+        """Return at which points all rows are at most 0, shape (N,)."""
+        return np.asarray((np.array(self._function(points)) <= 0).all(axis=0))
+
+
 class EndSet:
     """The points (T, x) that terminal constraints and horizon allow."""
 
     def __init__(self, statement: Statement) -> None:
         """Compile the constraints."""
         self._statement = statement
-        self._function: ca.Function | None = None
+        self._rows: Rows | None = None
         self._linear: list[tuple[int, float, float]] = []
         if statement.ends:
-            column = ca.densify(ca.vertcat(*statement.ends))
-            point = statement.point
-            self._function = ca.Function("ends", [point], [column])
-            self._intervals = interval_function(self._function)
-            self._linear = _of_one_coordinate(column, point)
+            self._rows = Rows(statement.ends, statement.point)
+            self._linear = _of_one_coordinate(self._rows.column, statement.point)
 
     def outside(self, lower: Array, upper: Array) -> Mask:
         """Return which boxes have surely no such point, shape (m,)."""
         earliest, latest = self._statement.horizon
         out = (upper[0] < earliest) | (lower[0] > latest)
-        if self._function is not None:
-            least, _ = self._intervals(lower, upper)
-            out |= (least > 0).any(axis=0)
+        if self._rows is not None:
+            out |= self._rows.broken(lower, upper)
         return np.asarray(out)
 
     def inside(self, points: Array) -> Mask:
         """Return which points are such, shape (N,)."""
         earliest, latest = self._statement.horizon
         within = (points[0] >= earliest) & (points[0] <= latest)
-        if self._function is not None:
-            within &= (np.array(self._function(points)) <= 0).all(axis=0)
+        if self._rows is not None:
+            within &= self._rows.kept(points)
         return np.asarray(within)
 
     def narrowed(self, lower: Array, upper: Array) -> tuple[Array, Array]:
@@ -252,13 +259,13 @@ class Filter:
             known: The cost compared with.
         """
         come, go = pruning.come, pruning.go
-        self.pruning, self._known = pruning, known
-        self._bases = [basis_of(step.polynomial) for step in (come, go)]
-        sizes = [basis.parameters for basis in self._bases]
+        self._pruning = pruning
+        bases = [basis_of(step.polynomial) for step in (come, go)]
+        sizes = [basis.parameters for basis in bases]
         parameters = ca.SX.sym("parameters", sum(sizes) + 3)
         point = statement.point
-        C = self._bases[0].expression(point, parameters[: sizes[0], 0])
-        G = self._bases[1].expression(point, parameters[sizes[0] : sum(sizes), 0])
+        C = bases[0].expression(point, parameters[: sizes[0], 0])
+        G = bases[1].expression(point, parameters[sizes[0] : sum(sizes), 0])
         least, slope_come, slope_go = ca.vertsplit(parameters[sum(sizes) :, 0])
         latest = statement.horizon[1]
         through = least - C + G - slope_come * point[0] - slope_go * (latest - point[0])
@@ -279,23 +286,11 @@ class Filter:
 
     def keeps(self, points: Array) -> Mask:
         """Return which points are left, shape (N,); points: (1 + n, N)."""
-        C, G = (
-            basis.values(Box(one.middle, one.half), points) @ one.coefficients
-            for basis, one in zip(
-                self._bases,
-                (self.pruning.come.polynomial, self.pruning.go.polynomial),
-                strict=True,
-            )
-        )
+        C = values_of(self._pruning.come.polynomial, points)
+        G = values_of(self._pruning.go.polynomial, points)
         constant, come, go = self._parameters[-3:]
         through = constant - C + G - come * points[0] - go * (self._latest - points[0])
         return np.asarray(through <= 0)
-
-
-def basis_of(polynomial: Polynomial) -> Basis:
-    """Return the basis that a polynomial is written in."""
-    exponents = polynomial.exponents
-    return Basis(exponents.shape[1], int(exponents.sum(axis=1).max()))
 
 
 def value_interval(polynomial: Polynomial, point: Array) -> tuple[float, float]:

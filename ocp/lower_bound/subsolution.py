@@ -315,23 +315,19 @@ class Search:
         parameters = packed(polynomial)
         floor = self._proved_inside(parameters, w, room)
         points = self._thinned(floor.points, w)
-        ends, end_slack, boxes, proven = (
-            np.zeros((len(self.box.half), 0)),
-            None,
-            0,
-            True,
-        )
+        ends, end_slack = np.zeros((len(self.box.half), 0)), None
+        proven, boxes = floor.proven, floor.boxes
         if self._has_end:
             at_end = self._proved_at_end(parameters, w)
-            ends, boxes, proven = at_end.points[:, :500], at_end.boxes, at_end.proven
-            end_slack = at_end.slack
-        if not (floor.proven and proven):
+            ends, end_slack = at_end.points[:, :500], at_end.slack
+            proven, boxes = proven and at_end.proven, boxes + at_end.boxes
+        if not proven:
             return None, points, ends, False
         step = Step(
             polynomial=polynomial,
             slack=floor.slack,
             end_slack=end_slack,
-            boxes=floor.boxes + boxes,
+            boxes=boxes,
         )
         return step, points, ends, not points.size and not ends.size
 

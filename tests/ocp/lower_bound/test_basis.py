@@ -6,7 +6,7 @@ import pytest
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lower_bound.basis import Basis, Box, packed, shifted
+from swarmstart.ocp.lower_bound.basis import Basis, Box, packed
 
 Array = NDArray[np.float64]
 
@@ -87,15 +87,6 @@ def test_a_polynomial_keeps_its_coefficients_if_the_array_changes() -> None:
     polynomial, before = basis.polynomial(box, w), w.copy()
     w[:] = 0
     assert (polynomial.coefficients == before).all()
-
-
-def test_shifts_are_one_and_the_time_that_is_left() -> None:
-    basis = Basis(3, 2)
-    box, points, _ = drawn(3)
-    one, time = shifted(basis, box, 4.5)
-    values = basis.values(box, points)
-    assert values @ one == pytest.approx(np.ones(30))
-    assert values @ time == pytest.approx(points[0] - 4.5, abs=1e-12)
 
 
 def test_a_box_around_corners_has_them_at_one_and_no_side_of_zero() -> None:

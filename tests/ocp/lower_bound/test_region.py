@@ -121,12 +121,16 @@ def test_paving_and_end_boxes_cover_the_trajectories() -> None:
         [np.repeat(times, states.shape[2]), np.moveaxis(states, 1, 0).reshape(2, -1)]
     )
     low, high = (limit[:, None] for limit in region.statement.state_box)
-    path, _ = region._path
+    statement = region.statement
+    path, end = (
+        ca.Function("rows", [statement.point], [ca.vertcat(*rows)])
+        for rows in (statement.path, statement.ends)
+    )
     kept = ((points[1:] >= low) & (points[1:] <= high)).all(axis=0)
     kept &= (np.array(path(points)) <= 0).all(axis=0)
     assert 1000 < kept.sum() < kept.size
     assert in_some(region.paving, points[:, kept]).all()
-    ends = np.array(region._ends._function(points))  # type: ignore[misc]
+    ends = np.array(end(points))
     ended = kept & (ends <= 0).all(axis=0) & (points[0] >= 1.2)
     assert ended.sum() > 10
     assert in_some(region.end_boxes(), points[:, ended]).all()
