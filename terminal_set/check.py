@@ -14,32 +14,27 @@ the file cannot be read; 130 interrupted.
 
 from __future__ import annotations
 
-import argparse
-import contextlib
-import math
-import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 from swarmstart.terminal_set.checker.certificate_file import (
     Certificate,
     read_certificate,
 )
-from swarmstart.terminal_set.checker.deadline import Deadline, TimeIsUpError
-from swarmstart.terminal_set.checker.file_content import (
-    CertificateFileError,
-    DigestError,
+from swarmstart.terminal_set.checker.command import (
+    UNUSABLE,
+    checked,
+    complain,
+    parsed,
 )
+from swarmstart.terminal_set.checker.deadline import Deadline, TimeIsUpError
 from swarmstart.terminal_set.checker.findings import Finding, Verdict
-from swarmstart.terminal_set.checker.output import write_line
 
 if TYPE_CHECKING:
     from swarmstart.terminal_set.checker.decrease import Outcome
 
-PROVED, UNUSABLE, REFUSED, UNDECIDED, UNREADABLE, INTERRUPTED = 0, 2, 3, 4, 5, 130
 PRECISION = 64  # bits; what floats give, and a little for differences near 0
 
 
@@ -52,11 +47,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    options = _parser().parse_args(arguments)
+    options = parsed(
+        arguments,
+        program="python -m swarmstart.terminal_set.check",
+        description="Check a certificate of a terminal set.",
+    )
     try:
         import flint
     except ImportError:
-        _complain(
+        complain(
             "python-flint is needed to check a certificate: "
             "pip install 'swarmstart[test]'",
         )
@@ -64,45 +63,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     before = flint.ctx.prec
     flint.ctx.prec = PRECISION
     try:
-        return _check(options.file, options.seconds)
-    except KeyboardInterrupt:
-        _complain("interrupted")
-        return INTERRUPTED
-    except OSError as error:
-        _complain(f"the report cannot be written: {error.strerror}")
-        if sys.stdout is not None:
-            # What is left in its buffer must not fail again when the process ends.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return UNREADABLE
+        return checked(
+            options,
+            read=read_certificate,
+            judged=lambda certificate: findings(certificate, seconds=options.seconds),
+            said=lambda _: "everything labelled proven was proven again",
+        )
     finally:
         flint.ctx.prec = before
-
-
-def _check(file: Path, seconds: float) -> int:
-    try:
-        certificate = read_certificate(file)
-    except OSError as error:
-        _complain(f"{file} cannot be read: {error.strerror}")
-        return UNREADABLE
-    except CertificateFileError as error:
-        _complain(f"{file} cannot be used: {error}")
-        return UNUSABLE
-    except DigestError as error:
-        write_line(sys.stdout, f"refused: {error}")
-        write_line(sys.stdout, "verdict: refused")
-        return REFUSED
-    verdicts = set()
-    for finding in findings(certificate, seconds=seconds):
-        verdicts.add(finding.verdict)
-        write_line(sys.stdout, f"{finding.verdict.value}: {finding.text}")
-    if Verdict.REFUSED in verdicts:
-        write_line(sys.stdout, "verdict: refused")
-        return REFUSED
-    if Verdict.UNDECIDED in verdicts:
-        write_line(sys.stdout, f"verdict: undecided within {seconds:g} s")
-        return UNDECIDED
-    write_line(sys.stdout, "verdict: everything labelled proven was proven again")
-    return PROVED
 
 
 def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
@@ -182,42 +150,6 @@ def _judged(outcome: Outcome, text: str, start: float) -> Finding:
         e = ", ".join(f"{entry:.6g}" for entry in outcome.counterexample)
         return Finding(Verdict.REFUSED, f"it is false that {text}: e = ({e})")
     return Finding(Verdict.UNDECIDED, f"{text} ({effort}; {outcome.remark})")
-
-
-def _complain(text: str) -> None:
-    with contextlib.suppress(OSError):
-        write_line(sys.stderr, text)
-
-
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0.0 < seconds < math.inf:
-        raise argparse.ArgumentTypeError(f"must be above 0, got {text}")
-    return seconds
-
-
-class _Parser(argparse.ArgumentParser):
-    """A parser that escapes what it quotes, such as the name of a second file."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print usage and message, and exit."""
-        self.print_usage(sys.stderr)
-        _complain(f"{self.prog}: error: {message}")
-        raise SystemExit(UNUSABLE)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog="python -m swarmstart.terminal_set.check",
-        description="Check a certificate of a terminal set.",
-        epilog="exit codes: 0 proven again, 2 unusable, 3 refused, 4 undecided, "
-        "5 unreadable",
-    )
-    parser.add_argument("file", type=Path, help="the certificate (JSON)")
-    parser.add_argument(
-        "--seconds", type=_seconds, default=600.0, help="time for all of it [600]"
-    )
-    return parser
 
 
 if __name__ == "__main__":

@@ -1,0 +1,136 @@
+"""The command that checks a certificate: its options, its lines, its exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import NoReturn, TypeVar
+
+from swarmstart.terminal_set.checker.file_content import (
+    CertificateFileError,
+    DigestError,
+)
+from swarmstart.terminal_set.checker.findings import Finding, Verdict
+from swarmstart.terminal_set.checker.output import write_line
+
+PROVED, UNUSABLE, REFUSED, UNDECIDED, UNREADABLE, INTERRUPTED = 0, 2, 3, 4, 5, 130
+
+T = TypeVar("T")
+
+
+def parsed(
+    arguments: Sequence[str] | None, *, program: str, description: str
+) -> argparse.Namespace:
+    """Return the options: `file` and `seconds`.
+
+    Args:
+        arguments: Of the command line; None: those of the process.
+        program: How the command is called.
+        description: What it does.
+
+    Raises:
+        SystemExit: With UNUSABLE, if they are not such.
+    """
+    parser = _Parser(
+        prog=program,
+        description=description,
+        epilog="exit codes: 0 proven again, 2 unusable, 3 refused, 4 undecided, "
+        "5 unreadable",
+    )
+    parser.add_argument("file", type=Path, help="the certificate (JSON)")
+    parser.add_argument(
+        "--seconds", type=_seconds, default=600.0, help="time for all of it [600]"
+    )
+    return parser.parse_args(arguments)
+
+
+def checked(
+    options: argparse.Namespace,
+    *,
+    read: Callable[[Path], T],
+    judged: Callable[[T], Iterable[Finding]],
+    said: Callable[[T], str],
+) -> int:
+    """Check one file, print a line a statement and a verdict.
+
+    Args:
+        options: Of `parsed`.
+        read: Reads a file.
+        judged: A certificate -> its findings, within the seconds.
+        said: A certificate -> the verdict, if all of it was proven again.
+
+    Returns:
+        The exit code.
+    """
+    try:
+        return _checked(options, read, judged, said)
+    except KeyboardInterrupt:
+        complain("interrupted")
+        return INTERRUPTED
+    except OSError as error:
+        complain(f"the report cannot be written: {error.strerror}")
+        if sys.stdout is not None:
+            # What is left in its buffer must not fail again when the process ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return UNREADABLE
+
+
+def _checked(
+    options: argparse.Namespace,
+    read: Callable[[Path], T],
+    judged: Callable[[T], Iterable[Finding]],
+    said: Callable[[T], str],
+) -> int:
+    file = options.file
+    try:
+        certificate = read(file)
+    except OSError as error:
+        complain(f"{file} cannot be read: {error.strerror}")
+        return UNREADABLE
+    except CertificateFileError as error:
+        complain(f"{file} cannot be used: {error}")
+        return UNUSABLE
+    except DigestError as error:
+        write_line(sys.stdout, f"refused: {error}")
+        write_line(sys.stdout, "verdict: refused")
+        return REFUSED
+    verdicts = set()
+    for finding in judged(certificate):
+        verdicts.add(finding.verdict)
+        write_line(sys.stdout, f"{finding.verdict.value}: {finding.text}")
+    if Verdict.REFUSED in verdicts:
+        write_line(sys.stdout, "verdict: refused")
+        return REFUSED
+    if Verdict.UNDECIDED in verdicts:
+        write_line(sys.stdout, f"verdict: undecided within {options.seconds:g} s")
+        return UNDECIDED
+    write_line(sys.stdout, f"verdict: {said(certificate)}")
+    return PROVED
+
+
+def complain(text: str) -> None:
+    """Print a line on stderr, if that is possible."""
+    with contextlib.suppress(OSError):
+        write_line(sys.stderr, text)
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"must be above 0, got {text}")
+    return seconds
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that escapes what it quotes, such as the name of a second file."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print usage and message, and exit."""
+        self.print_usage(sys.stderr)
+        complain(f"{self.prog}: error: {message}")
+        raise SystemExit(UNUSABLE)
