@@ -1,6 +1,6 @@
 """Own searches beside those of the package minionpy on CEC 2017, at small budgets.
 
-    python benchmarks/cec2017.py [--write docs/search_2017.md] [--seeds 2]
+    python benchmarks/cec2017.py [--write docs/measured/search_2017.md] [--seeds 2]
 
 The 29 functions that the competition kept (without F2), in 10 and 30 variables. An
 error is the least value within the budget less the optimum's, at least 1e-8; once as
@@ -209,7 +209,7 @@ leads with few evaluations (after the descent clearly at 2,000 in 30 variables),
 20,000 in 10; ARRDE is level with L-SHADE. What is left of all this on planning
 problems: [lane_searches.md](lane_searches.md).
 
-Made by `python benchmarks/cec2017.py --write docs/search_2017.md` (`pip install
+Made by `python benchmarks/cec2017.py --write docs/measured/search_2017.md` (`pip install
 minionpy`), {seeds} seeds of each of the 29 functions, every search with its defaults.
 An error is the least value within the budget above the optimum's. The descent from
 there is L-BFGS-B with at most 50 iterations, gradients by differences, not counted.

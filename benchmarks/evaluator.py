@@ -1,7 +1,7 @@
 """Speed of evaluating populations: ours against CasADi and others, in one run.
 
-    python benchmarks/evaluator.py --write docs/evaluator_speed.md \
-        --plot docs/evaluator_speed.png
+    python benchmarks/evaluator.py --write docs/measured/evaluator_speed.md \
+        --plot docs/measured/evaluator_speed.png
 
 Every contestant's values are compared with those of CasADi's map before it is timed.
 """

@@ -1,7 +1,7 @@
 """Time of the first use: with an empty cache and home, and again with them filled.
 
 Each command runs in a copy of the package without bytecode, with HOME and
-XDG_CACHE_HOME in a new folder. Prints the table of docs/first_minute.md:
+XDG_CACHE_HOME in a new folder. Prints the table of docs/measured/first_minute.md:
 
     python benchmarks/first_minute.py [--repeats 3]
 

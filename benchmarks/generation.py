@@ -1,6 +1,6 @@
 """Cost of a generation without the objective, against drawing its random numbers.
 
-python benchmarks/generation.py [--short] [--write docs/generation_speed.md]
+python benchmarks/generation.py [--short] [--write docs/measured/generation_speed.md]
 """
 
 import ctypes

@@ -1,6 +1,6 @@
 """Costs of the shipped problems with their constraints kept along the whole path.
 
-    python benchmarks/kept_values.py [--write docs/kept_values.json] [PROBLEM ...]
+    python benchmarks/kept_values.py [--write docs/measured/kept_values.json] [PROBLEM ...]
 
 The cheapest answer of some seeds at the problem's own checks is solved again with 2, 4,
 8, ... times as many, on the same control intervals, until a path on which nothing is
@@ -48,7 +48,7 @@ PROBLEMS = (
     "lynx_and_hares",
     "two_stage_launch",
 )
-VALUES = Path(__file__).parent.parent / "docs" / "kept_values.json"
+VALUES = Path(__file__).parent.parent / "docs" / "measured" / "kept_values.json"
 BROKEN = 1e-6
 """In parts of a row's scale; a margin is left to keep it."""
 MOST = 16

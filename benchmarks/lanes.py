@@ -1,6 +1,6 @@
 """Local solves in lanes against IPOPT from the same starts, in one run.
 
-    python benchmarks/lanes.py [--write docs/lanes.md] [--plot docs/lanes.png]
+    python benchmarks/lanes.py [--write docs/measured/lanes.md] [--plot docs/measured/lanes.png]
         [--starts 256] [--solves 24] [--only NAME]
 
 Seconds are those of the process, so that what else the machine does counts for little;
@@ -43,9 +43,9 @@ SAME = 1e-4
 ITERATIONS = 500
 TEXT = """# Local solves in lanes
 
-Made by `python benchmarks/lanes.py --write docs/lanes.md --plot docs/lanes.png`. Each
+Made by `python benchmarks/lanes.py --write docs/measured/lanes.md --plot docs/measured/lanes.png`. Each
 problem is solved from the same smooth random starts
-([answers](answers.md#many-starts)), all at once in lanes on one core, and a few of them
+([answers](../answers.md#many-starts)), all at once in lanes on one core, and a few of them
 one after the other by IPOPT, at most 500 iterations each: on the faster of two NLPs,
 with the interval's functions mapped over the intervals, or with all of them expanded.
 Seconds are those of the process. "Sweeps" are second-order, "slopes" gradients, for

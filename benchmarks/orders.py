@@ -1,6 +1,6 @@
 """Choice of the order: all of them on constrained problems of CEC 2006.
 
-    python benchmarks/orders.py --seeds 25 --write docs/orders.md
+    python benchmarks/orders.py --seeds 25 --write docs/measured/orders.md
 
 Every order with the same searches, evaluations and seeds. A run is solved if its answer
 violates by at most 1e-6 and lies within 1e-4 of the best known cost, relative where
@@ -244,7 +244,7 @@ def _units(groups: Groups) -> list[str]:
 
 _HEAD = """# Which order to take
 
-Made by `python benchmarks/orders.py --write docs/orders.md`. Problems of CEC 2006 in
+Made by `python benchmarks/orders.py --write docs/measured/orders.md`. Problems of CEC 2006 in
 pygmo's version, {seeds} paired seeds; the first table of each pair has inequality
 constraints only, the second one equality constraints, met up to 1e-4. The violation is
 the plain sum of what the constraints are violated by. The cells are: how many of the

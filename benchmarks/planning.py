@@ -1,6 +1,6 @@
 """Choice of the search: all of them on planning problems, before and after the polish.
 
-    python benchmarks/planning.py --seeds 15 --write docs/planning.md
+    python benchmarks/planning.py --seeds 15 --write docs/measured/planning.md
 
 Every search has its default settings and the same seeds; only the best point of each is
 polished, by IPOPT on multiple shooting. Points are compared as a static penalty does,

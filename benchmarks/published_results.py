@@ -108,7 +108,7 @@ parameter (CR 0.8 for 0.9 moves the median by 4 %); the first table would.""",
 
 HEAD = """# Published results
 
-Made by `python benchmarks/published_results.py --write docs/published_results.md`: what
+Made by `python benchmarks/published_results.py --write docs/measured/published_results.md`: what
 the searches need to solve test problems, beside what papers and other implementations
 report.
 

@@ -1,6 +1,6 @@
 """Whole searches against those of SciPy, pygmo and IPOPT, as ratios from one run.
 
-python benchmarks/search.py [--short] [--write docs/search_speed.md]
+python benchmarks/search.py [--short] [--write docs/measured/search_speed.md]
 """
 
 import multiprocessing

@@ -1,6 +1,6 @@
 """What a table costs in machine code, against CasADi's interpolants through its map.
 
-python benchmarks/table_speed.py [--short] [--write docs/table_speed.md]
+python benchmarks/table_speed.py [--short] [--write docs/measured/table_speed.md]
 """
 
 import sys
@@ -177,7 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 _HEAD = f"""# How fast tables are evaluated
 
-Made by `python benchmarks/table_speed.py --write docs/table_speed.md`. One thread,
+Made by `python benchmarks/table_speed.py --write docs/measured/table_speed.md`. One thread,
 {POPULATION} individuals, times for one of them; the three contestants of a row have the
 same points and take turns of some 10 ms, numbers are medians. Ratios of one run can be
 compared, nanoseconds of different runs cannot. Before they are timed their values are

@@ -1,6 +1,6 @@
 """Proven and refuted levels: their distance, the time they take, samples between them.
 
-    python benchmarks/terminal_sets.py --write docs/terminal_set_proofs.md
+    python benchmarks/terminal_sets.py --write docs/measured/terminal_set_proofs.md
 
 Each system is certified; then states are drawn from the certified set, half of them
 from its edge, and simulated by another integrator. The exit code is 3 if one of them

@@ -23,7 +23,7 @@ violations v_g of the last generation evaluated:
 
     epsilon = max(tolerance, min(v_0 (1 - p / p_c)^c, quantile_q(v_g)))
 
-What that changes is measured in docs/orders.md.
+What that changes is measured in docs/measured/orders.md.
 
 An individual whose cost or violation is not finite ranks last under every order.
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
 
 ROOT = Path(__file__).parents[2]
-README, NOTED = ROOT / "README.md", ROOT / "docs" / "claims.json"
+README, NOTED = ROOT / "README.md", ROOT / "docs" / "chapter" / "claims.json"
 CLAIMS, FIGURES = 25, 8
 SOME = (8, 9, 18, 19, 24)
 """Claims of each kind of scenario and a computed one, in the time of `make test`."""

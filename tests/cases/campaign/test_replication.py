@@ -29,7 +29,7 @@ from swarmstart.cases.format.scenario import read_document, resolve, shipped
 
 CLAIMS = 25
 WHOLE = chapter()
-NOTED = Path(__file__).parents[3] / "docs" / "claims.json"
+NOTED = Path(__file__).parents[3] / "docs" / "chapter" / "claims.json"
 
 
 def claim(number: int) -> ChapterClaim:
@@ -299,7 +299,7 @@ def test_a_cell_is_the_same_whoever_plans_it() -> None:
 
 
 def as_noted(part: PlannedPart, told: dict[str, Any]) -> dict[str, Outcome]:
-    """Return the outcomes of a part's cells as docs/claims.json notes them."""
+    """Return the outcomes of a part's cells as docs/chapter/claims.json notes them."""
     rows = told["pairs"] or [[value] for value in told["values"]]
     return {
         cell.key: Outcome(

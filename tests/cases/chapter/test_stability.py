@@ -27,7 +27,7 @@ from swarmstart.ocp import InvalidProblemError, Plan, Source, fly
 from swarmstart.tests.cases.kinds.flights import build
 
 Array = NDArray[np.float64]
-PAGE = Path(swarmstart.__file__).parent / "docs" / "stability.md"
+PAGE = Path(swarmstart.__file__).parent / "docs" / "chapter" / "stability.md"
 
 ONE = [1.0, 1.0, 1.0, 1.0]
 POSITION_ONLY = [0.0, 0.0, 1.0, 1.0]

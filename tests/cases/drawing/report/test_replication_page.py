@@ -205,7 +205,7 @@ def test_other_content_is_one_message(wrong: dict[str, Any], folder: Path) -> No
 
 
 def test_content_without_figures_or_runs_is_a_page(tmp_path: Path) -> None:
-    """As docs/claims.json was written before figures were in it."""
+    """As docs/chapter/claims.json was written before figures were in it."""
     whole = content([claim(1, part("a"))], [])
     del whole["figures"]
     html = replication_page(whole, tmp_path)
