@@ -1,6 +1,7 @@
 """Answers of `solve` on every shipped problem, and how long they take, measured.
 
-    python benchmarks/answers.py [--write docs/measured/answers_measured.md] [--only NAME]
+    python benchmarks/answers.py [--write docs/measured/answers_measured.md]
+        [--only NAME]
         [--seeds 20] [--lanes N] [--short] [--out results/answers]
 
 Every run is a line of OUT/runs.jsonl; what is there is not done again, so a measurement
@@ -45,16 +46,17 @@ LONGEST, TIMES_COLD = 5.0, 3.0
 """A solve is to end within so many seconds, or so many cold ones."""
 TEXT = """# Answers, measured
 
-Made by `python benchmarks/answers.py --write docs/measured/answers_measured.md`: `solve` with
-its defaults{lanes}, from several seeds, on every shipped problem. Seconds are those of
-the process on all cores, whole calls with what posing, verifying and loading machine
-code takes, but for the first call of a process, which makes or loads it ("code"); by
-the clock in brackets. "Cold" is IPOPT alone from zero controls, a whole call, too.
+Made by `python benchmarks/answers.py --write docs/measured/answers_measured.md`:
+`solve` with its defaults{lanes}, from several seeds, on every shipped problem. Seconds
+are those of the process on all cores, whole calls with what posing, verifying and
+loading machine code takes, but for the first call of a process, which makes or loads it
+("code"); by the clock in brackets. "Cold" is IPOPT alone from zero controls, a whole
+call, too.
 
 - A seed hits if its answer is feasible and costs at most 1e-4 more, relative, than the
-  best that is known at the problem's checks (`docs/measured/kept_values.json`); "along the path"
-  the same of confirmed answers with the constraints kept along it, with `repair=True`
-  where a seed's answer breaks one.
+  best that is known at the problem's checks (`docs/measured/kept_values.json`); "along
+  the path" the same of confirmed answers with the constraints kept along it, with
+  `repair=True` where a seed's answer breaks one.
 - "Worse" is the number of seeds whose answer costs more, by 1e-6 of it, than IPOPT from
   zero controls, from the middle of the bounds (where that is not zero), from the guess
   that the problem's file states, or from the best of the starts that the account of

@@ -209,12 +209,12 @@ leads with few evaluations (after the descent clearly at 2,000 in 30 variables),
 20,000 in 10; ARRDE is level with L-SHADE. What is left of all this on planning
 problems: [lane_searches.md](lane_searches.md).
 
-Made by `python benchmarks/cec2017.py --write docs/measured/search_2017.md` (`pip install
-minionpy`), {seeds} seeds of each of the 29 functions, every search with its defaults.
-An error is the least value within the budget above the optimum's. The descent from
-there is L-BFGS-B with at most 50 iterations, gradients by differences, not counted.
-Ranks are among these six, 1 is best; differences below 0.6 are ties. None is nearer: by
-more than 1e-4 of the error.
+Made by `python benchmarks/cec2017.py --write docs/measured/search_2017.md` (`pip
+install minionpy`), {seeds} seeds of each of the 29 functions, every search with its
+defaults. An error is the least value within the budget above the optimum's. The descent
+from there is L-BFGS-B with at most 50 iterations, gradients by differences, not
+counted. Ranks are among these six, 1 is best; differences below 0.6 are ties. None is
+nearer: by more than 1e-4 of the error.
 
 """
 

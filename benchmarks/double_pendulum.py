@@ -22,10 +22,10 @@ START, PEER = 105.126, 101.379
 ROUNDED = 1 + 1e-4
 TEXT = """# The double pendulum
 
-Made by `python benchmarks/double_pendulum.py --write docs/measured/double_pendulum.md`; each run
-is `swarmstart run double_pendulum --seed N`. The bar was written, as claims of the
-problem, before it was measured: upright the rods amplify an error a billionfold, there
-are many local optima, and none is known to be the least.
+Made by `python benchmarks/double_pendulum.py --write docs/measured/double_pendulum.md`;
+each run is `swarmstart run double_pendulum --seed N`. The bar was written, as claims of
+the problem, before it was measured: upright the rods amplify an error a billionfold,
+there are many local optima, and none is known to be the least.
 
 """
 

@@ -148,9 +148,9 @@ def _table(flights: Sequence[Flown]) -> list[str]:
 
 _HEAD = """# A hundred UAVs that plan one after the other
 
-Made by `python benchmarks/formation_100.py --write docs/measured/formation_100.md`, seed 0, 60
-steps of 0.5 s. A neighbour of a UAV is another whose plan comes within range of its
-own. The time of a step is that of all UAVs, one after the other on one core: its
+Made by `python benchmarks/formation_100.py --write docs/measured/formation_100.md`,
+seed 0, 60 steps of 0.5 s. A neighbour of a UAV is another whose plan comes within range
+of its own. The time of a step is that of all UAVs, one after the other on one core: its
 median. The smallest distance is that of the whole path, between the plant's steps too;
 5 m are asked.
 

@@ -1,6 +1,7 @@
 """Costs of the shipped problems with their constraints kept along the whole path.
 
-    python benchmarks/kept_values.py [--write docs/measured/kept_values.json] [PROBLEM ...]
+    python benchmarks/kept_values.py [--write docs/measured/kept_values.json]
+        [PROBLEM ...]
 
 The cheapest answer of some seeds at the problem's own checks is solved again with 2, 4,
 8, ... times as many, on the same control intervals, until a path on which nothing is

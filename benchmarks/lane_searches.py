@@ -1,6 +1,7 @@
 """Searches with and without local solves in lanes, after the polish.
 
-    python benchmarks/lane_searches.py [--write docs/measured/lane_searches.md] [--seeds 10]
+    python benchmarks/lane_searches.py [--write docs/measured/lane_searches.md]
+        [--seeds 10]
 
 Seconds are those of the process, so that what else the machine does counts for little;
 machine code is loaded before.
@@ -179,10 +180,10 @@ by equal evaluations the memetic form hits the best optimum as often as the defa
 costs more time; the multistart needs more evaluations for the same hits, and is the one
 that says what else there is. Neither is the default.
 
-Made by `python benchmarks/lane_searches.py --write docs/measured/lane_searches.md`. Each search
-is followed by IPOPT from its best point, and from three more basins where more than the
-controls is decided or lanes are used. A hit is feasible, and within 1e-4 of the least
-cost that any run found. Evaluations (median) count local solves as
+Made by `python benchmarks/lane_searches.py --write docs/measured/lane_searches.md`.
+Each search is followed by IPOPT from its best point, and from three more basins where
+more than the controls is decided or lanes are used. A hit is feasible, and within 1e-4
+of the least cost that any run found. Evaluations (median) count local solves as
 [heuristics.md](../heuristics.md#local-solves) says, and IPOPT's; a batch that has begun
 ends, whatever the budget, so that a multistart with 2,000 evaluations solves one or two
 starts. Seconds are means of the process, with machine code loaded, taken while other

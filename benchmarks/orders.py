@@ -244,15 +244,16 @@ def _units(groups: Groups) -> list[str]:
 
 _HEAD = """# Which order to take
 
-Made by `python benchmarks/orders.py --write docs/measured/orders.md`. Problems of CEC 2006 in
-pygmo's version, {seeds} paired seeds; the first table of each pair has inequality
-constraints only, the second one equality constraints, met up to 1e-4. The violation is
-the plain sum of what the constraints are violated by. The cells are: how many of the
-{seeds} answers are feasible (violation at most 1e-6); how many are solved (feasible,
-and within 1e-4 of the best known cost, relative where that is above 1); and the median
-gap (- where most are infeasible). (+) and (-): better or worse than feasibility first,
-by Wilcoxon's signed-rank test on the paired seeds, solved runs taken as equal,
-corrected by Holm over the orders of a column, at 5 %; no mark: no difference shown.
+Made by `python benchmarks/orders.py --write docs/measured/orders.md`. Problems of CEC
+2006 in pygmo's version, {seeds} paired seeds; the first table of each pair has
+inequality constraints only, the second one equality constraints, met up to 1e-4. The
+violation is the plain sum of what the constraints are violated by. The cells are: how
+many of the {seeds} answers are feasible (violation at most 1e-6); how many are solved
+(feasible, and within 1e-4 of the best known cost, relative where that is above 1); and
+the median gap (- where most are infeasible). (+) and (-): better or worse than
+feasibility first, by Wilcoxon's signed-rank test on the paired seeds, solved runs taken
+as equal, corrected by Holm over the orders of a column, at 5 %; no mark: no difference
+shown.
 
 **The default** of `minimize` is the adaptive epsilon level. On the problems with
 inequality constraints no difference from feasibility first is shown in any column; with

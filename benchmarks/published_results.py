@@ -108,9 +108,9 @@ parameter (CR 0.8 for 0.9 moves the median by 4 %); the first table would.""",
 
 HEAD = """# Published results
 
-Made by `python benchmarks/published_results.py --write docs/measured/published_results.md`: what
-the searches need to solve test problems, beside what papers and other implementations
-report.
+Made by `python benchmarks/published_results.py --write
+docs/measured/published_results.md`: what the searches need to solve test problems,
+beside what papers and other implementations report.
 
 What is counted: evaluations of single individuals, the first population included. Storn
 and Price count to the individual that hits; everywhere else whole generations count, as

@@ -38,10 +38,11 @@ WITHIN = 1e-4
 """Of a value, relative."""
 TEXT = """# The shipped problems
 
-Made by `python benchmarks/shipped_problems.py --write docs/measured/shipped_problems.md`; each
-run is `swarmstart run PROBLEM --seed N`. A seed counts if the answer is confirmed and
-claims 1a and 1b hold: the value on the grid, within 1e-4 on both sides. The gap is that
-to the value without a grid, relative to it; claim 2a states how large it may be.
+Made by `python benchmarks/shipped_problems.py --write
+docs/measured/shipped_problems.md`; each run is `swarmstart run PROBLEM --seed N`. A
+seed counts if the answer is confirmed and claims 1a and 1b hold: the value on the grid,
+within 1e-4 on both sides. The gap is that to the value without a grid, relative to it;
+claim 2a states how large it may be.
 
 - Pendulum: no value is published. It is compared with its own on 400 intervals.
 - Pendulum on a cart: the value on 20 intervals is that of CasADi's Opti with the same
@@ -82,10 +83,10 @@ TWO_VALUES = """
 Constraints are asked for at checks. The path between them may break them, by so much of
 their scale; then the defaults solve again with a margin, and, if the margin costs, with
 more checks in its place. Both values are those of `python benchmarks/kept_values.py
---write docs/measured/kept_values.json`, on the same grid of controls, with margins and checks of
-its own: nothing of `repair` decides where it ends. A seed counts if its cost is within
-1e-4. Where less is broken than `path_tolerance`, nothing is repaired, and the runs are
-the same. The gap with doubled intervals is that of one seed.
+--write docs/measured/kept_values.json`, on the same grid of controls, with margins and
+checks of its own: nothing of `repair` decides where it ends. A seed counts if its cost
+is within 1e-4. Where less is broken than `path_tolerance`, nothing is repaired, and the
+runs are the same. The gap with doubled intervals is that of one seed.
 
 The supersonic climb misses it. A path counts as kept up to 1e-4 of a scale; of its
 height that is 6.9 ft below the ground, of which the least time uses 4.2 as it starts.

@@ -1,6 +1,7 @@
 """A stirred tank in closed loop, beside do-mpc: cost, temperature, time of a step.
 
-    python benchmarks/stirred_tank.py [--steps 50] [--write docs/measured/stirred_tank.md]
+    python benchmarks/stirred_tank.py [--steps 50]
+        [--write docs/measured/stirred_tank.md]
 
 Controllers decide in turns, A B A B, each on a plant of its own that is integrated
 finely. do-mpc is not needed: without it the columns that it fills are left out.
@@ -268,12 +269,12 @@ def _hottest(found: Measured, name: str) -> float:
 
 
 _TEXT = """\
-Made by `python benchmarks/stirred_tank.py --write docs/measured/stirred_tank.md`, with do-mpc
-installed. The problem and do-mpc's settings are those of its documentation, "Continuous
-stirred tank reactor": 20 intervals of 18 s, `rterm` F 0.1 and Q_dot 1e-3 of scaled
-controls, Radau collocation of degree 2, the bound of T_R soft with the penalty 100;
-`n_robust` 0, or 1 with nine scenarios. Both take the controls before the flight as F 5,
-Q_dot 0.
+Made by `python benchmarks/stirred_tank.py --write docs/measured/stirred_tank.md`, with
+do-mpc installed. The problem and do-mpc's settings are those of its documentation,
+"Continuous stirred tank reactor": 20 intervals of 18 s, `rterm` F 0.1 and Q_dot 1e-3 of
+scaled controls, Radau collocation of degree 2, the bound of T_R soft with the penalty
+100; `n_robust` 0, or 1 with nine scenarios. Both take the controls before the flight as
+F 5, Q_dot 0.
 
 Ours: one step of RK4 an interval, which the finer path confirms (its cost differs by
 3e-4), `previous=` for the changes of the controls, IPOPT from the last plan shifted.

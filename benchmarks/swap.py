@@ -211,9 +211,9 @@ the straight lines, from the straight lines themselves, and from these with a mi
 of noise: at this size a search gains nothing over such a start. With a metre of noise
 it ends there in 6 of 10 and in 3 of 5 cases, after more iterations.
 
-Made by `python benchmarks/swap.py --write docs/measured/swap.md`; seeds from 0, cost lowest /
-median / highest of the feasible ones, seconds the median of one start. A deterministic
-start is tried once.
+Made by `python benchmarks/swap.py --write docs/measured/swap.md`; seeds from 0, cost
+lowest / median / highest of the feasible ones, seconds the median of one start. A
+deterministic start is tried once.
 
 """
 

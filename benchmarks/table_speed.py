@@ -177,14 +177,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 _HEAD = f"""# How fast tables are evaluated
 
-Made by `python benchmarks/table_speed.py --write docs/measured/table_speed.md`. One thread,
-{POPULATION} individuals, times for one of them; the three contestants of a row have the
-same points and take turns of some 10 ms, numbers are medians. Ratios of one run can be
-compared, nanoseconds of different runs cannot. Before they are timed their values are
-compared. "map" is `casadi.interpolant` in an SX function, evaluated by CasADi's map;
-"read" the same function in machine code, the interpolant read from its serialisation;
-`table` is `swarmstart.table`. From Python, as everybody's calls are. A rollout takes
-four substeps of RK4 an interval, so some 800 evaluations of the table.
+Made by `python benchmarks/table_speed.py --write docs/measured/table_speed.md`. One
+thread, {POPULATION} individuals, times for one of them; the three contestants of a row
+have the same points and take turns of some 10 ms, numbers are medians. Ratios of one
+run can be compared, nanoseconds of different runs cannot. Before they are timed their
+values are compared. "map" is `casadi.interpolant` in an SX function, evaluated by
+CasADi's map; "read" the same function in machine code, the interpolant read from its
+serialisation; `table` is `swarmstart.table`. From Python, as everybody's calls are. A
+rollout takes four substeps of RK4 an interval, so some 800 evaluations of the table.
 
 """
 

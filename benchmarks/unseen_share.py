@@ -1,6 +1,7 @@
 """How often the account's interval holds the share of optima that were not seen.
 
-    python benchmarks/unseen_share.py [--write docs/measured/unseen_share.md] [--only NAME]
+    python benchmarks/unseen_share.py [--write docs/measured/unseen_share.md]
+        [--only NAME]
         [--lanes 2000] [--draws 400] [--keep FOLDER]
 
 Each problem is solved once from 2,000 random starts. From these, 400 times, some are
@@ -47,11 +48,11 @@ HELD = 0.9
 """Part of the draws whose interval is to hold the share."""
 TEXT = """# The share of optima not seen
 
-Made by `python benchmarks/unseen_share.py --write docs/measured/unseen_share.md`. The account of
-[many starts](../answers.md#many-starts) states up to which share of such starts, solved in
-the same way, end in an optimum that none of them found. Here each problem is solved
-from {lanes:,} starts; {draws} times some of them are drawn without replacement, and the
-account of a draw, with its own distinct optima, is compared with
+Made by `python benchmarks/unseen_share.py --write docs/measured/unseen_share.md`. The
+account of [many starts](../answers.md#many-starts) states up to which share of such
+starts, solved in the same way, end in an optimum that none of them found. Here each
+problem is solved from {lanes:,} starts; {draws} times some of them are drawn without
+replacement, and the account of a draw, with its own distinct optima, is compared with
 
 - the share of all {lanes:,} that ended in an optimum which no start of the draw found,
   by the distinct optima of all {lanes:,};

@@ -2,9 +2,10 @@
 
 L-SHADE; below 400 evaluations, in which its population cannot shrink any more, the
 chaotic swarm with c1 = c2 = 1.496, its lengths taken from the box. Measured on this
-project's own planning problems: docs/measured/planning.md, made by benchmarks/planning.py. Half
-of the budget for L-SHADE and half for CMA-ES from its best, or CMA-ES alone, has no
-advantage after the polish: docs/measured/search_2017.md, docs/measured/lane_searches.md.
+project's own planning problems: docs/measured/planning.md, made by
+benchmarks/planning.py. Half of the budget for L-SHADE and half for CMA-ES from its
+best, or CMA-ES alone, has no advantage after the polish: docs/measured/search_2017.md,
+docs/measured/lane_searches.md.
 
 The adaptive epsilon level: feasibility first as soon as a tenth of a generation is
 feasible. Measured on constrained problems of CEC 2006: docs/measured/orders.md, made by

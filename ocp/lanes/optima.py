@@ -13,8 +13,8 @@ be, at 95 %, is the largest with
     (n U - n1)^2 <= 1.645^2 (n U (1 - U) + 2 n2)
 
 and at least 3 / n: the score interval (Wilson 1927), which unlike n1 + 1.96 sd does not
-shrink where few were found once. Measured in docs/measured/unseen_share.md. It speaks of these
-starts and this way of solving only, never of all optima.
+shrink where few were found once. Measured in docs/measured/unseen_share.md. It speaks
+of these starts and this way of solving only, never of all optima.
 """
 
 import math
