@@ -8,7 +8,7 @@ INSTALL := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check
 
 TESTS := $(VENV)/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
-.PHONY: run test test-long clean
+.PHONY: run test test-long lint docs clean
 
 run: $(INSTALLED)
 	$(VENV)/bin/swarmstart run formation_v
@@ -18,6 +18,17 @@ test: $(INSTALLED_TO_TEST)
 
 test-long: $(INSTALLED_TO_TEST)
 	$(TESTS) -m long
+
+lint: $(INSTALLED_TO_TEST)
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/codespell
+	cd .dev && ../$(VENV)/bin/lint-imports --config ../pyproject.toml
+	$(VENV)/bin/mypy
+
+docs: $(INSTALLED_TO_TEST)
+	$(VENV)/bin/python -m sphinx -q -W --keep-going -j auto -b html docs build/site
+	@echo "open build/site/index.html"
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('swarmstart needs Python 3.11 or newer; found ' + sys.version.split()[0] + '. Try: make PYTHON=python3.11')"
