@@ -8,7 +8,7 @@ import swarmstart
 
 project = "swarmstart"
 author = "The swarmstart developers"
-copyright = "The swarmstart developers"  # noqa: A001  (Sphinx reads this name)
+copyright = "The swarmstart developers"
 release = version = swarmstart.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]

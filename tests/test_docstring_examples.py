@@ -15,7 +15,7 @@ RETURNED = frozenset(
     LowerBound Multistart OptimalityGap Plan PolishStatus Record Row Run SearchReport
     SearchResult Solution Source StartOutcome Step StopReason TerminalSet Trajectory
     WarmStartReport Certificate Progress Decision
-    """.split()  # noqa: SIM905
+    """.split()
 )
 """Names of what calls return; their pages describe attributes."""
 
