@@ -30,7 +30,11 @@ docs: $(INSTALLED_TO_TEST)
 	$(VENV)/bin/python -m sphinx -q -W --keep-going -j auto -b html docs build/site
 	@echo "open build/site/index.html"
 
-$(INSTALLED): pyproject.toml
+.dev/swarmstart:  # In a clone it is there; an unpacked release has no links.
+	mkdir -p .dev
+	ln -s .. .dev/swarmstart
+
+$(INSTALLED): pyproject.toml | .dev/swarmstart
 	$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('swarmstart needs Python 3.11 or newer; found ' + sys.version.split()[0] + '. Try: make PYTHON=python3.11')"
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) .

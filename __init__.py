@@ -194,7 +194,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         sampled_terminal_set as sampled_terminal_set,
     )
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _NAMES = {
     "swarmstart.cases.campaign.judging.comparison": "Row",
