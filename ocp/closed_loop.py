@@ -125,6 +125,24 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         InvalidProblemError: If x0 does not fit the plant, or intervals differ.
         DivergedError: If the plant leaves the finite numbers, or does not solve its
             algebraic equations.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=2,
+        ...     terminal_cost=x**2, bounds=ss.Bounds(controls=(-1, 1)),
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> controller = ss.RecedingHorizon(planner=planner)
+        >>> plant = ss.Plant(problem.model, dt=0.5, substeps=1)
+        >>> rng = np.random.default_rng(0)
+        >>> for step in ss.fly(plant, controller, [3.0], steps=3, rng=rng):
+        ...     print(step.number, step.state.round(3), step.decision.control.round(3))
+        0 [3.] [-1.]
+        1 [2.5] [-1.]
+        2 [2.] [-1.]
     """
     plant, state = _checked(plant, controller, x0)
     if previous is not None and previous.is_last:
@@ -232,6 +250,23 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
 
     Raises:
         InvalidProblemError: As in `fly`.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)), horizon=3.0,
+        ...     intervals=6, stage_cost=x[0] ** 2 + x[1] ** 2 + u**2,
+        ...     bounds=ss.Bounds(controls=(-1, 1)),
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> plant = ss.Plant(problem.model, dt=problem.dt, substeps=5)
+        >>> loop = ss.simulate(
+        ...     plant, ss.RecedingHorizon(planner=planner), [1.0, 0.0], steps=12, seed=0
+        ... )
+        >>> loop.states.shape, loop.controls.shape
+        ((2, 13), (1, 12))
     """
     rng = generator_of(rng, seed)
     flown: list[Step] = []

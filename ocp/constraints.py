@@ -101,6 +101,13 @@ class Bounds:
             None: found automatically.
         integer: Numbers or names of the controls that take whole numbers only; their
             bounds are whole, too.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> inf = float("inf")
+        >>> bounds = ss.Bounds(controls=(-1, 1), states=([0, -inf], [5, inf]))
+        >>> bounds.states
+        ([0, -inf], [5, inf])
     """
 
     controls: tuple[MovingLimit, MovingLimit] | None = None
@@ -153,6 +160,16 @@ class PathConstraint(_Limited):
         weight: Of the excess, at least 0: a number, shape (m,), or expressions of
             parameters and signals as an interval begins [cost / (s unit of the row)].
         quadratic_weight: Of its square, likewise. None of both: not soft.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> power = ss.PathConstraint(expression=x[1] * u, lower=-1.2, upper=1.2)
+        >>> power.is_soft
+        False
+        >>> ss.PathConstraint(expression=x[0], upper=3.0, weight=10.0).is_soft
+        True
     """
 
     expression: ca.SX
@@ -193,6 +210,15 @@ class TerminalConstraint(_Limited):
         scale: The excess is divided by it, a number or shape (m,); None: found
             automatically.
         name: Name in messages; empty: the expression.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x = ca.SX.sym("x", 2)
+        >>> at_rest = ss.TerminalConstraint(expression=x[1], name="rest")
+        >>> near = ss.TerminalConstraint(expression=x[0], lower=0.9, upper=1.1)
+        >>> print(at_rest.lower, near.upper)
+        [0.] [1.1]
     """
 
     expression: ca.SX

@@ -163,6 +163,21 @@ class RecedingHorizon:
         InvalidProblemError: If the end time is free and there is no period, or it may
             not become as short as that; or if the members of an ensemble share no
             control.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=x + u), horizon=2.0, intervals=4,
+        ...     stage_cost=x**2 + u**2, bounds=ss.Bounds(controls=(-2, 2)),
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> controller = ss.RecedingHorizon(planner=planner)
+        >>> plant = ss.Plant(problem.model, dt=controller.dt, substeps=4)
+        >>> loop = ss.simulate(plant, controller, [1.0], steps=8, seed=0)
+        >>> bool(abs(loop.states[0, -1]) < 0.1)
+        True
     """
 
     planner: Planner
@@ -459,6 +474,21 @@ class OpenLoop:
 
     Raises:
         InvalidProblemError: If members of an ensemble have controls of their own.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
+        ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-2, 2)), terminal=[(x, 1)],
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> controller = ss.OpenLoop(loop=ss.RecedingHorizon(planner=planner))
+        >>> plant = ss.Plant(problem.model, dt=0.25, substeps=2)
+        >>> run = ss.simulate(plant, controller, [0.0], steps=4, seed=0)
+        >>> print(run.states.round(4))
+        [[0.   0.25 0.5  0.75 1.  ]]
     """
 
     loop: RecedingHorizon

@@ -45,6 +45,25 @@ class DualMode:
         sets: The terminal set of each agent.
         targets: The moving reference of each agent.
         uncertified: Whether sets that are not proven in every part were accepted.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)), horizon=2.0,
+        ...     intervals=4, bounds=ss.Bounds(controls=(-1, 1)),
+        ... )
+        >>> near = ss.terminal_set_of(
+        ...     problem, at=[0, 0], weights=ss.Weights(Q=np.eye(2), R=np.eye(1)),
+        ...     rng=np.random.default_rng(0),
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> agent = ss.Agent(controller=ss.RecedingHorizon(planner=planner))
+        >>> team = ss.Team([agent], order=[0])
+        >>> dual = ss.DualMode(team, sets=[near], targets=[lambda time: np.zeros(2)])
+        >>> dual.inside(0.0, np.array([0.1, 0])), dual.inside(0.0, np.array([9.0, 0]))
+        (True, False)
     """
 
     def __init__(

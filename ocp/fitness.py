@@ -100,6 +100,20 @@ class Known(NamedTuple):
         time: At the start of the horizon [s].
         previous: Control of the interval before, shape (nu,); None: the nearest to zero
             that is allowed.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u, k = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("k")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=k * u, parameters=k), horizon=1.0,
+        ...     intervals=5, stage_cost=u**2, terminal=[(x, 1)],
+        ...     bounds=ss.Bounds(controls=(-2, 2)),
+        ... )
+        >>> known = ss.Known(parameters=[2.0])
+        >>> found = ss.solve(problem, [0.0], known=known, search=None, lanes=0, seed=0)
+        >>> round(found.cost, 4)
+        0.25
     """
 
     parameters: ArrayLike = ()
@@ -124,6 +138,20 @@ class Fitness:
         shooting: Its functions.
         arguments: Makes the arguments that all individuals share.
         backend: What evaluates populations.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
+        ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-2, 2)), terminal=[x - 1],
+        ... )
+        >>> fitness = ss.Fitness(problem, backend="casadi")
+        >>> objective = fitness.objective([0.0])
+        >>> cost, violation = objective(np.array([[0.0, 1.0]] * 4))
+        >>> print(cost, violation > 0)
+        [0. 1.] [ True False]
     """
 
     def __init__(

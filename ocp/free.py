@@ -29,6 +29,19 @@ class Free:
 
     Raises:
         InvalidProblemError: If the bounds cross, or the guess is not within them.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> fastest = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
+        ...     horizon=ss.Free(0.5, 5.0), intervals=10, stage_cost=1,
+        ...     bounds=ss.Bounds(controls=(-1, 1)), terminal=[(x[0], 1), (x[1], 0)],
+        ... )
+        >>> found = ss.solve(fastest, [0, 0], search=None, lanes=0, seed=0)
+        >>> round(found.decided["end time"], 3)
+        2.0
     """
 
     lower: float = -np.inf

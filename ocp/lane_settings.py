@@ -33,6 +33,20 @@ class Multistart:
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=1,
+        ...     terminal_cost=4 * (x**2 - 1) ** 2 - x / 2,
+        ...     bounds=ss.Bounds(controls=(-2, 2)),
+        ... )
+        >>> search = ss.Multistart(size=8, lanes=False)
+        >>> found = ss.solve(problem, [0.0], search=search, budget=150, lanes=0, seed=0)
+        >>> round(float(found.controls[0, 0]), 4)
+        1.0153
     """
 
     size: int = 64
@@ -61,6 +75,15 @@ class Memetic:
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> search = ss.SearchSettings(
+        ...     algorithm=ss.Memetic(members=4, share=0.3),
+        ...     budget=ss.Budget(evaluations=20_000),
+        ... )
+        >>> search.algorithm.share
+        0.3
     """
 
     size: int | None = None

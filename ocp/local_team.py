@@ -64,6 +64,14 @@ class LocalAgent:
 
     Raises:
         InvalidProblemError: If a number is not finite.
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> leader = ss.LocalAgent(parameters=[0], reference=lambda t: 15 * t[None, :])
+        >>> follower = ss.LocalAgent(parameters=[1.0], links=(0,))
+        >>> follower.links, follower.parameters
+        ((0,), array([1.]))
     """
 
     parameters: ArrayLike
@@ -93,6 +101,28 @@ class LocalTeam:
         order: Their numbers in the order in which they plan.
         range: Distance within which an agent sees others' plans [m].
         position: Rows of an agent's states that are its position.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u, gap = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("gap")
+        >>> followed, seen = ca.SX.sym("followed"), ca.SX.sym("seen")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u, parameters=gap), horizon=1.0,
+        ...     intervals=2, terminal_cost=(x - followed + gap) ** 2,
+        ...     bounds=ss.Bounds(controls=(-5, 5)), signals=ca.vertcat(followed, seen),
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> agents = [
+        ...     ss.LocalAgent(parameters=[0], reference=lambda t: np.ones((1, t.size))),
+        ...     ss.LocalAgent(parameters=[0.5]),
+        ... ]
+        >>> team = ss.LocalTeam(
+        ...     agents, planners={1: planner}, order=(0, 1), range=10.0, position=(0,)
+        ... )
+        >>> decision = team.decide(0.0, np.zeros(2), None, rng=np.random.default_rng(0))
+        >>> [round(float(plan.states[0, -1]), 3) for plan in decision.plans]
+        [1.0, 0.5]
     """
 
     def __init__(

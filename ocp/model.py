@@ -70,6 +70,19 @@ class Model:
     Raises:
         InvalidProblemError: Where shapes do not match, something that ought to be a
             symbol is an expression, or the right-hand side has a foreign symbol.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> model = ss.Model(
+        ...     states=x, controls=u, ode=ca.vertcat(x[1], u - ca.sin(x[0])),
+        ...     state_names=("angle", "rate"), control_names=("torque",),
+        ... )
+        >>> model
+        Model with states: angle, rate; controls: torque; parameters: none
+        >>> model.nx, model.nu
+        (2, 1)
     """
 
     states: ca.SX
@@ -282,6 +295,15 @@ def stack_models(models: Sequence[Model]) -> Model:
     Raises:
         InvalidProblemError: Without any model, or if one has algebraic equations that
             are not linear.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> cart = ss.Model(states=x, controls=u, ode=u)
+        >>> two = ss.stack_models([cart, cart])
+        >>> two.nx, two.nu
+        (2, 2)
     """
     if not models:
         raise InvalidProblemError("stack_models needs at least one model, got none")

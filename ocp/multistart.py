@@ -45,6 +45,21 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
         InvalidProblemError: If the planner has no polish, a control is unbounded or
             takes whole numbers, or the family does not fit the problem.
         PlanningInterrupted: On Ctrl-C after the first start, with the best so far.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=1,
+        ...     terminal_cost=4 * (x**2 - 1) ** 2 - x / 2,
+        ...     bounds=ss.Bounds(controls=(-2, 2)),
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> budget, rng = ss.Budget(evaluations=150), np.random.default_rng(0)
+        >>> plan = ss.multistart(planner, [0.0], budget=budget, rng=rng)
+        >>> round(float(plan.controls[0, 0]), 4)
+        1.0153
     """
     polish, tolerance = _polisher_of(planner), planner.problem.tolerance
     space = space_of(planner.fitness, family)

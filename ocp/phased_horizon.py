@@ -61,6 +61,18 @@ class PhasedHorizon:
         model: The plant's model: all states by their names, then time, phase, and time
             in the phase.
         parameters: Values of the known parameters by name.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> leg = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=0.5, intervals=4,
+        ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-4, 4)), terminal=[(x, 1)],
+        ... )
+        >>> loop = ss.phased_horizon([leg, leg], period=0.25, polish=ss.IpoptOptions())
+        >>> loop.dt, loop.model.state_names
+        (0.25, ('x', 'time', 'phase', 'time in the phase'))
     """
 
     stated: tuple[OptimalControlProblem, ...]

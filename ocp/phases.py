@@ -42,6 +42,18 @@ class Phases:
     Attributes:
         problem: The problem of all of them.
         first: Names of the states of the first phase.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> leg = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
+        ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-4, 4)), terminal=[(x, 1)],
+        ... )
+        >>> both = ss.phases([leg, leg])
+        >>> both.first, both.problem.intervals
+        (('x',), 8)
     """
 
     problem: OptimalControlProblem
@@ -87,6 +99,24 @@ def phases(
     Raises:
         InvalidProblemError: If a phase has what phases cannot have, or a state of a
             phase comes from nowhere.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> there = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
+        ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-4, 4)), terminal=[(x, 1)],
+        ... )
+        >>> back = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=0.5, intervals=4,
+        ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-4, 4)), terminal=[(x, 0)],
+        ... )
+        >>> both = ss.phases([there, back])
+        >>> x0 = both.start([0.0])
+        >>> found = ss.solve(both.problem, x0, search=None, lanes=0, seed=0)
+        >>> round(found.cost, 3)
+        3.0
     """
     _require(stated, linkages)
     union = _Union(stated)

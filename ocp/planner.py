@@ -130,6 +130,19 @@ class Planner:
         polisher: Its NLP solver, of the relaxed problem where controls take whole
             numbers; None without a polish.
         watch: Told what search and polish do, and may stop them.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=5,
+        ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-2, 2)), terminal=[(x, 1)],
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> plan = planner.plan([0.0], rng=np.random.default_rng(0))
+        >>> plan.feasible, round(plan.cost, 4)
+        (True, 1.0)
     """
 
     def __init__(  # noqa: PLR0913 - all that planning needs

@@ -34,6 +34,18 @@ class Plant:
         dt: Length of a control interval [s].
         substeps: Steps of the integrator in it.
         clock: Name of the state that is the time of a flight; empty: none is.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u, k = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("k")
+        >>> model = ss.Model(states=x, controls=u, ode=-k * x + u, parameters=k)
+        >>> plant = ss.Plant(
+        ...     model, dt=0.5, substeps=5, parameters=lambda t: np.full((1, t.size), 2)
+        ... )
+        >>> after = plant(np.array([1.0]), np.array([0.0]))
+        >>> after.shape, round(float(after[0, -1]), 4)
+        ((1, 5), 0.3679)
     """
 
     def __init__(  # noqa: PLR0913 - a model and what drives it
@@ -320,6 +332,16 @@ class SteppedPlant:
         substeps: 1.
         state_names: The object's, if it has any.
         control_names: The same.
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> class Tank:
+        ...     def step(self, x, u, dt):
+        ...         return x + dt * (u - 0.5 * x)
+        >>> plant = ss.SteppedPlant(Tank(), dt=0.1)
+        >>> plant(np.array([1.0]), np.array([0.0]))
+        array([[0.95]])
     """
 
     substeps = 1

@@ -54,6 +54,12 @@ class IpoptOptions:
         max_seconds: Wall time after which it stops [s]; None means no limit.
         options: Any other option of IPOPT by its own name, such as
             {"mu_strategy": "adaptive"}; it wins over what is set here.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> options = ss.IpoptOptions(max_iterations=50, max_seconds=2.0)
+        >>> options.settings(near=False)["ipopt.max_iter"]
+        50
     """
 
     max_iterations: int = 300
@@ -108,6 +114,11 @@ class NlpOptions:
     Attributes:
         plugin: Its name in CasADi.
         options: Options of the plug-in, as CasADi's `nlpsol` takes them.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> ss.NlpOptions(plugin="sqpmethod", options={"max_iter": 20}).plugin
+        'sqpmethod'
     """
 
     plugin: str

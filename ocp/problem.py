@@ -161,6 +161,18 @@ class OptimalControlProblem:
 
     Raises:
         InvalidProblemError: With the name, the value given and what is allowed.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
+        ...     horizon=2.0, intervals=10, stage_cost=u**2,
+        ...     bounds=ss.Bounds(controls=(-3, 3)), terminal=[(x[0], 1), (x[1], 0)],
+        ... )
+        >>> problem.dt, problem.decisions
+        (0.2, 10)
     """
 
     model: Model

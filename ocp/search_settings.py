@@ -58,6 +58,14 @@ class SearchSettings:
             there is a polish, only if "needed": if the polish from the earlier plan
             fails, or the problem has jumped; see warm_steps.py. Without a polish every
             plan is searched.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> search = ss.SearchSettings(
+        ...     algorithm=ss.LSHADE(), budget=ss.Budget(evaluations=5000), basins=2
+        ... )
+        >>> search.warm_start, search.when
+        ('one', 'needed')
     """
 
     algorithm: SearchAlgorithm

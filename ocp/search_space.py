@@ -82,6 +82,20 @@ class Start(NamedTuple):
             there are none.
         decided: What an earlier answer decides about the start of the core's states,
             by their names: a free end time, parameters.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u - x**3), horizon=1.0, intervals=5,
+        ...     stage_cost=x**2 + u**2, bounds=ss.Bounds(controls=(-1, 1)),
+        ... )
+        >>> line = np.linspace(2.0, 0.0, 6)[None, :]
+        >>> guess = ss.Start(controls=np.zeros((1, 5)), states=line)
+        >>> found = ss.solve(problem, [2.0], guess=guess, search=None, lanes=0, seed=0)
+        >>> found.status.name
+        'CONVERGED'
     """
 
     controls: Array
@@ -238,6 +252,21 @@ class TrajectoryFamily:
         box: The box of the coefficients.
         trajectory: (coefficients (dim,), x0 (nx,), parameters (np,)) -> states
             (nx, nodes) and controls (nu, nodes) at the problem's nodes.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u, c, x0 = (ca.SX.sym(name) for name in ("x", "u", "c", "x0"))
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
+        ...     stage_cost=(x - 1) ** 2 + u**2, bounds=ss.Bounds(controls=(-2, 2)),
+        ... )
+        >>> t = ca.DM(problem.times).T
+        >>> lines = ca.Function("lines", [c, x0, ca.SX(0, 1)], [x0 + c * t, c + 0 * t])
+        >>> box = ss.Box(lower=np.array([-2.0]), upper=np.array([2.0]))
+        >>> family = ss.TrajectoryFamily(box=box, trajectory=lines)
+        >>> [tuple(part.shape) for part in family.trajectory(0.5, 0.0, [])]
+        [(1, 5), (1, 5)]
     """
 
     box: Box

@@ -50,6 +50,15 @@ class Separation:
         measure: "excess" or "indicator" (1 for each check at or below the limit).
         scale: The excess is divided by it [m]; None: the distance.
         name: Name in messages; empty: the expression.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> first, second = ca.SX.sym("first", 2), ca.SX.sym("second", 2)
+        >>> apart = ss.Separation(relative=first - second, distance=5.0, margin=0.5)
+        >>> rows = apart.rows(ca.DM([3.0, 4.0]))
+        >>> float(rows.values), rows.lower
+        (5.0, array([5.]))
     """
 
     relative: ca.SX
@@ -111,6 +120,15 @@ class Connection:
         name: Name in messages; empty: the expression.
 
     Source: the chapter's (5.34).
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> leader, follower = ca.SX.sym("leader", 2), ca.SX.sym("follower", 2)
+        >>> link = ss.Connection(relative=leader - follower, distance=50.0)
+        >>> rows = link.rows(ca.DM([30.0, 40.0]))
+        >>> float(rows.values), rows.upper
+        (50.0, array([50.]))
     """
 
     relative: ca.SX
@@ -176,6 +194,14 @@ def disc(  # noqa: PLR0913 - the options of Separation
         measure: See Separation.
         scale: See Separation.
         name: See Separation.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> position = ca.SX.sym("position", 2)
+        >>> keep_out = ss.disc(position, centre=(2, 0.5), radius=0.8, along="segments")
+        >>> keep_out.distance, keep_out.along
+        (0.8, 'segments')
     """
     require_distance("radius", radius, margin, smooth_margin)
     position = as_symbolic_column("position", position)

@@ -111,6 +111,19 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             bound are no positive number.
         SolveInterrupted: On Ctrl-C, with the best answer so far; a plain
             KeyboardInterrupt if there is none yet.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
+        ...     horizon=1.0, intervals=10, stage_cost=u**2,
+        ...     bounds=ss.Bounds(controls=(-10, 10)), terminal=[(x[0], 1), (x[1], 0)],
+        ... )
+        >>> solution = ss.solve(problem, [0.0, 0.0], budget=500, lanes=0, seed=0)
+        >>> solution.status.name, round(solution.cost, 2)
+        ('CONVERGED', 12.12)
     """
     if not isinstance(problem, OptimalControlProblem):
         raise InvalidProblemError(

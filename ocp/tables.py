@@ -49,6 +49,17 @@ class Table:
     Raises:
         InvalidProblemError: If a shape does not fit, breakpoints do not increase, there
             are too few of them, a number is not finite, or a choice is unknown.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> density = ss.Table(
+        ...     breakpoints=([0, 5e3, 10e3],), values=[1.225, 0.736, 0.414], name="rho"
+        ... )
+        >>> height = ca.SX.sym("height")
+        >>> drag = 0.5 * density(height)
+        >>> round(float(density.at(2500.0)), 4)
+        0.9805
     """
 
     breakpoints: tuple[Array, ...]

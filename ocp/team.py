@@ -29,6 +29,21 @@ class Agent:
         controller: Its planner and reference.
         watches: Numbers of the agents whose plans it sees; each plans before it.
         shows: Rows of its own states that others see: its position.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u, other = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("other")
+        >>> model = ss.Model(states=x, controls=u, ode=u)
+        >>> problem = ss.OptimalControlProblem(
+        ...     model, horizon=1.0, intervals=2, terminal_cost=(x - other - 1) ** 2,
+        ...     bounds=ss.Bounds(controls=(-5, 5)), signals=other,
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> controller = ss.RecedingHorizon(planner=planner)
+        >>> follower = ss.Agent(controller=controller, watches=(1,), shows=(0,))
+        >>> follower.watches
+        (1,)
     """
 
     controller: RecedingHorizon
@@ -42,6 +57,26 @@ class Team:
     Attributes:
         agents: The agents, in the order of their states and controls.
         order: Their numbers in the order in which they plan.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u, other = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("other")
+        >>> def agent(cost, signals, watches):
+        ...     problem = ss.OptimalControlProblem(
+        ...         ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=2,
+        ...         terminal_cost=cost, signals=signals,
+        ...         bounds=ss.Bounds(controls=(-5, 5)),
+        ...     )
+        ...     planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        ...     controller = ss.RecedingHorizon(planner=planner)
+        ...     return ss.Agent(controller=controller, watches=watches, shows=(0,))
+        >>> leader = agent((x - 2) ** 2, ca.SX(0, 1), ())
+        >>> follower = agent((x - other + 1) ** 2, other, (0,))
+        >>> team = ss.Team([leader, follower], order=(0, 1))
+        >>> decision = team.decide(0.0, np.zeros(2), None, rng=np.random.default_rng(0))
+        >>> [round(float(plan.states[0, -1]), 3) for plan in decision.plans]
+        [2.0, 1.0]
     """
 
     def __init__(self, agents: Sequence[Agent], *, order: Sequence[int]) -> None:

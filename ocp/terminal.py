@@ -55,6 +55,21 @@ def terminal_set_of(
         InvalidProblemError: A shape is not the problem's.
         NotAnEquilibriumError: No input leaves the reference where it is.
         SwarmstartError: As `certified_terminal_set` says.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)), horizon=2.0,
+        ...     intervals=4, bounds=ss.Bounds(controls=(-1, 1)),
+        ... )
+        >>> weights = ss.Weights(Q=np.eye(2), R=np.eye(1))
+        >>> found = ss.terminal_set_of(
+        ...     problem, at=[0, 0], weights=weights, rng=np.random.default_rng(0)
+        ... )
+        >>> found.K.shape, found.alpha > 0
+        ((1, 2), True)
     """
     model = problem.model
     x_ref = _vector("at", at, model.nx)

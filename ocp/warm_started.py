@@ -111,6 +111,20 @@ class WarmStartedSolver:
 
     Attributes:
         report: What the last `solve` did; None before.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> opti = ca.Opti()
+        >>> x, u = opti.variable(1, 4), opti.variable(1, 3)
+        >>> opti.subject_to(x[1:].T == x[:3].T + u.T)
+        >>> opti.subject_to(x[0] == 0)
+        >>> opti.subject_to(opti.bounded(-1, u, 1))
+        >>> opti.minimize((x[3] ** 2 - 1) ** 2 + 0.1 * x[3])
+        >>> opti.solver("ipopt", {"ipopt.print_level": 0, "print_time": False})
+        >>> warm = ss.warm_start(opti, controls=[u], states=[x], budget=500)
+        >>> warm
+        WarmStartedSolver: 3 of 7 variables left, 0 of them states, 3 rows left
     """
 
     def __init__(

@@ -195,6 +195,15 @@ def compile_batch(
         InvalidProblemError: If the function has no argument, the backend or the
             precision is unknown, the threads are no positive whole number, or there is
             no gradient.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, p = ca.SX.sym("x", 2), ca.SX.sym("p")
+        >>> evaluate = ss.compile_batch(ca.Function("f", [x, p], [p * ca.sumsqr(x)]))
+        >>> population = np.array([[1.0, 2.0, 3.0], [0.0, 1.0, 4.0]])
+        >>> evaluate(population, [10.0])
+        array([[ 10.,  50., 250.]])
     """
     if function.n_in() == 0:
         raise InvalidProblemError(f"{function.name()} has no argument to vary")
