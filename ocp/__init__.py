@@ -1,4 +1,4 @@
-"""The optimal-control problem and everything done to one."""
+"""Optimal-control problems: statement, solution, verification and closed loop."""
 
 from swarmstart.ocp.algebraic import AlgebraicEquations
 from swarmstart.ocp.closed_loop import Step, Trajectory, collected, fly, simulate

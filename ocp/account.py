@@ -1,4 +1,4 @@
-"""Where an answer comes from, and what the other starts led to."""
+"""Origin of an answer, and the results of all other starts."""
 
 import math
 from dataclasses import asdict, dataclass, field
@@ -15,23 +15,23 @@ Origin = Literal[
     "the search",
     "guesses of states",
 ]
-"""Kinds of starts in their order: of equal answers that from the first kind counts."""
+"""Kinds of starts, in order: among equal answers, the one of the first kind counts."""
 
 SHOWN = 3
-"""Optima that a summary shows."""
+"""Number of optima that a summary shows."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tried:
-    """What a start led to.
+    """Result of one start.
 
     Attributes:
-        origin: Which start.
-        cost: Of the NLP solver's answer from it, which is minimised.
-        violation: Of that answer.
-        feasible: Whether that is within the problem's tolerance.
-        iterations: The solver's iterations.
-        evaluations: Of the objective, by the solver.
+        origin: The kind of start.
+        cost: Cost of the NLP solver's answer from this start; minimised.
+        violation: Violation of that answer.
+        feasible: Whether the violation is within the problem's tolerance.
+        iterations: Iterations of the solver.
+        evaluations: Evaluations of the objective by the solver.
         seconds: Wall time [s].
     """
 
@@ -46,15 +46,15 @@ class Tried:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Lanes:
-    """What many local solves at once found.
+    """Results of the local solves that ran in parallel lanes.
 
     Attributes:
-        starts: Number of starts, those of other origins among them.
+        starts: Number of starts, including those of other origins.
         method: "sweeps" or "slopes".
         optima: Distinct local optima, the cheapest first, with their counts.
-        unseen: Share of such starts that would end in an optimum not seen yet; of these
-            starts and this way of solving only, never of all optima. None: the starts
-            were chosen one after the other, and say nothing of others.
+        unseen: Estimated share of such starts that would end in an optimum not seen
+            yet. It holds for these starts and this solution method only, not for all
+            optima. None: the starts were not a random sample, so there is no estimate.
         iterations: Steps of all lanes together.
         seconds: Wall time [s].
     """
@@ -67,19 +67,19 @@ class Lanes:
     seconds: float = field(compare=False)
 
     def told(self, sense: float = 1.0) -> dict[str, Any]:
-        """Return all of it as JSON has it.
+        """Return all fields as a dictionary for JSON.
 
         Args:
-            sense: -1 where costs are gains.
+            sense: 1 for a minimised cost, -1 for a maximised one.
         """
         optima = [{"cost": sense * one.cost, "count": one.count} for one in self.optima]
         return asdict(self) | {"optima": optima}
 
     def line(self, sense: float = 1.0) -> str:
-        """Return it in a line.
+        """Return the result in one line.
 
         Args:
-            sense: -1 where costs are gains.
+            sense: 1 for a minimised cost, -1 for a maximised one.
         """
         shown = [f"{sense * one.cost:.7g} ({one.count})" for one in self.optima[:SHOWN]]
         more = len(self.optima) - SHOWN
@@ -93,11 +93,11 @@ class Lanes:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Effort:
-    """What a part of the way took.
+    """Effort of one part of the solution.
 
     Attributes:
-        evaluations: Of the problem.
-        seconds: Wall time without compiling [s].
+        evaluations: Evaluations of the problem.
+        seconds: Wall time without compilation [s].
     """
 
     evaluations: int
@@ -106,15 +106,15 @@ class Effort:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StartsAccount:
-    """All starts of an answer.
+    """Account of all starts that led to an answer.
 
     Attributes:
-        won: Where the answer comes from; of answers that are equal to 1e-6 the start
-            that came first.
-        tried: What the NLP solver made of the starts, in the order in which it did.
-        lanes: What the local solves found; None: there were none.
-        without_lanes: Why there were none; empty: there were.
-        search: What the search took; None: there was none.
+        won: The kind of start that the answer comes from. Of answers that agree to
+            1e-6, the earlier start wins.
+        tried: Results of the NLP solver, in the order of its runs.
+        lanes: Results of the local solves in lanes; None without such solves.
+        without_lanes: Reason why there were no lanes; empty if there were.
+        search: Effort of the search; None without a search.
     """
 
     won: Origin
@@ -125,7 +125,7 @@ class StartsAccount:
 
     @property
     def polish(self) -> Effort:
-        """What the NLP solver took for all starts."""
+        """Effort of the NLP solver for all starts."""
         return Effort(
             evaluations=sum(one.evaluations for one in self.tried),
             seconds=sum(one.seconds for one in self.tried),
@@ -133,10 +133,9 @@ class StartsAccount:
 
     @property
     def found_after(self) -> float:
-        """Seconds until an answer as good as the best was there, without compiling.
+        """Seconds, without compilation, until an answer as good as the best was found.
 
-        The cold starts and the guess are polished first, then searched, then solved in
-        lanes.
+        The order of work is: polish from the cold starts and the guess, search, lanes.
         """
         feasible = [one.cost for one in self.tried if one.feasible]
         least = min(feasible, default=math.inf)
@@ -153,15 +152,15 @@ class StartsAccount:
         return seconds
 
     def best_of(self, origin: Origin) -> Tried | None:
-        """Return the best answer from starts of one kind; None: there was none."""
+        """Return the best result from starts of one kind; None without such a start."""
         found = [one for one in self.tried if one.origin == origin]
         return min(found, key=lambda one: (not one.feasible, one.cost), default=None)
 
     def told(self, sense: float = 1.0) -> dict[str, Any]:
-        """Return the account as JSON has it.
+        """Return the account as a dictionary for JSON.
 
         Args:
-            sense: -1 where costs are gains.
+            sense: 1 for a minimised cost, -1 for a maximised one.
         """
         return {
             "won": self.won,
@@ -175,7 +174,7 @@ class StartsAccount:
         """Return the account in three lines.
 
         Args:
-            sense: -1 where costs are gains.
+            sense: 1 for a minimised cost, -1 for a maximised one.
         """
         gave = []
         for origin in dict.fromkeys(one.origin for one in self.tried):
@@ -193,7 +192,7 @@ class StartsAccount:
         ]
 
     def _not_needed(self) -> str:
-        """Return what the answer did not need; nothing is said where there is none."""
+        """Return a note on parts that the answer did not need; empty if all were."""
         best = self.best_of(self.won)
         if best is None or not best.feasible:
             return ""
@@ -224,7 +223,7 @@ _FIRST = _ORDER[:3]
 
 
 def _told(one: Tried, sense: float) -> dict[str, Any]:
-    """Return what a start led to as JSON has it, which knows no infinite numbers."""
+    """Return the result of a start for JSON, which has no infinite numbers."""
     values = {"cost": sense * one.cost, "violation": one.violation}
     finite = {k: v if math.isfinite(v) else None for k, v in values.items()}
     return asdict(one) | finite

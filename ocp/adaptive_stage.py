@@ -1,11 +1,11 @@
-"""A control interval in steps whose lengths follow from their errors.
+"""A control interval integrated with step size control.
 
-    begin   z from the state
+    begin   z from the state at the start
     ticks   z -> z, from one check to the next (adaptive.py), for each check
-    close   costs and violation of the interval, from the states at its checks
+    close   cost and violation of the interval, from the states at its checks
 
-Arguments are those of an interval (shooting.py): x, u, p, S. The last numbers of p are
-the sizes of what is integrated.
+The arguments are those of an interval (shooting.py): x, u, p, S. The last entries of p
+are the natural sizes of the integrated quantities.
 """
 
 from collections.abc import Callable
@@ -24,18 +24,18 @@ from swarmstart.ocp.rosenbrock import Rate
 from swarmstart.ocp.whole_numbers import whole_symbols
 
 Rates = Callable[[ca.SX, ca.SX, tuple[ca.SX, ca.SX]], Rate]
-"""(u, p, signals at both ends of a check) -> the rate of what is integrated."""
+"""(u, p, signals at both ends of a check) -> rate of the integrated quantities."""
 
 
 def tick_of(
     problem: OptimalControlProblem, rates: Rates, *, tolerance: float
 ) -> ca.Function:
-    """Return (z, u, p, s) -> z after one tick, s the signals at both ends of a check.
+    """Return (z, u, p, s) -> z after one tick; s: signals at both ends of a check.
 
     Args:
         problem: The problem.
-        rates: Its rates.
-        tolerance: Allowed error of a step, in parts of the values.
+        rates: The rates of the problem.
+        tolerance: Allowed relative error of a step.
     """
     model, size = problem.model, problem.model.nx + problem.integrals
     z, given = ca.SX.sym("z", 2 * size + 2), ca.SX.sym("u", model.nu)
@@ -55,12 +55,13 @@ def tick_of(
 def adaptive_stage(
     problem: OptimalControlProblem, tick: ca.Function, close: ca.Function
 ) -> ca.Function:
-    """Return the stage, (x, u, p, S) -> (states, cost, violation), by CasADi's calls.
+    """Return the stage (x, u, p, S) -> (states, cost, violation), built from calls.
 
     Args:
         problem: The problem.
-        tick: As `tick_of` makes it.
-        close: (x, u, p, S, states at the checks, integrals) -> what the stage returns.
+        tick: The tick, as `tick_of` returns it.
+        close: (x, u, p, S, states at the checks, integrals) -> the outputs of the
+            stage.
     """
     names = ["x", "u", "p", "signals"]
     x, u, p, s = (ca.MX.sym(name, *close.size_in(i)) for i, name in enumerate(names))

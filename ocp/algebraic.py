@@ -1,29 +1,29 @@
-"""Algebraic equations beside a right-hand side, solved for their variables.
+"""Algebraic equations of a model, solved for their variables.
 
     x' = f(x, z, u, p),   0 = g(x, z, u, p),   dg/dz regular (index 1)
 
-Equations that are linear in z are solved in symbols,
+Equations that are linear in z are solved symbolically,
 
     z = -(dg/dz)^-1 g(x, 0, u, p),
 
-others by Newton's method from a start value, a fixed number of times,
+others by a fixed number of Newton iterations from a start value,
 
     z_k+1 = z_k - (dg/dz)^-1 g at z_k,
 
-written out in the expression for z: it can be differentiated and compiled as any other.
-In both cases z becomes an expression in x, u, p, and the ode, costs and constraints
-are written without z. What stands at the end of the horizon, where no control is, may
-have z only if z does not depend on the controls. z is no unknown of the NLP: at each
-evaluation of the right-hand side, inside the integrator's steps, too, the equations are
-solved anew.
+written out as an expression for z, which can be differentiated and compiled like any
+other. In both cases z becomes an expression in x, u and p, and the ode, costs and
+constraints are written without z. There is no control at the end of the horizon, so
+expressions there may contain z only if z does not depend on the controls. z is no
+unknown of the NLP; the equations are solved again at each evaluation of the right-hand
+side, also inside the integrator's steps.
 
-Newton's method may fail. What is left of the equations after the last iteration,
+Newton's method may fail. The scaled residual after the last iteration,
 
     r_i = g_i / sqrt(sum_j (dg_i/dz_j)^2 (z_j^2 + scale_j^2)),
 
-a number without unit and without a kink, is a path constraint |r_i| <= 1e-9 of every
-problem with the model, so that an answer whose equations are not solved is not
-confirmed. A matrix that is singular at one point gives NaN there, which is an infinite
+is a number without unit and without a kink. It enters every problem with the model as a
+path constraint |r_i| <= 1e-9, so that an answer with unsolved equations is not
+confirmed. A singular matrix at one point gives NaN there, which counts as an infinite
 violation.
 """
 
@@ -52,12 +52,12 @@ from swarmstart.ocp.symbolic_solve import solve_in_symbols
 _EXPRESSIONS = ("solution", "unsolved", "residual", "size", "start")
 """Attributes of an Elimination that are expressions."""
 UNSOLVED = "algebraic equations"
-"""Name of the path constraint that the algebraic equations are."""
+"""Name of the path constraint that requires the equations to be solved."""
 SOLVED_WITHIN = 1e-8
-"""Largest r of equations that a plant takes as solved."""
+"""Largest r at which a plant accepts its equations as solved."""
 _LARGEST_RESIDUAL = 1e-9
-_RESIDUAL_SCALE = 1e-4  # a path tolerance of 1e-4 of it allows another 1e-8
-_ROOTS = (2.0, 3.0)  # sqrt of 2 + k and of 3 + k: points at which dg/dz is looked at
+_RESIDUAL_SCALE = 1e-4  # with a path tolerance of 1e-4: 1e-8 more
+_ROOTS = (2.0, 3.0)  # sqrt(2 + k), sqrt(3 + k): test points of dg/dz
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -67,19 +67,24 @@ class AlgebraicEquations:
     Attributes:
         symbols: Symbols of the algebraic variables z, shape (nz, 1).
         residual: g, which is 0, shape (nz, 1) or a list of its rows.
-        start: Where Newton's method starts, a number, shape (nz,), or an expression in
-            states, controls and parameters; equations linear in z need none.
-        scale: Size of each z, a number or shape (nz,), > 0: an error of z counts in
-            parts of the larger of |z| and it, about.
-        iterations: Newton iterations, each time from the start.
+        start: Start value of Newton's method: a number, an array of shape (nz,), or an
+            expression in states, controls and parameters. Not used by equations that
+            are linear in z.
+        scale: Typical size of each z, a number or shape (nz,), > 0. An error of z is
+            measured relative to the larger of |z| and this size, approximately.
+        iterations: Number of Newton iterations, each time from the start value.
 
     Raises:
         InvalidProblemError: If shapes do not match or a number is not positive.
 
     Example:
         >>> import casadi as ca
+        >>> import swarmstart as ss
         >>> x, z, u = ca.SX.sym("x"), ca.SX.sym("z"), ca.SX.sym("u")
-        >>> equations = AlgebraicEquations(symbols=z, residual=z + ca.exp(z) - x)
+        >>> equations = ss.AlgebraicEquations(symbols=z, residual=z + ca.exp(z) - x)
+        >>> model = ss.Model(states=x, controls=u, ode=u - z, algebraic=equations)
+        >>> model.elimination.names
+        ('z',)
     """
 
     symbols: ca.SX
@@ -89,7 +94,7 @@ class AlgebraicEquations:
     iterations: int = 10
 
     def __post_init__(self) -> None:
-        """Check what does not need the model."""
+        """Validate the fields that can be checked without the model."""
         require_count("iterations", self.iterations)
         scale = _numbers("scale", self.scale)
         if not (scale > 0).all():
@@ -101,17 +106,17 @@ class AlgebraicEquations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Elimination:
-    """Algebraic variables, and the expressions that stand for them.
+    """Algebraic variables, and the expressions that replace them.
 
     Attributes:
         symbols: z, shape (nz, 1).
-        solution: z in states, controls and parameters, shape (nz, 1).
-        unsolved: r in states, controls and parameters, shape (nz, 1); empty for
-            equations that are linear in z.
-        residual: g in z and the others, shape (nz, 1); empty as well.
-        size: g / r, the size of each equation at z; empty as well.
-        start: Where Newton's method starts, shape (nz, 1); empty as well.
-        scale: Size of each z, shape (nz,).
+        solution: z as an expression in states, controls and parameters, shape (nz, 1).
+        unsolved: r as an expression in states, controls and parameters, shape (nz, 1);
+            empty if the equations are linear in z.
+        residual: g as an expression in z and the others, shape (nz, 1); empty as above.
+        size: g / r, the size of each equation at z, shape (nz, 1); empty as above.
+        start: Start value of Newton's method, shape (nz, 1); empty as above.
+        scale: Typical size of each z, shape (nz,).
     """
 
     symbols: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
@@ -130,11 +135,12 @@ class Elimination:
     def rewritten(
         self, change: Callable[[ca.SX], ca.SX], number: int | None = None
     ) -> "Elimination":
-        """Return the same with another form of all expressions.
+        """Return a copy with all expressions rewritten.
 
         Args:
-            change: An expression -> another.
-            number: Of a member, whose algebraic variables are its own; None: the same.
+            change: Maps an expression to its new form.
+            number: Number of the ensemble member that the copy belongs to, which gets
+                algebraic variables of its own; None: the same variables.
         """
         own, renamed = self.symbols, number is not None and bool(self.names)
         if renamed:
@@ -152,13 +158,13 @@ class Elimination:
         return replace(self, symbols=own, **columns)
 
     def applied(self, expression: ca.SX) -> ca.SX:
-        """Return an expression with the solution in place of z."""
+        """Return an expression with the solution substituted for z."""
         if not (self.symbols.numel() and ca.depends_on(expression, self.symbols)):
             return expression
         return ca.substitute(expression, self.symbols, self.solution)
 
     def constraints(self) -> tuple[PathConstraint, ...]:
-        """Return the path constraint that the equations are solved, if it is needed."""
+        """Return the path constraint that the equations hold; empty if not needed."""
         if not self.unsolved.numel():
             return ()
         return (
@@ -173,7 +179,7 @@ class Elimination:
 
 
 def joined(several: Sequence[Elimination]) -> Elimination:
-    """Return the algebraic variables of several models as those of one."""
+    """Return the algebraic variables of several models as those of one model."""
     columns: dict[str, ca.SX] = {
         role: ca.vertcat(ca.SX(0, 1), *[getattr(one, role) for one in several])
         for role in ("symbols", *_EXPRESSIONS)
@@ -183,10 +189,10 @@ def joined(several: Sequence[Elimination]) -> Elimination:
 
 
 def require_algebraic(equations: object) -> None:
-    """Refuse what are no algebraic equations.
+    """Validate the type of the algebraic equations.
 
     Raises:
-        InvalidProblemError: With the value given.
+        InvalidProblemError: If it is not AlgebraicEquations.
     """
     if not isinstance(equations, AlgebraicEquations):
         raise InvalidProblemError(
@@ -201,7 +207,7 @@ def in_model(
     """Return the equations in the SX symbols of a model.
 
     Raises:
-        InvalidProblemError: If an expression has MX symbols of no model.
+        InvalidProblemError: If an expression has MX symbols that are not the model's.
     """
     return replace(
         equations,
@@ -216,11 +222,11 @@ def eliminate(equations: AlgebraicEquations, known: dict[str, ca.SX]) -> Elimina
 
     Args:
         equations: The equations, in SX symbols.
-        known: Columns of the model's other symbols by what a message calls them.
+        known: Columns of the model's other symbols, by their names in messages.
 
     Raises:
-        InvalidProblemError: If the equations have foreign symbols, are not as many as
-            the variables, or cannot be solved for them.
+        InvalidProblemError: If the equations have foreign symbols, if their number is
+            not that of the variables, or if they cannot be solved for them.
     """
     z = equations.symbols
     require_symbols("algebraic symbols", z)
@@ -304,11 +310,11 @@ def _numbers(role: str, given: Limit) -> NDArray[np.float64]:
 
 
 def _require_regular(jacobian: ca.SX, z: ca.SX, symbols: ca.SX) -> None:
-    """Refuse equations that do not determine the algebraic variables.
+    """Raise if the equations do not determine the algebraic variables.
 
     Raises:
-        InvalidProblemError: If dg/dz is singular by its structure, or at each point
-            that is looked at.
+        InvalidProblemError: If dg/dz is structurally singular, or singular at every
+            test point.
     """
     pattern = np.asarray(ca.DM(jacobian.sparsity(), 1).full()) != 0
     names = symbol_names(z)
@@ -333,7 +339,7 @@ def _require_regular(jacobian: ca.SX, z: ca.SX, symbols: ca.SX) -> None:
 
 
 def _singular_everywhere(jacobian: ca.SX, symbols: ca.SX) -> bool:
-    """Return whether the matrix is singular at the points at which it is finite."""
+    """Return whether the matrix is singular at each point at which it is finite."""
     function = ca.Function("jacobian", [symbols], [jacobian])
     places: Sequence[NDArray[np.float64]] = [
         np.sqrt(root + np.arange(symbols.numel())) for root in _ROOTS

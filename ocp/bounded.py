@@ -1,4 +1,4 @@
-"""A lower bound sought for an answer that is there already, and is never lost."""
+"""Search of a lower bound after an answer was found, without losing the answer."""
 
 import math
 
@@ -15,7 +15,7 @@ from swarmstart.ocp.solution import Solution
 
 
 class BoundInterrupted(KeyboardInterrupt):
-    """Ctrl-C while an answer's bound was sought.
+    """Ctrl-C while the lower bound of an answer was computed.
 
     Attributes:
         partial: The best bound so far; None if there is none.
@@ -36,19 +36,19 @@ def bounded(
     seconds: float,
     progress: ProgressCallback = tell_nothing,
 ) -> LowerBound:
-    """Return a lower bound of what any answer costs; NONE where it cannot be sought.
+    """Return a lower bound of the optimal cost; its kind is NONE if there is none.
 
     Args:
-        answer: An answer, or its cost as the problem states it: with one the bound is
-            better; None: none is known.
-        problem: The problem, as it was given.
+        answer: An answer, or its cost as the problem states it, which makes the bound
+            tighter; None: no answer is known.
+        problem: The problem as it was given.
         x0: Initial state, as it was given.
-        known: Parameters and signals, as they were given.
-        seconds: Time that it may take [s].
-        progress: As in `solve`.
+        known: Parameters and signals as they were given.
+        seconds: Time limit [s].
+        progress: Callback, as in `solve`.
 
     Raises:
-        BoundInterrupted: On Ctrl-C, with the best bound until then.
+        BoundInterrupted: On Ctrl-C, with the best bound so far.
     """
     progress(0, 0, "bounding")
     found = None

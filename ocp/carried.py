@@ -1,15 +1,15 @@
-"""Multipliers of an answer carried to an NLP on another grid, or over another time.
+"""Transfer of an answer's multipliers to an NLP on another grid or time window.
 
-The time of the answer's horizon runs from 0 to 1; that of the new one is a window of
-it, [0, 1] as a rule, [1/N, 1 + 1/N] one interval later. Then
+The time of the answer's horizon is scaled to [0, 1]. The new horizon is a window of
+it: usually [0, 1], or [1/N, 1 + 1/N] one interval later. Then
 
     costates     are interpolated: they are the gradient of the cost to go, on any grid
-    path rows    are densities: what an interval and its checks have is spread over the
-    and bounds   time, and summed up over the time that each new row stands for
-    end, start   stay
+    path rows    are densities: the multipliers of an interval and its checks are spread
+    and bounds   over the time and summed over the time that each new row stands for
+    end, start   stay as they are
 
-Interpolation beyond the end holds the last value. What collocation adds, and the ties
-of blocks, follow from the others by stationarity, exactly.
+Beyond the end, interpolation holds the last value. The multipliers of collocation rows
+and of tied controls in blocks follow from the others by stationarity, exactly.
 
 Source: Nocedal and Wright (2006), section 12.8, for multipliers as sensitivities;
 Hager (2000), Runge-Kutta methods in optimal control and the transformed adjoint system,
@@ -36,12 +36,12 @@ Key = tuple[Hashable, ...]
 
 
 class _Place(NamedTuple):
-    """Where a multiplier of an interval stands.
+    """Place of a multiplier within an interval.
 
     Attributes:
-        at: Time within the interval, in parts of it.
-        is_bound: Whether it is one of a variable's bounds, not of a row.
-        number: Its number among the interval's rows, or variables.
+        at: Time within the interval, as a fraction of it.
+        is_bound: Whether the multiplier belongs to a bound of a variable, not to a row.
+        number: Number of the row or variable in the interval.
     """
 
     at: float
@@ -51,14 +51,14 @@ class _Place(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Carried:
-    """Multipliers of an answer, for another solve.
+    """Multipliers of an answer, prepared for another solve.
 
     Attributes:
-        duals: Of the answer, without scaling.
-        program: The NLP that they are of; None: that which is to be solved.
-        begin: Where the new horizon begins in that of the answer.
-        end: Where it ends.
-        stretch: Its length, in parts of the answer's between both.
+        duals: Multipliers of the answer, without scaling.
+        program: The NLP that they belong to; None: the NLP to be solved.
+        begin: Start of the new horizon, in the answer's time from 0 to 1.
+        end: End of the new horizon, in the answer's time from 0 to 1.
+        stretch: Length of the new horizon divided by the answer's time between both.
     """
 
     duals: Duals
@@ -70,16 +70,16 @@ class Carried:
     def placed(
         self, program: NonlinearProgram, w: Array, q: Array, cost_size: float
     ) -> tuple[Array, Array] | None:
-        """Return multipliers of rows and bounds in an NLP's numbers.
+        """Return the multipliers of rows and bounds, scaled as an NLP needs them.
 
         Args:
             program: The NLP.
-            w: Where its solver begins.
-            q: Its arguments.
-            cost_size: What the cost is divided by in it.
+            w: Point at which its solver starts.
+            q: Arguments of the NLP.
+            cost_size: Divisor of the cost in the NLP.
 
         Returns:
-            None if they are not finite, or fit the NLP no more.
+            The multipliers; None if they are not finite or do not fit the NLP.
         """
         rows, bounds = units_of(program, q, cost_size)
         own = self.program or program
@@ -99,7 +99,7 @@ class Carried:
     def _as_they_are(
         self, own: NonlinearProgram, program: NonlinearProgram
     ) -> Duals | None:
-        """Return the multipliers where the grid stays; None: it does not."""
+        """Return the multipliers if the grid is the same; None if it is not."""
         if not _same_layout(own, program):
             return None
         if (self.begin, self.end, self.stretch) == (0.0, 1.0, 1.0):
@@ -142,7 +142,7 @@ class Carried:
         given: Array,
         made: Array,
     ) -> None:
-        """Interpolate the costates, in place; of states that are new they stay 0."""
+        """Interpolate the costates, in place; those of new states stay 0."""
         N, names = own.problem.intervals, own.problem.model.state_names
         at = np.arange(1, N + 1) / N
         wanted = self._source(np.arange(1, program.problem.intervals + 1), program)
@@ -151,12 +151,12 @@ class Carried:
                 continue
             row = given[names.index(name)]
             made[i] = np.interp(wanted, at, row)
-            if N > 1:  # Before the first costate, as from there to the next.
+            if N > 1:  # Extrapolate before the first costate.
                 early = np.minimum(wanted - at[0], 0.0)
                 made[i] += early * (row[1] - row[0]) * N
 
     def _source(self, intervals: ArrayLike, program: NonlinearProgram) -> Array:
-        """Return times of the answer at numbers of the new grid's intervals."""
+        """Return the answer's time at given interval numbers of the new grid."""
         part = np.asarray(intervals) / program.problem.intervals
         return np.asarray(self.begin + (self.end - self.begin) * part)
 
@@ -167,13 +167,14 @@ class Carried:
         wanted: Sequence[float],
         program: NonlinearProgram,
     ) -> Array:
-        """Return what each new place has of a density, shape (places, N).
+        """Integrate a density over the cells of new places; shape (places, N).
 
         Args:
-            values: What each place has, shape (places, N of the answer).
+            values: Values of the density at each place, shape (places, N of the
+                answer).
             given: Times of these places within an interval.
-            wanted: Of the new ones.
-            program: Of the new ones.
+            wanted: Times of the new places within an interval.
+            program: The NLP with the new places.
         """
         N = values.shape[1]
         edges = _edges(given, N) / N
@@ -188,7 +189,7 @@ class Carried:
 
 
 def _edges(at: Sequence[float], intervals: int) -> Array:
-    """Return the edges of cells around places of intervals, in intervals."""
+    """Return the edges of the cells around places within intervals, in intervals."""
     within = np.append(0.0, (np.array(at[1:]) + np.array(at[:-1])) / 2)
     return np.append((np.arange(intervals)[:, None] + within).ravel(), intervals)
 
@@ -199,7 +200,7 @@ def _numbers(program: NonlinearProgram) -> tuple[int, int]:
 
 
 def _same_layout(one: NonlinearProgram, other: NonlinearProgram) -> bool:
-    """Return whether all rows and variables of two NLPs mean the same."""
+    """Return whether the rows and variables of two NLPs correspond one by one."""
     return one is other or (
         one.problem.intervals == other.problem.intervals
         and _numbers(one) == _numbers(other)
@@ -208,7 +209,7 @@ def _same_layout(one: NonlinearProgram, other: NonlinearProgram) -> bool:
 
 
 def _names(problem: OptimalControlProblem) -> list[Key]:
-    """Return a name of each constraint, by its number in a part's places."""
+    """Return a name of each constraint, by its number among a part's places."""
     groups = {
         "path": problem.path_constraints,
         "end": problem.terminal_constraints,
@@ -224,7 +225,7 @@ def _names(problem: OptimalControlProblem) -> list[Key]:
 
 
 def _keys(program: NonlinearProgram, part: Part) -> list[Key]:
-    """Return what each limited row of a part is."""
+    """Return a key that identifies each limited row of a part."""
     names, rows = _names(program.problem), part.rows
     sides = zip(np.isfinite(rows.lower), np.isfinite(rows.upper), strict=True)
     return [
@@ -234,7 +235,7 @@ def _keys(program: NonlinearProgram, part: Part) -> list[Key]:
 
 
 def _streams(program: NonlinearProgram) -> dict[Key, list[_Place]]:
-    """Return the places of each multiplier that stands along the time."""
+    """Return the places of each multiplier that is distributed along the time."""
     core, interval = program.problem, program.parts.interval
     first = interval.value.numel_out(0) - len(interval.rows.places)
     jumped = core.checks + 1
@@ -260,7 +261,7 @@ def _streams(program: NonlinearProgram) -> dict[Key, list[_Place]]:
 
 
 def _spread(program: NonlinearProgram, bounds: Array) -> Array:
-    """Return multipliers of bounds (inputs + nx, N), those of a block shared out."""
+    """Return multipliers of bounds (inputs + nx, N), shared out within each block."""
     core = program.problem
     if not core.ties_controls:
         return bounds
@@ -273,7 +274,7 @@ def _spread(program: NonlinearProgram, bounds: Array) -> Array:
 
 
 def _gather(program: NonlinearProgram, bounds: Array) -> None:
-    """Give the sum of a block's multipliers to its first control, in place."""
+    """Add up a block's multipliers at its first control, in place."""
     core = program.problem
     if not core.ties_controls:
         return
@@ -287,7 +288,7 @@ def _gather(program: NonlinearProgram, bounds: Array) -> None:
 def _copy_ends(
     given: tuple[NonlinearProgram, Duals], made: tuple[NonlinearProgram, Duals]
 ) -> None:
-    """Copy what stands at the end and the start, in place."""
+    """Copy the multipliers of the end and the start, in place."""
     before, after = _of_ends(*given), _of_ends(*made)
     for key, number in after.rows.items():
         if key in before.rows:
@@ -298,7 +299,7 @@ def _copy_ends(
 
 
 class _Ends(NamedTuple):
-    """Numbers of the multipliers at the end and the start."""
+    """Indices of the multipliers at the end and the start."""
 
     rows: Mapping[Key, int]
     decided: Mapping[str, int]
@@ -324,9 +325,10 @@ def _of_ends(program: NonlinearProgram, duals: Duals) -> _Ends:
 def _completed(
     program: NonlinearProgram, w: Array, q: Array, lam_g: Array, lam_x: Array
 ) -> Array:
-    """Return multipliers with those that follow from the others by stationarity.
+    """Return the multipliers, completed by stationarity.
 
-    They are those of the rows of what is collocated, and of the ties of blocks.
+    The completed ones belong to the collocation rows and to the tied controls of
+    blocks.
     """
     core = program.problem
     count = inner_unknowns(core)

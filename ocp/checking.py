@@ -1,7 +1,7 @@
-"""How far constraints are broken: at a start, along a path, at the end.
+"""Measurement of broken constraints: at the start, along a path, at the end.
 
-Excesses are measured in the units of the user and in parts of the row's scale, and each
-knows its constraint and its time.
+An excess is measured in the units of the user and relative to the row's scale. It knows
+its constraint and its time.
 """
 
 from collections.abc import Callable
@@ -22,17 +22,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Excess:
-    """By how much one row of a constraint is broken, at its worst.
+    """Largest excess of one row of a constraint over its limit.
 
     Attributes:
-        name: Of the constraint, with the row where it has several.
-        amount: How far beyond the limit, in the units of the row; infinity if the row
-            is not finite there.
+        name: Name of the constraint, with the row number if it has several rows.
+        amount: Excess over the limit, in the units of the row; infinity if the row is
+            not finite there.
         scale: The row's scale.
-        time: When, after the start of the horizon [s].
+        time: Time of the excess after the start of the horizon [s].
         constraint: Number of the constraint among path and terminal constraints.
-        row: The row in it.
-        above: Whether the upper limit is the broken one.
+        row: Number of the row in the constraint.
+        above: Whether the upper limit is broken, not the lower one.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Excess:
 
     @property
     def relative(self) -> float:
-        """How far, in parts of the scale."""
+        """Excess relative to the scale."""
         return self.amount / self.scale
 
     def __str__(self) -> str:
@@ -57,13 +57,13 @@ class Excess:
 
 
 class Checker:
-    """Measures the constraints of one problem; compiled once."""
+    """Measurement of all constraints of one problem; compiled once."""
 
     def __init__(self, problem: OptimalControlProblem | Shooting) -> None:
         """Compile the rows of all constraints.
 
         Args:
-            problem: The problem, or its functions.
+            problem: The problem, or its compiled functions.
         """
         shooting = shooting_of(problem)
         self._problem = problem = shooting.problem
@@ -75,21 +75,21 @@ class Checker:
 
     @property
     def looks_at_start(self) -> bool:
-        """Whether there is any row that nothing decided enters at the start."""
+        """True if any path row depends on neither a control nor a decided start."""
         return bool(self._free.any())
 
     def at_start(
         self, x0: Array, p: Array, s: Array, sizes: Callable[[], Sizes]
     ) -> list[Excess]:
-        """Return what an initial state breaks by more than the tolerance.
+        """Return the rows that an initial state breaks by more than the tolerance.
 
-        Rows that a control enters are not looked at: they can still be kept.
+        Rows that depend on a control are skipped, since a control may still keep them.
 
         Args:
             x0: Initial state, shape (nx,).
             p: Parameters, shape (np,).
             s: Signals at the start, shape (ns,).
-            sizes: Finds the sizes; called only if something is broken.
+            sizes: Returns the natural sizes; called only if a row is broken.
         """
         if not self.looks_at_start:
             return []
@@ -110,16 +110,16 @@ class Checker:
         outside: list[Excess],
         left: "Points | None" = None,
     ) -> list[Excess]:
-        """Return the worst excess of each row of the path, those above zero.
+        """Return the worst excess of each path row, if positive.
 
         Args:
-            points: Where to look.
+            points: The points of the path.
             p: Parameters, shape (np,).
-            sizes: The sizes.
-            outside: What the start breaks: such a row counts from where it is kept for
-                the first time, unless it gets worse than at the start.
-            left: The point that the last interval's end leaves, where it changes the
-                state: rows that a control enters do not hold there.
+            sizes: The natural sizes.
+            outside: Rows that the start breaks. Such a row counts from the first time
+                at which it is kept, or if its excess grows beyond that at the start.
+            left: The state after the last interval's end, if that end changes the
+                state. Rows that depend on a control are not checked there.
         """
         excess, above = self._path.excess(
             points.states, points.controls, p, points.signals
@@ -137,15 +137,15 @@ class Checker:
             first_kept = int(np.argmin(bad)) if not bad.all() else bad.size
             if (excess[row, :first_kept] <= limit).all():
                 excess[row, :first_kept] = -np.inf
-        # No control can keep them at the start: `outside` tells of these.
+        # No control can keep them at the start; `outside` reports these.
         excess[np.ix_(self._free, times == 0.0)] = -np.inf
         return self._path.worst(excess, above, times, sizes)
 
     def slack(self, points: "Points", p: Array) -> dict[tuple[int, int], float]:
-        """Return how far inside its limits each path row is at least, by its place.
+        """Return the smallest distance of each path row to its limits, by its place.
 
         Args:
-            points: Where to look.
+            points: The points of the path.
             p: Parameters, shape (np,).
         """
         found, _ = self._path.excess(points.states, points.controls, p, points.signals)
@@ -155,7 +155,7 @@ class Checker:
     def at_end(
         self, x: Array, p: Array, s: Array, sizes: Sizes, time: float
     ) -> list[Excess]:
-        """Return the excess of each terminal row, those above zero; time is the end."""
+        """Return the excess of each terminal row, if positive, at the end time."""
         u = np.zeros((self._problem.model.nu, 1))
         excess, above = self._end.excess(x[:, None], u, p, s[:, None])
         return self._end.worst(excess, above, np.array([time]), sizes)
@@ -164,7 +164,7 @@ class Checker:
 def _mask(
     constraints: tuple[Constraint, ...], chosen: tuple[list[int], ...]
 ) -> NDArray[np.bool_]:
-    """Return which of all rows, in order, are among the chosen ones."""
+    """Return a mask over all rows, in order: True for the chosen ones."""
     found = [np.empty(0, dtype=bool)]
     for constraint, rows in zip(constraints, chosen, strict=True):
         size = constraint.rows(constraint.expression).lower.size
@@ -179,7 +179,7 @@ class Points:
     Attributes:
         times: Shape (n,) [s].
         states: Shape (nx, n).
-        controls: Held there, shape (nu, n).
+        controls: Controls held at the points, shape (nu, n).
         signals: Shape (ns, n).
     """
 
@@ -190,13 +190,13 @@ class Points:
 
 
 class ConstraintRows:
-    """The rows of some constraints, evaluated at many points in one call.
+    """Rows of some constraints, evaluated at many points in one call.
 
     Attributes:
-        names: Of the rows.
-        lower: Their lower limits, shape (rows, 1).
-        upper: Their upper limits, shape (rows, 1).
-        places: (number of the constraint, row in it) of each.
+        names: Names of the rows.
+        lower: Lower limits of the rows, shape (rows, 1).
+        upper: Upper limits of the rows, shape (rows, 1).
+        places: (number of the constraint, row in it) for each row.
     """
 
     def __init__(
@@ -210,8 +210,8 @@ class ConstraintRows:
 
         Args:
             problem: The problem.
-            constraints: Path or terminal constraints in its symbols.
-            first: Number of the first of them.
+            constraints: Path or terminal constraints in the problem's symbols.
+            first: Number of the first of these constraints.
         """
         symbols = [*problem.symbols().values()]
         rows = [c.rows(c.expression) for c in constraints]
@@ -227,7 +227,7 @@ class ConstraintRows:
         self.names = [name for c in constraints for name in _row_names(problem, c)]
 
     def number(self, excess: Excess) -> int:
-        """Return the number of an excess's row among all rows."""
+        """Return the index of an excess's row among all rows."""
         return self.places.index((excess.constraint, excess.row))
 
     def values(self, x: Array, u: Array, p: Array, s: Array) -> Array:
@@ -239,10 +239,10 @@ class ConstraintRows:
     def excess(
         self, x: Array, u: Array, p: Array, s: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return how far each row is beyond its limits, and whether it is above.
+        """Return the excess of each row, and whether the upper limit is the nearer one.
 
-        Both of shape (rows, points). Negative inside; infinity if the row is not a
-        finite number.
+        Both have shape (rows, points). The excess is negative inside the limits, and
+        infinite if the row is not a finite number.
         """
         values = self.values(x, u, np.tile(p[:, None], (1, x.shape[1])), s)
         with np.errstate(invalid="ignore"):
@@ -255,7 +255,7 @@ class ConstraintRows:
     def worst(
         self, excess: Array, above: NDArray[np.bool_], times: Array, sizes: Sizes
     ) -> list[Excess]:
-        """Return the largest excess of each row if above zero, the worst first."""
+        """Return the largest excess of each row, if positive, the worst first."""
         if not excess.size:
             return []
         where = np.argmax(excess, axis=1)

@@ -1,7 +1,7 @@
-"""A plant under a controller: the closed loop, one control interval after another.
+"""Closed loop: a plant under a controller, one control interval after another.
 
-`fly` yields each finished step, so that nothing finished is lost when it is stopped;
-`simulate` collects them.
+`fly` yields each step when it is finished, so that an interruption loses no finished
+step; `simulate` collects the steps.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,20 +22,20 @@ from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
 Array = NDArray[np.float64]
 _MIDDLES = 100
-"""Points in time whose mean is that of linear controls, for an object that holds."""
+"""Points in time whose mean represents linear controls, for an object that holds."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Step:
-    """One control interval as it was flown.
+    """One finished control interval.
 
     Attributes:
-        number: Its number, from 0.
-        state: At its beginning, shape (nx,).
-        decision: What the controller decided there.
-        dense_states: After each of the plant's steps within it, shape (nx, m).
+        number: Number of the interval, from 0.
+        state: State at its start, shape (nx,).
+        decision: Decision of the controller at its start.
+        dense_states: States after each step of the plant within it, shape (nx, m).
         seconds: Wall time of the decision [s].
-        dt: Its length [s], where it is not that of the plant; else None.
+        dt: Length of the interval [s], if it differs from the plant's; else None.
     """
 
     number: int
@@ -53,20 +53,20 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Trajectory(Presented):
-    """A flight.
+    """Result of a closed-loop run.
 
     Attributes:
         times: Control instants, shape (T + 1,) [s].
         states: At the control instants, shape (nx, T + 1).
-        controls: Held from each to the next, or as each interval begins where they
-            are linear, shape (nu, T).
-        dense_times: The plant's steps, shape (T * m + 1,) [s].
-        dense_states: At the plant's steps, shape (nx, T * m + 1).
-        decisions: What the controller decided, T of them.
-        step_seconds: Wall time of each decision, shape (T,) [s], without that of
-            loading and compiling machine code.
-        state_names: The model's names of the states; numbered where it has none.
-        control_names: The same of the controls.
+        controls: Controls, shape (nu, T): held from each instant to the next, or, if
+            they are linear, their values at the start of each interval.
+        dense_times: Times of the plant's steps, shape (T * m + 1,) [s].
+        dense_states: States at the plant's steps, shape (nx, T * m + 1).
+        decisions: Decisions of the controller, T of them.
+        step_seconds: Wall time of each decision, shape (T,) [s], without loading and
+            compiling machine code.
+        state_names: The model's names of the states; numbers if it has none.
+        control_names: The model's names of the controls; numbers if it has none.
     """
 
     times: Array
@@ -80,14 +80,14 @@ class Trajectory(Presented):
     control_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Number states and controls that have no names."""
+        """Number the states and controls that have no names."""
         for role, rows in (("state", self.states), ("control", self.controls)):
             numbered = tuple(f"{role}_{i}" for i in range(rows.shape[0]))
             names = tuple(getattr(self, f"{role}_names")) or numbered
             object.__setattr__(self, f"{role}_names", names)
 
     def __repr__(self) -> str:
-        """Return length, sizes and how the plans went, in a few lines."""
+        """Return length, sizes and number of feasible plans in a few lines."""
         plans = [plan for decision in self.decisions for plan in decision.plans]
         feasible = sum(plan.feasible for plan in plans)
         return "\n".join(
@@ -110,21 +110,22 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
     done: int = 0,
     previous: Decision | None = None,
 ) -> Iterator[Step]:
-    """Yield the closed loop, one finished control interval at a time.
+    """Run a controller on a plant in closed loop; yield each finished control interval.
 
     Args:
         plant: A `Plant`, or any object with `step(x, u, dt)`.
-        controller: The controller.
-        x0: State at the first interval flown here, shape (nx,).
-        steps: Number of the interval to stop before, if no decision ends the flight.
+        controller: The controller, with the same control interval as the plant.
+        x0: State at the start of the first interval of this run, shape (nx,).
+        steps: Total number of control intervals, including the `done` ones. The run
+            ends earlier if a decision says that it is the last.
         rng: Source of all randomness.
-        done: Number of the first interval; above 0 where a flight goes on.
-        previous: The decision of the interval before it; None at the start.
+        done: Number of intervals that are already done; above 0 to continue a run.
+        previous: The decision of the last interval done; None at the start.
 
     Raises:
-        InvalidProblemError: If x0 does not fit the plant, or intervals differ.
-        DivergedError: If the plant leaves the finite numbers, or does not solve its
-            algebraic equations.
+        InvalidProblemError: If x0 does not fit the plant, or the intervals differ.
+        DivergedError: If a state of the plant is no longer finite, or its algebraic
+            equations are not solved.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -183,7 +184,7 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
 def _checked(
     plant: AnyPlant, controller: Controller, x0: ArrayLike
 ) -> tuple[Plant | SteppedPlant, Array]:
-    """Return a plant and the state it starts at, which fit each other."""
+    """Return the plant and its initial state, checked against each other."""
     if not (hasattr(controller, "decide") and hasattr(controller, "dt")):
         raise InvalidProblemError(
             "controller must have decide() and dt, such as RecedingHorizon, "
@@ -209,8 +210,8 @@ def _driven(
 ) -> Array:
     """Return the states after each step of a plant; see Plant.
 
-    It holds one control, or several one after another, or they are linear over its
-    steps. An object with step(x, u, dt) holds the mean.
+    A plant holds one control, or several one after another, or the controls are linear
+    over its steps. An object with step(x, u, dt) holds their mean.
     """
     profile = decision.profile
     if profile is None:
@@ -236,20 +237,24 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
     seed: int | Sequence[int] | None = None,
     progress: ProgressCallback = tell_nothing,
 ) -> Trajectory:
-    """Return the whole closed loop over `steps` control intervals.
+    """Simulate the closed loop over `steps` control intervals.
 
     Args:
         plant: A `Plant`, or any object with `step(x, u, dt)`, which returns the state
-            after dt seconds; the flight then has no path between the control instants.
+            after dt seconds. Such an object has no path between the control instants.
         controller: The controller.
         x0: State at the start, shape (nx,).
         steps: Number of control intervals.
         rng: Source of all randomness; either this or a seed.
         seed: Seed of a new generator.
-        progress: Told (finished steps, all steps, "flying") after each step.
+        progress: Called with (finished steps, all steps, "simulating") after each step.
+
+    Returns:
+        The trajectory of the whole run.
 
     Raises:
         InvalidProblemError: As in `fly`.
+        DivergedError: As in `fly`.
 
     Example:
         >>> import casadi as ca
@@ -272,15 +277,19 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
     flown: list[Step] = []
     for step in fly(plant, controller, x0, steps=steps, rng=rng):
         flown.append(step)
-        progress(len(flown), steps, "flying")
+        progress(len(flown), steps, "simulating")
     return collected(plant_of(plant, controller.dt), flown)
 
 
 def collected(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> Trajectory:
-    """Return finished steps, from number 0 on without a gap, as a trajectory.
+    """Join finished steps, numbered from 0 without a gap, to a trajectory.
+
+    Args:
+        plant: The plant of the run.
+        steps: The finished steps, at least one.
 
     Raises:
-        InvalidProblemError: If there is none, or one is missing.
+        InvalidProblemError: If there is no step, or one is missing.
     """
     if not steps:
         raise InvalidProblemError("a trajectory needs at least one finished step")

@@ -1,16 +1,16 @@
-"""An interval by collocation: its states at the collocation points are unknowns.
+"""Collocation within an interval: the states at its points are unknowns of the NLP.
 
     x_k, X_1, X_2, ... (all elements of all checks)   instead of an integrator's steps
     rows: D X - h f(X, z, u, p, s(t)) = 0 at each point, divided by the states' sizes
 
-Only states that have a rate are collocated; the others stay. Algebraic variables z of
-equations that are not linear in them are unknowns, too, at the start of an interval and
-at each point, with their equations g(x, z, u, p) = 0 as rows (lifting.py): Newton's
-method has no part in the NLP then. Costs are integrated by the same points; constraints
-hold at the checks, as in multiple shooting.
+Only states with a rate are collocated; the others stay constant. Algebraic variables z
+of nonlinear equations are unknowns as well, at the start of an interval and at each
+point, with their equations g(x, z, u, p) = 0 as rows (lifting.py), so that the NLP
+needs no Newton iterations of its own. Costs are integrated with the same points.
+Constraints hold at the checks, as in multiple shooting.
 
-An interval's inner unknowns are, in this order: the states with a rate at each point;
-z at the start, and at each point.
+The inner unknowns of an interval are, in this order: the states with a rate at each
+point; z at the start and at each point.
 
 Source: Biegler (2010), Nonlinear Programming, chapter 10.
 """
@@ -31,13 +31,13 @@ Values = TypeVar("Values", ca.SX, NDArray[np.float64])
 
 
 class Layout(NamedTuple):
-    """What is collocated, and where.
+    """Layout of the collocation in an interval.
 
     Attributes:
         moving: Numbers of the states that have a rate.
-        points: Collocation points in an element.
-        elements: Elements from one check to the next.
-        checks: Checks in an interval.
+        points: Number of collocation points in an element.
+        elements: Number of elements from one check to the next.
+        checks: Number of checks in an interval.
         lifted: Number of algebraic variables that are unknowns.
     """
 
@@ -54,17 +54,17 @@ class Layout(NamedTuple):
 
     @property
     def states(self) -> int:
-        """Number of an interval's unknown states."""
+        """Number of unknown states in an interval."""
         return self.places * len(self.moving)
 
     @property
     def size(self) -> int:
-        """Number of an interval's inner unknowns, and of the rows that tie them."""
+        """Number of inner unknowns of an interval, and of their equations."""
         return self.states + self.lifted * (self.places + 1 if self.lifted else 0)
 
 
 def layout_of(problem: OptimalControlProblem) -> Layout | None:
-    """Return what is collocated; None in multiple shooting, or if no state moves."""
+    """Return the layout; None for multiple shooting, or if no state has a rate."""
     radau, model = problem.collocation, problem.model
     moving = tuple(i for i in range(model.nx) if not model.ode[i].is_zero())
     if radau is None or not moving:
@@ -79,13 +79,13 @@ def layout_of(problem: OptimalControlProblem) -> Layout | None:
 
 
 def inner_unknowns(problem: OptimalControlProblem) -> int:
-    """Return the number of an interval's unknowns that collocation adds."""
+    """Return the number of unknowns that collocation adds to an interval."""
     layout = layout_of(problem)
     return 0 if layout is None else layout.size
 
 
 def inner_sizes(problem: OptimalControlProblem, states: Array) -> Array:
-    """Return the sizes of an interval's inner unknowns.
+    """Return the natural sizes of an interval's inner unknowns.
 
     Args:
         problem: The problem.
@@ -108,9 +108,9 @@ def lifts(problem: OptimalControlProblem) -> bool:
 
 
 class Inner:
-    """The inside of an interval: an integrator's steps, or collocation.
+    """Inside of an interval: integrator steps, or collocation.
 
-    It collects, check by check, the rows that collocation adds.
+    The rows that collocation adds are collected check by check.
     """
 
     def __init__(
@@ -119,12 +119,12 @@ class Inner:
         begin: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
         unknown: ca.SX,
     ) -> None:
-        """Begin an interval.
+        """Start an interval.
 
         Args:
             shooting: The problem's functions.
-            begin: State, controls, parameters and signals as it begins.
-            unknown: Its inner unknowns, not scaled; empty in multiple shooting.
+            begin: State, controls, parameters and signals at its start.
+            unknown: Inner unknowns, not scaled; empty in multiple shooting.
         """
         state, self._u, self._p, s = begin
         self._shooting, self._layout = shooting, layout_of(shooting.problem)
@@ -142,9 +142,9 @@ class Inner:
         """Return the state after check k, and the integral of cost / unit over it.
 
         Args:
-            state: As it begins, shape (nx, 1).
-            ends: Signals at both of its ends.
-            k: Its number in the interval, from 0 on.
+            state: State at the start of the check, shape (nx, 1).
+            ends: Signals at both ends of the check.
+            k: Number of the check in the interval, from 0.
         """
         u, p, layout = self._u, self._p, self._layout
         if layout is None:
@@ -157,11 +157,11 @@ class Inner:
         return reached.state, reached.cost
 
     def rows(self, sizes: ca.SX, residuals: ca.SX) -> ca.SX:
-        """Return the rows that are 0, without unit.
+        """Return the collocation rows, which must be 0, without unit.
 
         Args:
-            sizes: Of the states, shape (nx, 1).
-            residuals: Of the algebraic equations, shape (nz, 1).
+            sizes: Natural sizes of the states, shape (nx, 1).
+            residuals: Sizes of the algebraic equations, shape (nz, 1).
         """
         layout = self._layout
         if layout is None:
@@ -177,7 +177,7 @@ class Inner:
         return ca.vertcat(ca.SX(0, 1), *rows)
 
     def lifted(self, cost: ca.SX, g: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return cost and rows with the unknown z in place of Newton's method.
+        """Return cost and rows with the unknown z in place of Newton's iterations.
 
         Args:
             cost: Cost of the interval, a scalar.
@@ -203,13 +203,13 @@ class Inner:
 
 
 class Reached(NamedTuple):
-    """A check by collocation.
+    """Result of one collocated check.
 
     Attributes:
-        state: At its end, shape (nx, 1).
+        state: State at its end, shape (nx, 1).
         cost: Integral of the stage cost / unit over it.
-        defects: Rows that are 0, in units of the states.
-        at: (state, signals) at each point.
+        defects: Collocation rows, which must be 0, in the units of the states.
+        at: (state, signals) at each collocation point.
     """
 
     state: ca.SX
@@ -225,13 +225,13 @@ def collocated_check(
     ends: tuple[ca.SX, ca.SX],
     unknown: ca.SX,
 ) -> Reached:
-    """Return a check of an interval by collocation.
+    """Return the result of one check by collocation.
 
     Args:
         shooting: The problem's functions.
-        state: As it begins, shape (nx, 1).
-        known: Controls, held, and parameters.
-        ends: Signals at both of its ends.
+        state: State at the start of the check, shape (nx, 1).
+        known: Controls, which are held, and parameters.
+        ends: Signals at both ends of the check.
         unknown: The check's states at its points, shape (moving, points * elements).
     """
     problem, layout, (u, p) = shooting.problem, layout_of(shooting.problem), known
@@ -262,6 +262,6 @@ def collocated_check(
 
 
 def between(ends: tuple[Values, Values], part: float) -> Values:
-    """Return the signals at a part of the way from one end to the other."""
+    """Interpolate the signals linearly between both ends of a check."""
     between_them: Values = ends[0] + part * (ends[1] - ends[0])
     return between_them

@@ -1,8 +1,8 @@
-"""Constraints in the forms that users write: relations, expressions, pairs.
+"""Forms in which users write constraints: relations, expressions, pairs.
 
 x[0] <= 1        a relation
-x[0] - 1         a bare expression, which means that it is zero
-(x[0], 1)        at the end: an expression and its value
+x[0] - 1         an expression alone, which must be zero
+(x[0], 1)        at the end only: an expression and its value
 """
 
 from typing import cast
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def known_scales(constraint: Constraint) -> Array:
-    """Return the scale of each row, as given or the width of a range; else NaN."""
+    """Return the scale of each row: as given, else the width of a range, else NaN."""
     if constraint.scale is not None:
         return np.asarray(constraint.scale, dtype=np.float64)
     rows = constraint.rows(constraint.expression)
@@ -34,15 +34,15 @@ def known_scales(constraint: Constraint) -> Array:
 
 
 def label(constraint: Constraint) -> str:
-    """Return the name of a constraint, or its expression in short."""
+    """Return the name of a constraint, or its shortened expression."""
     return constraint.name or shortened(constraint.expression)
 
 
 def as_path(constraint: object) -> Constraint:
-    """Return a path constraint; a relation or a bare expression becomes one.
+    """Return a path constraint; convert a relation or an expression into one.
 
     Raises:
-        InvalidProblemError: If it is none of these.
+        InvalidProblemError: If the entry is in none of these forms.
     """
     if isinstance(constraint, TerminalConstraint):
         raise InvalidProblemError(
@@ -65,10 +65,10 @@ def as_path(constraint: object) -> Constraint:
 
 
 def as_terminal(constraint: object) -> TerminalConstraint:
-    """Return a terminal constraint; relations, expressions and pairs become one.
+    """Return a terminal constraint, converted from another form if necessary.
 
     Raises:
-        InvalidProblemError: If it is none of these.
+        InvalidProblemError: If the entry is in none of these forms.
     """
     if isinstance(constraint, TerminalConstraint):
         return constraint

@@ -1,21 +1,21 @@
-"""Constraints on a trajectory: how far they are broken, and their rows for an NLP.
+"""Constraints on a trajectory: their excess for a search, their rows for an NLP.
 
 Every constraint names one `expression` in the problem's symbols. From its value v
 
     rows(v)      measured quantity with its limits, lower <= q(v) <= upper, in the units
-                 of the user: what an answer is verified by
-    smooth(v)    the same demand in rows that are smooth everywhere, for an NLP
+                 of the user: used to verify an answer
+    smooth(v)    the same constraint in rows that are smooth everywhere, for an NLP
     excess(a, b) column of numbers, positive if a row is broken between the values a and
-                 b at the two ends of a check (a part of a control interval): what the
-                 population search sees
+                 b at the two ends of a check (a part of a control interval): for the
+                 population search
 
-The search adds up the positive excesses, each divided by its row's `scale`, over all
-checks: the "violation" of an individual, a number without unit. An expression with
-controls jumps at a control instant, so it is evaluated at both ends of every interval,
-with that interval's control.
+The search adds up the positive excesses over all checks, each divided by its row's
+`scale`. This sum is the "violation" of an individual, a number without unit. An
+expression that contains controls jumps at a control instant, so it is evaluated at both
+ends of every interval with the control of that interval.
 
-A scale that is not given is found from the problem (scaling.py), so that the units of a
-constraint change nothing.
+A scale that is not given is found from the problem (scaling.py), so that the result
+does not depend on the units of a constraint.
 
 Distances are in separation.py.
 """
@@ -68,16 +68,16 @@ class Constraint(Protocol):
 
     @property
     def measure(self) -> Measure:
-        """How the search measures it: "excess" or "indicator"."""
+        """Measure used by the search: "excess" or "indicator"."""
 
     def rows(self, value: ca.SX) -> Rows:
         """Return the measured quantity and its limits, in the units of the user."""
 
     def smooth(self, value: ca.SX) -> Rows:
-        """Return the same demand as as many smooth rows, in the same units."""
+        """Return the same limits as equally many smooth rows, in the same units."""
 
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return by how much each row is broken at most, <= 0 if respected, (m, 1)."""
+        """Return a bound of the excess of each row, <= 0 if it is kept, (m, 1)."""
 
     def indicated(self, excess: ca.SX) -> ca.SX:
         """Return 1 for each row that an indicator counts as broken, (m, 1)."""
@@ -87,20 +87,21 @@ class Constraint(Protocol):
 class Bounds:
     """Box bounds on controls and states.
 
-    Where a bound is an expression of parameters, signals and time, it moves: a problem
-    makes a path constraint of it, and has numbers only.
+    A bound may be an expression of parameters, signals and time. The problem turns such
+    a moving bound into a path constraint and keeps numbers only as bounds.
 
     Attributes:
-        controls: (lower, upper), each a number or shape (nu,); None = unbounded. A
-            control with equal bounds is fixed.
-        states: (lower, upper), each a number or shape (nx,), -inf and inf where a
-            state is free; None = all free. They hold at the start and at every check.
-        search: Bounds of the controls that a population search looks within, where they
-            are narrower or the controls have none; None: those of the controls.
-        state_scale: The excess of a state is divided by it, a number or shape (nx,);
-            None: found automatically.
-        integer: Numbers or names of the controls that take whole numbers only; their
-            bounds are whole, too.
+        controls: (lower, upper), each a number or shape (nu,); None: unbounded. Equal
+            bounds fix a control.
+        states: (lower, upper), each a number or shape (nx,); -inf and inf leave a state
+            free; None: all free. They hold at the start and at every check.
+        search: Bounds of the controls for a population search, if they are narrower
+            than those of the controls or the controls have none; None: those of the
+            controls.
+        state_scale: Divisor of a state's excess, a number or shape (nx,); None: found
+            automatically.
+        integer: Numbers or names of the controls that take whole numbers only. Their
+            bounds must be whole numbers, too.
 
     Example:
         >>> import swarmstart as ss
@@ -118,7 +119,7 @@ class Bounds:
 
 
 class _Limited:
-    """How the value of an expression is measured against its limits."""
+    """Measurement of an expression against its limits."""
 
     __slots__ = ()
     lower: Limit
@@ -143,23 +144,29 @@ class _Limited:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PathConstraint(_Limited):
-    """lower <= expression <= upper at the start and at the end of every check.
+    """Path constraint lower <= expression <= upper, at both ends of every check.
 
-    With a weight it is soft, see soft.py: it may be broken at a cost, in each control
-    interval of dt (weight e + quadratic_weight e^2) for the largest excess e of a row.
+    With a weight it is soft (soft.py): it may be broken at a cost. Each control
+    interval of length dt then costs dt (weight e + quadratic_weight e^2), with e the
+    largest excess of a row.
 
     Attributes:
         expression: Column in the problem's symbols, shape (m, 1), or a list of
             scalars.
         lower: Lower limits, a number or shape (m,).
         upper: Upper limits, a number or shape (m,).
-        scale: The excess is divided by it, a number or shape (m,); None: found
-            automatically.
-        measure: "excess" (how far) or "indicator" (1 for each row broken).
+        scale: Divisor of the excess, a number or shape (m,); None: found automatically.
+        measure: "excess" (amount of the violation) or "indicator" (1 for each broken
+            row).
         name: Name in messages; empty: the expression.
-        weight: Of the excess, at least 0: a number, shape (m,), or expressions of
-            parameters and signals as an interval begins [cost / (s unit of the row)].
-        quadratic_weight: Of its square, likewise. None of both: not soft.
+        weight: Cost of the excess, at least 0: a number, shape (m,), or expressions of
+            parameters and signals at the start of an interval [cost / (s unit of the
+            row)].
+        quadratic_weight: Cost of the squared excess, likewise. None for both: not soft.
+
+    Raises:
+        InvalidProblemError: If limits, scale or weights do not fit the expression or
+            are out of range, or the measure is unknown.
 
     Example:
         >>> import casadi as ca
@@ -182,7 +189,7 @@ class PathConstraint(_Limited):
     quadratic_weight: Limit | ca.SX | None = None
 
     def __post_init__(self) -> None:
-        """Bring limits and weights into the shape of the expression."""
+        """Broadcast limits and weights to the shape of the expression."""
         _set_limits(self, "path constraint")
         require_choice("measure", self.measure, get_args(Measure))
         if self.is_soft:
@@ -190,7 +197,7 @@ class PathConstraint(_Limited):
 
     @property
     def is_soft(self) -> bool:
-        """Whether it may be broken at a cost."""
+        """True if the constraint may be broken at a cost."""
         return self.weight is not None or self.quadratic_weight is not None
 
     @property
@@ -201,15 +208,19 @@ class PathConstraint(_Limited):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TerminalConstraint(_Limited):
-    """lower <= expression <= upper at the end of the horizon; equality by default.
+    """Constraint lower <= expression <= upper at the end of the horizon.
+
+    By default both limits are 0: an equality.
 
     Attributes:
         expression: Column in states, parameters and signals, shape (m, 1).
         lower: Lower limits, a number or shape (m,).
         upper: Upper limits, a number or shape (m,).
-        scale: The excess is divided by it, a number or shape (m,); None: found
-            automatically.
+        scale: Divisor of the excess, a number or shape (m,); None: found automatically.
         name: Name in messages; empty: the expression.
+
+    Raises:
+        InvalidProblemError: If limits or scale do not fit the expression, or cross.
 
     Example:
         >>> import casadi as ca
@@ -229,14 +240,14 @@ class TerminalConstraint(_Limited):
     measure: Measure = field(default="excess", init=False)
 
     def __post_init__(self) -> None:
-        """Bring the limits into the shape of the expression."""
+        """Broadcast the limits to the shape of the expression."""
         _set_limits(self, "terminal constraint")
 
 
 def row_excess(rows: Rows) -> ca.SX:
-    """Return by how much each value is outside its limits, (m, 1).
+    """Return the distance of each value outside its limits, (m, 1).
 
-    Negative inside; 0 without limits.
+    It is negative inside the limits, and 0 without limits.
     """
     over = []
     for i, (lower, upper) in enumerate(zip(rows.lower, rows.upper, strict=True)):
@@ -251,17 +262,17 @@ _RELATIONS = (ca.OP_LE, ca.OP_LT, ca.OP_EQ)
 
 
 def limited(role: str, constraint: object) -> tuple[ca.SX, Array, Array] | None:
-    """Return (expression, lower, upper) of a relation or a bare expression.
+    """Return (expression, lower, upper) of a relation or an expression alone.
 
-    `x <= 1`, `x >= 1` and `x == 1` mean what they say; a bare expression means
-    expression = 0. A strict relation counts as the one with equality.
+    `x <= 1`, `x >= 1` and `x == 1` have their usual meaning. An expression alone means
+    expression = 0. A strict relation is treated as the one with equality.
 
     Args:
-        role: What the constraint is, for the message.
-        constraint: What the user gave.
+        role: Description of the constraint, for messages.
+        constraint: The user's entry.
 
     Returns:
-        The expression with its limits; None if the constraint is no expression.
+        The expression with its limits; None if the entry is no expression.
 
     Raises:
         InvalidProblemError: If relations and expressions are mixed in one column.
@@ -295,7 +306,7 @@ def _sides(relation: ca.SX) -> tuple[ca.SX, float, float]:
 
 
 def _set_limits(constraint: PathConstraint | TerminalConstraint, role: str) -> None:
-    """Bring expression, limits and scale of a constraint into one shape."""
+    """Broadcast expression, limits and scale of a constraint to one shape."""
     expression = as_symbolic_column("expression", constraint.expression)
     size = expression.numel()
     lower, upper = limits_of(role, (constraint.lower, constraint.upper), size)
@@ -306,7 +317,7 @@ def _set_limits(constraint: PathConstraint | TerminalConstraint, role: str) -> N
 
 
 def _set_weights(constraint: PathConstraint) -> None:
-    """Bring the weights of a soft constraint to columns."""
+    """Turn the weights of a soft constraint into columns."""
     size = constraint.expression.numel()
     unlimited = ~np.isfinite(constraint.lower) & ~np.isfinite(constraint.upper)
     if constraint.measure == "indicator" or np.any(unlimited):

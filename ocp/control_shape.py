@@ -2,11 +2,12 @@
 
     constant    u(t) = v_k                                    from t_k to t_k+1
     linear      u(t) = q_k + (v_k - q_k) (t - t_k) / dt,   q_k+1 = v_k
-    continuous  the same, but that q_0 is not decided: it is the control before
+    continuous  like linear, except that q_0 is given: the control before the horizon
 
-v_k, k = 0 ... N - 1, are the controls of the core, and so keep their bounds. The knot
-q_k at the beginning of an interval is a state that its end sets to v_k, and u(t) is a
-state whose rate is (v_k - q_k) / dt, which all expressions see in place of the control.
+v_k, k = 0 ... N - 1, are the controls of the core and keep their bounds. The knot q_k
+at the start of an interval is a state, which the end of the interval sets to v_k. u(t)
+is a state with the rate (v_k - q_k) / dt; all expressions use it in place of the
+control.
 
 Source: von Stryk and Bulirsch (1992), Direct and indirect methods for trajectory
 optimization, Annals of Operations Research 37, for controls linear between nodes.
@@ -29,11 +30,11 @@ ControlShape = Literal["constant", "linear", "continuous"]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Knots:
-    """The states of a core that make its controls linear.
+    """States of a core that make its controls linear.
 
     Attributes:
-        now: The control as it is, shape (nu, 1).
-        first: The knot at the beginning of the interval, shape (nu, 1).
+        now: The control at the present time, shape (nu, 1).
+        first: The knot at the start of the interval, shape (nu, 1).
     """
 
     now: ca.SX
@@ -41,25 +42,25 @@ class Knots:
 
     @property
     def states(self) -> ca.SX:
-        """Both, one after the other, shape (2 nu, 1)."""
+        """Both states, one after the other, shape (2 nu, 1)."""
         return ca.vertcat(self.now, self.first)
 
     def rates(self, controls: ca.SX, dt: float) -> ca.SX:
-        """Return the rates of both.
+        """Return the rates of both states.
 
         Args:
-            controls: At the end of the interval, shape (nu, 1).
+            controls: Controls at the end of the interval, shape (nu, 1).
             dt: Length of an interval, in units of the core's time.
         """
         return ca.vertcat((controls - self.first) / dt, ca.SX.zeros(self.first.numel()))
 
     def after(self, controls: ca.SX) -> ca.SX:
-        """Return both as the end of an interval leaves them; `now` goes on."""
+        """Return both states after the end of an interval; `now` is continuous."""
         return ca.vertcat(self.now, controls)
 
 
 def knots_of(names: tuple[str, ...], shape: ControlShape) -> Knots:
-    """Return the states of the knots of some controls; empty where these are held."""
+    """Return the knot states of some controls; empty if the controls are held."""
     used = () if shape == "constant" else names
     pairs = [knot_names(name) for name in used]
     now, first = (
@@ -69,25 +70,25 @@ def knots_of(names: tuple[str, ...], shape: ControlShape) -> Knots:
 
 
 def knot_names(control: str) -> tuple[str, str]:
-    """Return the names of the two states that a linear control has."""
+    """Return the names of the two states that belong to a linear control."""
     return f"control {control}", f"knot of {control}"
 
 
 def control_of(knot: str, controls: Sequence[str]) -> int | None:
-    """Return the number of the control that a state is the knot of, or None."""
+    """Return the number of the control whose knot a state is; None if it is no knot."""
     return next((j for j, u in enumerate(controls) if knot == knot_names(u)[1]), None)
 
 
 def require_shape(shape: str, *, is_discrete: bool, integer: int) -> None:
-    """Refuse an unknown shape, and controls that can only be held.
+    """Raise if the shape is unknown or the controls can only be held.
 
     Args:
-        shape: Of the controls.
+        shape: Shape of the controls.
         is_discrete: Whether the model is in discrete time.
         integer: Number of controls that take whole numbers.
 
     Raises:
-        InvalidProblemError: Naming what is allowed.
+        InvalidProblemError: With the value given and what is allowed.
     """
     require_choice("control_shape", shape, get_args(ControlShape))
     if shape == "constant":
@@ -105,15 +106,15 @@ def require_shape(shape: str, *, is_discrete: bool, integer: int) -> None:
 
 
 def require_held(shapes: Iterable[str]) -> None:
-    """Refuse shapes of controls that a team cannot fly.
+    """Raise if a team or a dual mode cannot use these shapes of controls.
 
     Raises:
-        InvalidProblemError: If one is not "constant".
+        InvalidProblemError: If a shape is not "constant".
     """
     for shape in shapes:
         if shape != "constant":
             raise InvalidProblemError(
-                "a team and a dual mode fly controls that are held: control_shape must "
+                "a team and a dual mode use controls that are held: control_shape must "
                 f"be constant, got {shape!r}"
             )
 
@@ -122,8 +123,8 @@ def split_knots(knots: Array, intervals: int) -> tuple[Array, Array]:
     """Return (first knot (nu,), controls (nu, N)) of knots or of held controls.
 
     Args:
-        knots: Shape (nu, N + 1); of held controls, (nu, N), the first is the first knot
-            as well.
+        knots: Knots, shape (nu, N + 1); or held controls, shape (nu, N), whose first
+            column is taken as the first knot.
         intervals: Number N of intervals.
     """
     if knots.shape[1] == intervals:

@@ -1,15 +1,15 @@
-"""Receding horizon, planning at each control instant; open loop, planning once.
+"""Controllers: receding horizon (plan at each control instant) and open loop (once).
 
-A controller's memory is its last decision: `decide` takes it and returns the next one,
-so that a flight can be stopped, stored and gone on with.
+A controller's only memory is its last decision: `decide` takes it and returns the next
+one. So a run can be stopped, stored and continued.
 
-Receding horizon: at each control instant the planner starts at the last plan, shifted
+Receding horizon: at each control instant the planner starts from the last plan, shifted
 by one interval with zero controls appended, and the first control of the new plan is
-flown. (The chapter starts at U(t - delta) as it is, which does not settle: erratum;
-`shift=False` does that.)
-Where no feasible plan is found, the better of what was found and the shifted last
-plan, by (violation, cost), is flown, and the plan says so. (Always flying the shifted
-plan can stall: one that never was feasible is then repeated for ever.)
+applied. (The chapter starts from the unshifted U(t - delta), which does not settle: an
+erratum; `shift=False` does that.)
+If no feasible plan is found, the better of the plan found and the shifted last plan, by
+(violation, cost), is applied, and the plan says so. (Always applying the shifted plan
+can stall: an infeasible plan would be repeated for ever.)
 """
 
 from collections.abc import Callable, Mapping
@@ -41,13 +41,13 @@ ReferenceSignals = Callable[[Array], Array]
 
 
 _ROUNDING = 1e-9
-"""Of a period: an end time that is longer by this part is not longer."""
+"""Fraction of a period by which an end time may exceed it and still count as equal."""
 _SHOWN = 6
-"""Controls that a summary shows."""
+"""Number of controls that a summary shows."""
 
 
 class Mode(Enum):
-    """Which law made a decision."""
+    """Control law that made a decision."""
 
     PLANNED = "planned"
     LINEAR = "linear"
@@ -55,21 +55,21 @@ class Mode(Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Decision:
-    """What a controller does at one control instant; also its memory.
+    """Decision of a controller at one control instant; also its memory.
 
     Attributes:
-        control: Control to hold over the coming interval, or that with which it begins
-            where a profile says how it goes on, shape (nu,).
+        control: Control to hold over the coming interval, shape (nu,); with a
+            `profile`, the control at its start.
         plans: The plan of each agent, in the order of the agents.
-        mode: Which law made it.
-        start: State at which the flight begins, shape (nx,), where the first plan
-            decides it; None: where it is.
-        dt: Length of the coming interval [s], where the plan decides it; None: the
+        mode: The law that made the decision.
+        start: State at which the run begins, shape (nx,), if the first plan decides it;
+            None: the measured state.
+        dt: Length of the coming interval [s], if the plan decides it; None: the
             controller's.
-        is_last: Whether the flight ends with the coming interval.
-        profile: Controls over the interval, where the plan's intervals are other ones,
-            or linear controls; None: the control is held.
-        decided: What the plan decides about parameters, by name.
+        is_last: Whether the run ends with the coming interval.
+        profile: Controls over the interval, if they are linear or the plan has other
+            intervals; None: the control is held.
+        decided: Parameters that the plan decides, by name.
     """
 
     control: Array
@@ -92,7 +92,7 @@ class Decision:
 
 
 class Controller(Protocol):
-    """Feedback at fixed control instants."""
+    """Feedback law that acts at fixed control instants."""
 
     @property
     def dt(self) -> float:
@@ -124,7 +124,7 @@ def known_at(
     seen: tuple[Array, ...] = (),
     length: float | None = None,
 ) -> Known:
-    """Return what is known of a plan made at a time; see RecedingHorizon.known."""
+    """Return parameters and signals of a plan; see RecedingHorizon.known."""
     times = problem.expected_times
     times = time + times * (1.0 if length is None else length / times[-1])
     rows = () if reference is None else (reference(times),)
@@ -137,32 +137,34 @@ def known_at(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RecedingHorizon:
-    """Plan over the horizon, fly the first interval, plan again.
+    """Plan over the horizon, apply the first interval, plan again.
 
     Attributes:
-        planner: Plans from one state.
-        reference: The problem's first signals; None where it has none.
-        parameters: Time [s] -> parameters (np,) of the plan made then; None: none.
-        candidates: Time [s] -> controls (nu, N, k) that a search looks at besides the
-            last plan; None: none.
-        append: What the last plan, shifted, ends with.
-        shift: Whether planning starts at the last plan shifted by one interval; else at
-            the last plan as it is, one interval late.
-        first: Controls (nu, N), or a Start with states, that the first plan begins
-            from; None: none are known. Without search and polish they are that plan.
-        period: Time from one plan to the next [s], of a problem whose end time is free:
-            the horizon shrinks, with the same number of intervals, and the flight ends
-            when it is at most one period, or what is left after one would be shorter
-            than it may be. None: one control interval.
-        previous: Control of the interval before the flight, shape (nu,); None: the
-            nearest to zero that is allowed.
-        carries: Whether a polish begins with the multipliers of the last plan, too; not
-            where what the signals are changes from plan to plan.
+        planner: Planner of the problem.
+        reference: Function of time that gives the problem's first signals; None: the
+            problem has no such signals.
+        parameters: Time [s] -> parameters (np,) of the plan made then; None: no
+            parameters.
+        candidates: Time [s] -> controls (nu, N, k) that a search evaluates in addition
+            to the last plan; None: no candidates.
+        append: What is appended to the shifted last plan: "zero" controls or its "last"
+            ones.
+        shift: Whether planning starts from the last plan shifted by one interval; else
+            it starts from the last plan unchanged, which is one interval late.
+        first: Controls (nu, N), or a Start with states, from which the first plan
+            begins; None: unknown. Without search and polish, they are the first plan.
+        period: Time from one plan to the next [s], for a problem with a free end time.
+            The horizon shrinks with a constant number of intervals. The run ends when
+            the end time is at most one period, or when the remainder after a period
+            would be shorter than allowed. None: one control interval.
+        previous: Control of the interval before the run, shape (nu,); None: the allowed
+            value nearest to zero.
+        carries: Whether a polish also starts from the multipliers of the last plan. Set
+            it to False if the meaning of the signals changes from plan to plan.
 
     Raises:
-        InvalidProblemError: If the end time is free and there is no period, or it may
-            not become as short as that; or if the members of an ensemble share no
-            control.
+        InvalidProblemError: If the end time is free and there is no period or it may
+            not shrink to one period; or if the members of an ensemble share no control.
 
     Example:
         >>> import casadi as ca
@@ -192,12 +194,12 @@ class RecedingHorizon:
     carries: bool = True
 
     def __post_init__(self) -> None:
-        """Check that a free end time can be followed to its end."""
+        """Check that the run can end if the end time is free."""
         horizon = self.planner.stated.horizon
         risk = self.planner.stated.risk
         if risk is not None and risk.robust_horizon == 0:
             raise InvalidProblemError(
-                "members of an ensemble that share no control cannot be flown: "
+                "members of an ensemble that share no control cannot be run: "
                 "robust_horizon must be at least 1"
             )
         if not isinstance(horizon, Free):
@@ -221,7 +223,7 @@ class RecedingHorizon:
         """
         if isinstance(self.planner.stated.horizon, Free) and self.period is None:
             raise InvalidProblemError(
-                "a flight whose end time is free needs a period: how often to plan [s]"
+                "a run whose end time is free needs a period: how often to plan [s]"
             )
         return self.period or self.planner.problem.dt
 
@@ -236,13 +238,13 @@ class RecedingHorizon:
         """Return the first control of a new plan; see Controller.
 
         Raises:
-            InvalidProblemError: If the problem decides where it starts, which is
-                measured here, or is several phases.
+            InvalidProblemError: If the problem decides its start, which is measured
+                here, or consists of several phases.
         """
         if self.planner.stated.clock:
             raise InvalidProblemError(
-                "phases cannot be flown in receding horizon by their joined problem: "
-                "take phased_horizon(), or fly one plan in an OpenLoop"
+                "phases cannot be run in receding horizon by their joined problem: "
+                "take phased_horizon(), or run one plan in an OpenLoop"
             )
         if self.planner.stated.start:
             raise InvalidProblemError(
@@ -274,17 +276,17 @@ class RecedingHorizon:
         )
 
     def flown(self, plan: Plan) -> Array:
-        """Return a plan's controls or knots that one plant has, first ones first."""
+        """Return the controls or knots of a plan that one plant receives."""
         stated, lowered = self.planner.stated, self.planner.lowered
         return lowered.knots(plan.controls, plan.x0)[: stated.flown_controls]
 
     def _profile(self, plan: Plan, length: float, pieces: int | None = None) -> Profile:
-        """Return the controls of a plan over its horizon of a length [s].
+        """Return the controls of a plan over its horizon.
 
         Args:
             plan: The plan.
-            length: Of its horizon [s].
-            pieces: Number of the intervals that count; None: all.
+            length: Length of its horizon [s].
+            pieces: Number of intervals that count; None: all.
         """
         controls, piece = self.flown(plan), length / plan.controls.shape[1]
         if not self.planner.stated.has_knots:
@@ -294,7 +296,7 @@ class RecedingHorizon:
 
     @property
     def _shortest(self) -> float:
-        """Shortest end time that may be decided [s]."""
+        """Shortest allowed end time [s]."""
         horizon = self.planner.stated.horizon
         return horizon.lower if isinstance(horizon, Free) else 0.0
 
@@ -312,9 +314,10 @@ class RecedingHorizon:
 
         Args:
             time: Time since the start [s].
-            seen: Rows that follow the reference's, each (k, nodes): plans of others.
-            length: How long the plan is expected to take [s]; None: the horizon, or
-                the guess of one that is free.
+            seen: Signal rows that follow the reference's, each (k, nodes): plans of
+                others.
+            length: Expected length of the plan [s]; None: the horizon, or the guess of
+                a free one.
         """
         stated = self.planner.stated
         known = known_at(stated, time, self.reference, self.parameters, seen, length)
@@ -330,13 +333,13 @@ class RecedingHorizon:
         is_only: bool = False,
         rng: np.random.Generator,
     ) -> Plan:
-        """Return the plan to fly from a state.
+        """Return the plan to apply from a state.
 
         Args:
             time: Time since the start [s].
             state: Shape (nx,).
             last: The plan one interval ago; None at the start.
-            seen: As in `known`.
+            seen: Signal rows, as in `known`.
             is_only: Whether no other plan follows it.
             rng: Source of all randomness.
         """
@@ -376,7 +379,7 @@ class RecedingHorizon:
 
         Args:
             last: The last plan.
-            left: As from `_left`.
+            left: Remaining time of the last plan, as from `_left`.
         """
         duals = last.duals if last.point is None else duals_of(last.point)
         if duals is None or not self.carries:
@@ -387,24 +390,24 @@ class RecedingHorizon:
         if self.period is not None and left is not None:
             whole = self._length(last)
             begin, length = self.period / whole, left / whole
-        if not begin < 1.0:  # Nothing of the plan is left.
+        if not begin < 1.0:  # The last plan is used up.
             return None
         return Carried(duals=duals, begin=begin, end=begin + length)
 
     @property
     def _leaves_some(self) -> bool:
-        """Whether something of a plan is left when the next one is made."""
+        """True if a part of a plan remains when the next one is made."""
         one = self.period is None and self.planner.problem.intervals == 1
         return not (self.shift and one)
 
     def _left(self, last: Plan | None) -> float | None:
-        """Return what is left of the last plan's time [s]; None: nothing shrinks."""
+        """Return the rest of the last plan's time [s]; None if the horizon is fixed."""
         if last is None or self.period is None:
             return None
         return max(self._length(last) - self.period, self._shortest)
 
     def _last_held(self, last: Plan) -> Array:
-        """Return the control at the end of what was flown of the last plan."""
+        """Return the control at the end of the applied part of the last plan."""
         if self.period is None:
             return last.controls[:, 0]
         if self.planner.stated.has_knots:
@@ -420,9 +423,9 @@ class RecedingHorizon:
     def _shrunk(
         self, state: Array, last: Plan, period: float, left: float
     ) -> tuple[Array, Array]:
-        """Return where the next plan starts and the controls that are left of the last.
+        """Return the start of the next plan, and the rest of the last controls.
 
-        The guess of the end time is what is left of it.
+        The remaining time is the guess of the end time.
         """
         (one,) = self.planner.lowered.places[END_TIME]
         start = state.copy()
@@ -439,13 +442,13 @@ class RecedingHorizon:
 def fallback_of(
     planner: Planner, plan: Plan, again: Array, state: Array, known: Known
 ) -> Plan:
-    """Return the shifted last plan in place of an infeasible one, unless worse.
+    """Return the shifted last plan in place of an infeasible one, unless it is worse.
 
     Args:
-        planner: That has made the plan.
-        plan: What planning found; its search values and effort are kept.
-        again: The shifted last plan's controls, shape (nu, N).
-        state: Of the core, shape (nx,).
+        planner: The planner that made the plan.
+        plan: Result of planning; its search values and effort are kept.
+        again: Controls of the shifted last plan, shape (nu, N).
+        state: State of the core, shape (nx,).
         known: Parameters and signals of the plan.
     """
     shifted = planner.evaluated(
@@ -465,11 +468,11 @@ def fallback_of(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OpenLoop:
-    """A controller that plans once, as `solve` does, and then flies what it planned.
+    """A controller that plans once, as `solve` does, and then follows that plan.
 
     Attributes:
-        loop: Plans from the first state.
-        repair: Whether a plan that breaks a constraint between its checks is made
+        loop: Controller that makes the plan from the first state.
+        repair: Whether a plan that breaks a constraint between its checks is solved
             again with a margin, as in `solve`.
 
     Raises:
@@ -495,20 +498,20 @@ class OpenLoop:
     repair: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse controls of which one plant cannot know its own."""
+        """Raise if members of an ensemble have controls of their own."""
         stated = self.loop.planner.stated
         risk = stated.risk
         shared = None if risk is None else risk.robust_horizon
         if shared is not None and shared < stated.intervals:
             raise InvalidProblemError(
-                f"an open loop flies one control sequence, but members have their own "
+                f"an open loop has one control sequence, but members have their own "
                 f"after {shared} of {stated.intervals} intervals: leave out "
                 "robust_horizon"
             )
 
     @property
     def dt(self) -> float:
-        """Length of a control interval [s]; of a free end time, as far as guessed."""
+        """Length of a control interval [s]; of a free end time, its guess."""
         stated = self.loop.planner.stated
         return float(stated.expected_times[-1]) / stated.intervals
 

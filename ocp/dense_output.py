@@ -75,17 +75,17 @@ def interpolate(plant: Plant, trajectory: Trajectory) -> DenseOutput:
             do not all have the same number of steps.
 
     Example:
-        >>> import casadi as ca
-        >>> from swarmstart.ocp import Model, Plant, Trajectory
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
         >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
-        >>> falling = Model(states=x, controls=u, ode=ca.vertcat(x[1], u))
-        >>> flight = Trajectory(
+        >>> falling = ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u))
+        >>> run = ss.Trajectory(
         ...     times=np.array([0.0, 1.0]), dense_times=np.array([0.0, 1.0]),
         ...     states=np.array([[0.0, 1.0], [0.0, 2.0]]), controls=np.array([[2.0]]),
         ...     dense_states=np.array([[0.0, 1.0], [0.0, 2.0]]),
         ...     decisions=(), step_seconds=np.zeros(1),
         ... )
-        >>> path = interpolate(Plant(falling, dt=1.0, substeps=1), flight)
+        >>> path = ss.interpolate(ss.Plant(falling, dt=1.0, substeps=1), run)
         >>> path(0.5).round(12)
         array([[0.25],
                [1.  ]])

@@ -49,6 +49,8 @@ def smallest_distance(curves: Array, first: Indices, second: Indices) -> float:
     Example:
         Two points on lines that cross, the one a second before the other:
 
+        >>> import numpy as np
+        >>> from swarmstart.ocp import smallest_distance
         >>> s = np.linspace(0.0, 1.0, 6)
         >>> one, other = [4 * s - 2, 0 * s], [0 * s, 4 * s - 1]
         >>> curves = np.array([one, other])[:, :, None, :]
@@ -63,6 +65,8 @@ def largest_distance(curves: Array, first: Indices, second: Indices) -> float:
     """Return the largest distance of any pair over all time; see `smallest_distance`.
 
     Example:
+        >>> import numpy as np
+        >>> from swarmstart.ocp import largest_distance
         >>> s = np.linspace(0.0, 1.0, 6)
         >>> curves = np.array([[3 * s, 4 * s], [0 * s, 0 * s]])[:, :, None, :]
         >>> print(largest_distance(curves, np.array([0]), np.array([1])))

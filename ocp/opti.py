@@ -78,6 +78,8 @@ def warm_start(  # noqa: PLR0913 - one added line says it all
             parameter no value, or an argument is of another kind.
 
     Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
         >>> opti = ca.Opti()
         >>> x, u = opti.variable(1, 6), opti.variable(1, 5)
         >>> for k in range(5):
@@ -86,7 +88,7 @@ def warm_start(  # noqa: PLR0913 - one added line says it all
         >>> opti.subject_to(opti.bounded(-1, u, 1))
         >>> opti.minimize((x[5] ** 2 - 0.25) ** 2 + 0.1 * x[5])
         >>> opti.solver("ipopt", {"ipopt.print_level": 0, "print_time": False})
-        >>> warm = warm_start(opti, controls=[u], states=[x])
+        >>> warm = ss.warm_start(opti, controls=[u], states=[x], budget=2000)
         >>> solution = warm.solve()  # doctest: +ELLIPSIS
         ...
         >>> bool(solution.value(x)[-1] < 0)

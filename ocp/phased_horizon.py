@@ -268,18 +268,18 @@ def phased_horizon(
 
     Example:
         >>> import casadi as ca
-        >>> from swarmstart.ocp import Bounds, IpoptOptions, Model, simulate
+        >>> from dataclasses import replace
+        >>> import swarmstart as ss
         >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
-        >>> leg = OptimalControlProblem(
-        ...     Model(states=x, controls=u, ode=u), horizon=0.5, intervals=4,
-        ...     stage_cost=u**2, bounds=Bounds(controls=(-4, 4)), terminal=[(x, 1.0)]
+        >>> leg = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=0.5, intervals=4,
+        ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-4, 4)), terminal=[(x, 1)],
         ... )
-        >>> back = replace(leg, terminal=[(x, 0.0)])
-        >>> loop = phased_horizon([leg, back], period=0.2, polish=IpoptOptions())
-        >>> flight = simulate(
-        ...     loop.plant(substeps=8), loop, loop.start([0.0]), steps=9, seed=0
-        ... )
-        >>> [round(float(time), 3) for time in flight.times]
+        >>> back = replace(leg, terminal=[(x, 0)])
+        >>> loop = ss.phased_horizon([leg, back], period=0.2, polish=ss.IpoptOptions())
+        >>> plant, x0 = loop.plant(substeps=8), loop.start([0.0])
+        >>> run = ss.simulate(plant, loop, x0, steps=9, seed=0)
+        >>> [round(float(time), 3) for time in run.times]
         [0.0, 0.2, 0.4, 0.5, 0.7, 0.9, 1.0]
     """
     together = phases(stated, linkages)

@@ -42,7 +42,14 @@ class Radau:
         InvalidProblemError: If a number is not allowed.
 
     Example:
-        >>> Radau(points=2).points
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u - 50 * x),
+        ...     horizon=1.0, intervals=4, transcription=ss.Radau(points=2),
+        ... )
+        >>> problem.collocation.points
         2
     """
 

@@ -248,7 +248,8 @@ def table(
 
     Example:
         >>> import casadi as ca
-        >>> thrust = table([0, 1, 2], [50e3, 40e3, 60e3], name="thrust")
+        >>> import swarmstart as ss
+        >>> thrust = ss.table([0, 1, 2], [50e3, 40e3, 60e3], name="thrust")
         >>> thrust(ca.SX(0.5))
         SX(45000)
         >>> float(thrust.at(1.5))
