@@ -1,15 +1,15 @@
-"""The core of a problem: the states, costs and constraints that it really has.
+"""Core of a problem: all decisions besides the controls are turned into states.
 
-    end time T       a state that stays as it began; rates and stage cost times T, and
-                     the horizon is 1
-    parameter        a state that stays as it began
-    periodic state   and a copy of its start, which stays; at the end both are equal
+    end time T       a constant state; rates and stage cost are multiplied by T, and the
+                     horizon is 1
+    parameter        a constant state, if it is decided
+    periodic state   a constant copy of its start; both must be equal at the end
     previous control a state that the end of an interval sets to the control
     time             t0 + T tau, with the parameter t0 and the signal tau in [0, 1]
     linear controls  two states each; see control_shape.py
-    risk             the costs of the members so far as states, and what the NLP decides
+    risk             the members' accrued costs as states, and the NLP's own decisions
 
-How a stated problem and its core belong together is in lowering.py.
+The correspondence between a stated problem and its core is in lowering.py.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,26 +27,26 @@ from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.risk import Epigraph, Risk, epigraph_symbols
 
 _Timed = Callable[[ca.SX], ca.SX]
-"""An expression -> the same with the time as the core has it."""
+"""An expression -> the same with the time as the core expresses it."""
 END_TIME = "end time"
-"""Name of the state that a free end time is."""
+"""Name of the state that represents a free end time."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Added:
-    """The symbols that the core has besides those of the stated problem.
+    """Symbols that the core has besides those of the stated problem.
 
     Attributes:
-        end_time: The state that is the end time, where it is free; else empty.
-        decided: The parameters that are decided, in the order of their names.
-        copies: The start of each periodic state.
-        previous: The previous controls, where they are remembered; else empty.
-        knots: The states of linear controls; empty where they are held.
-        accrued: The members' costs so far, of an ensemble; else empty.
-        epigraph: What the NLP decides for their risk; else empty.
+        end_time: State for the end time, if it is free; else empty.
+        decided: Parameters that are decided, in the order of their names.
+        copies: Copy of the start of each periodic state.
+        previous: Previous controls, if they are used; else empty.
+        knots: States of linear controls; empty if the controls are held.
+        accrued: Accrued costs of the members of an ensemble; else empty.
+        epigraph: Decisions that an NLP needs for their risk; else empty.
         length: Length of the horizon [s].
-        scale: Seconds to a unit of the core's time: the end time where it is free.
-        clock: The time.
+        scale: Seconds in a unit of the core's time: the end time if it is free.
+        clock: Expression of the time.
     """
 
     end_time: ca.SX
@@ -62,12 +62,12 @@ class _Added:
 
     @property
     def constant(self) -> ca.SX:
-        """The states that stay as they began."""
+        """States that keep their initial value."""
         return ca.vertcat(self.end_time, self.decided, self.copies)
 
 
 def _added(stated: OptimalControlProblem) -> _Added:
-    """Return the symbols that the core of a problem needs."""
+    """Return the symbols that the core of a problem needs in addition."""
     model, free_end = stated.model, isinstance(stated.horizon, Free)
     T = ca.SX.sym(END_TIME, int(free_end))
     names = symbol_names(model.parameters)
@@ -99,7 +99,7 @@ def core_of(stated: OptimalControlProblem) -> OptimalControlProblem:
     model = stated.model
 
     def begun(expression: ca.SX) -> ca.SX:
-        """Return what is seen once, as an interval begins."""
+        """Return an expression that is evaluated once, at the start of an interval."""
         if stated.has_knots and stated.previous.numel():
             expression = ca.substitute(expression, stated.previous, added.knots.first)
         if not model.time.numel():
@@ -107,7 +107,7 @@ def core_of(stated: OptimalControlProblem) -> OptimalControlProblem:
         return ca.substitute(expression, model.time, added.clock.time)
 
     def timed(expression: ca.SX) -> ca.SX:
-        """Return what is seen at any time."""
+        """Return an expression that is evaluated at any time."""
         if stated.has_knots:
             expression = ca.substitute(expression, model.controls, added.knots.now)
         return begun(expression)
@@ -205,7 +205,7 @@ def _knot_rates(stated: OptimalControlProblem, knots: Knots) -> ca.SX:
 
 
 def _epigraph(risk: Risk, added: _Added, states: int) -> Epigraph | None:
-    """Return the epigraph of a risk; None if the NLP decides nothing for it."""
+    """Return the epigraph of a risk; None if the NLP needs no decisions for it."""
     if not added.epigraph.numel():
         return None
     first = states - int(added.epigraph.numel())
@@ -221,7 +221,7 @@ def _epigraph(risk: Risk, added: _Added, states: int) -> Epigraph | None:
 def _core_constraints(
     stated: OptimalControlProblem, added: _Added, timed: _Timed
 ) -> list[Constraint | ca.SX]:
-    """Return the path constraints, hard and soft, with the time as the core has it."""
+    """Return the path constraints, hard and soft, with the core's time."""
     moves = stated.model.time.numel() or stated.has_knots
     hard = [
         _with_expression(c, timed(c.expression)) if moves else c for c in stated.stated
@@ -241,7 +241,7 @@ def _core_constraints(
 def _core_terminal(
     stated: OptimalControlProblem, added: _Added, timed: _Timed
 ) -> list[TerminalConstraint]:
-    """Return the terminal constraints, those of the periodic states among them."""
+    """Return the terminal constraints, including those of the periodic states."""
     model = stated.model
     copied = [model.state_names.index(name) for name in stated.periodic]
     return [
@@ -263,9 +263,9 @@ def risk_states(stated: OptimalControlProblem) -> int:
 
 
 def _risk_symbols(stated: OptimalControlProblem) -> tuple[ca.SX, ca.SX]:
-    """Return symbols of the members' costs so far, and of t, e, r; see risk.py."""
+    """Return symbols of the members' accrued costs, and of t, e, r; see risk.py."""
     risk, none = stated.risk, ca.SX(0, 1)
-    if risk is None or stated.epigraph is not None:  # That of a core is made.
+    if risk is None or stated.epigraph is not None:  # A core has its epigraph already.
         return none, none
     epigraph = epigraph_symbols(risk)
     if not epigraph.numel():
@@ -277,12 +277,12 @@ def _risk_symbols(stated: OptimalControlProblem) -> tuple[ca.SX, ca.SX]:
 def _accrual(
     stated: OptimalControlProblem, added: _Added, after: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Return the rates of the members' costs, and what an interval's end adds to them.
+    """Return the rates of the members' costs, and the increments at an interval's end.
 
     Args:
         stated: The problem.
         added: The core's other symbols.
-        after: The states that an interval's end leaves.
+        after: States after an interval's end.
     """
     risk, model = stated.risk, stated.model
     if risk is None or not epigraph_symbols(risk).numel():
@@ -303,7 +303,7 @@ def _accrual(
 def _timed_risk(
     risk: Risk | None, timed: _Timed, begun: _Timed, scale: ca.SX
 ) -> Risk | None:
-    """Return the members' costs as the core has them; steps as intervals begin."""
+    """Return the members' costs in the core's time; step costs at interval starts."""
     if risk is None:
         return None
     return replace(
@@ -317,7 +317,7 @@ def _timed_risk(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Clock:
-    """The time as the core has it."""
+    """Time in the core."""
 
     time: ca.SX
     begin: ca.SX
@@ -331,7 +331,7 @@ def _clock(model: Model, length: ca.SX) -> _Clock:
 
 
 def _with_expression(constraint: Constraint, expression: ca.SX) -> Constraint:
-    """Return a path constraint, a distance or another, on another expression."""
+    """Return a copy of a path constraint with another expression."""
     field = "relative" if hasattr(constraint, "relative") else "expression"
     changed: Constraint = replace(constraint, **{field: expression})  # type: ignore[type-var]
     return changed
@@ -355,7 +355,7 @@ def _starts(
 def _first_knots(
     stated: OptimalControlProblem,
 ) -> Iterator[tuple[tuple[str, ...], Free]]:
-    """Yield the first knots of linear controls that are decided."""
+    """Yield the first knots of linear controls, if they are decided."""
     if stated.control_shape != "linear":
         return
     labels = stated.control_labels[:, 0]
@@ -369,7 +369,7 @@ def _first_knots(
 
 
 def _scales(stated: OptimalControlProblem) -> dict[str, float]:
-    """Return the sizes that are given; states of linear controls have theirs."""
+    """Return the given sizes; states of linear controls get those of the controls."""
     scales = dict(stated.scales)
     if not stated.has_knots:
         return scales
@@ -386,7 +386,7 @@ def _copy_of(name: str) -> str:
 
 
 def _bounds(stated: OptimalControlProblem, states: int) -> Bounds:
-    """Return the bounds of the core, whose other states have none along the way."""
+    """Return the bounds of the core; the states that it adds are unbounded."""
     more = states - stated.model.nx
     lower, upper = stated.state_limits
     scale = stated.bounds.state_scale

@@ -1,15 +1,15 @@
-"""Collocation brought to where the evaluator is: deferred correction.
+"""Deferred correction: collocation made to agree with the evaluator's integrator.
 
-An answer of the NLP keeps its limits on the collocated path, and an evaluator that
-integrates otherwise may not agree. With x_k, u_k of the answer and c_k the inner
-unknowns that lead from x_k to where the evaluator gets to, the rows of motion D(c) = 0
-are shifted,
+An answer of the NLP keeps its limits on the collocated path, but an evaluator with
+another integrator may disagree. Let x_k, u_k be the answer, and c_k the inner unknowns
+that lead from x_k to the state that the evaluator reaches. The rows of motion D(c) = 0
+are shifted to
 
-    D(c) = D(c_k),     x after(c) - x_k+1 = x after(c_k) - where the evaluator gets to,
+    D(c) = D(c_k),     x after(c) - x_k+1 = x after(c_k) - evaluator's state,
 
-so that each interval leads where the evaluator leads it. An NLP with these rows,
-solved from the answer, is nearer to the evaluator by as much as collocation is exact;
-this is repeated until both agree.
+so that each interval leads to the evaluator's state. The solution of an NLP with these
+rows, started from the answer, is closer to the evaluator by the accuracy of the
+collocation. This is repeated until both agree.
 
 Source: Auzinger, Hofstaetter, Kreuzer and Weinmueller (2004), Modified defect
 correction algorithms for ODEs, part I, Numerical Algorithms 36.
@@ -24,24 +24,25 @@ from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.transcription import Array, Given, Limits
 
 MOST_CORRECTIONS = 5
-"""Times at most that an NLP is solved again."""
+"""Largest number of times that an NLP is solved again."""
 
 
 def corrected(
     point: NlpPoint, sizes: Sizes, parameters: Array, signals: Array
 ) -> tuple[Array, Limits] | None:
-    """Return where to begin again, and limits whose rows of motion are shifted.
+    """Return the next start and the limits with shifted rows of motion.
 
-    Algebraic equations stay as they are.
+    Algebraic equations are not changed.
 
     Args:
-        point: The NLP's answer.
-        sizes: The sizes.
+        point: The answer of the NLP.
+        sizes: The natural sizes.
         parameters: Shape (np,).
         signals: At the nodes, shape (ns, nodes).
 
     Returns:
-        None if the evaluator gets to what is not finite, or nothing is collocated.
+        The new guess and limits; None if the evaluator's states are not finite, or
+        nothing is collocated.
     """
     program, problem = point.program, point.program.problem
     guess, layout = program.inner_guess, layout_of(problem)

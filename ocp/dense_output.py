@@ -1,16 +1,16 @@
-"""The path of a flight between the plant's steps: Hermite interpolation of order 5.
+"""Path of a run between the plant's steps: Hermite interpolation of degree 5.
 
-On one step of the plant, of length h, from state a to state b with the control and
-the parameters held there, each state is the polynomial of degree 5 that has at both
-ends the state x, the rate x' = f(x, u, p) and the second derivative
-x'' = df/dx f. Its Bernstein coefficients are
+One step of the plant has the length h, the start state a and the end state b; the
+control and the parameters are held. Each state is interpolated by the polynomial of
+degree 5 that has, at both ends, the state x, the rate x' = f(x, u, p) and the second
+derivative x'' = df/dx f. Its Bernstein coefficients are
 
     a,  a + h/5 a',  a + 2h/5 a' + h^2/20 a'',
     b - 2h/5 b' + h^2/20 b'',  b - h/5 b',  b
 
-Where the control jumps, the rates do: each piece has its own at both of its ends. The
-error is at most h^6 / 46080 max |x^(6)|: below 1e-7 m in the scenarios that ship, where
-a cubic, from the rates alone, is off by up to 4e-5 m.
+The rates jump where the control jumps, so each piece has its own rates at its ends. The
+error is at most h^6 / 46080 max |x^(6)|: below 1e-7 m in the scenarios that ship,
+whereas a cubic, from the rates alone, is off by up to 4e-5 m.
 
 Source: Hairer, Norsett and Wanner (1993), Solving Ordinary Differential Equations I,
 section II.6; Farin (2002), Curves and Surfaces for CAGD, chapter 7.
@@ -32,15 +32,15 @@ Array = NDArray[np.float64]
 
 DEGREE = 5
 choices = np.vectorize(math.comb, otypes=[np.float64])
-"""Binomial coefficients; the import of scipy.special takes 0.1 s."""
+"""Binomial coefficients, written out: importing scipy.special takes 0.1 s."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DenseOutput:
-    """The continuous path of a flight.
+    """Continuous path of a closed-loop run.
 
     Attributes:
-        step: Length of a piece, the plant's step [s].
+        step: Length of a piece, which is one step of the plant [s].
         curves: Bernstein coefficients of each state on each piece, shape
             (nx, pieces, 6); neither copied nor locked.
     """
@@ -49,10 +49,10 @@ class DenseOutput:
     curves: Array
 
     def __call__(self, times: ArrayLike) -> Array:
-        """Return the states at some times, shape (nx, n).
+        """Return the states at given times, shape (nx, n).
 
         Args:
-            times: Within the flight, shape (n,) [s].
+            times: Times within the run, shape (n,) [s].
         """
         elapsed = np.atleast_1d(np.asarray(times, dtype=np.float64)) / self.step
         piece = np.clip(elapsed.astype(int), 0, self.curves.shape[1] - 1)
@@ -62,13 +62,16 @@ class DenseOutput:
 
 
 def interpolate(plant: Plant, trajectory: Trajectory) -> DenseOutput:
-    """Return the continuous path of a flight.
+    """Return the continuous path of a closed-loop run.
 
-    Only times, controls and dense states are looked at, which a record has.
+    Only times, controls and dense states are used, so a saved record is enough.
 
     Args:
-        plant: What was flown.
-        trajectory: The flight, with the same steps of the plant in each interval.
+        plant: The plant of the run.
+        trajectory: The run, with the same number of plant steps in each interval.
+
+    Returns:
+        The path, a function of the time.
 
     Raises:
         InvalidProblemError: If the trajectory does not fit the plant, or its intervals
@@ -119,7 +122,7 @@ def _derivatives(model: Model) -> ca.Function:
 
 
 def _substeps(plant: Plant, trajectory: Trajectory) -> int:
-    """Return how many of the plant's steps an interval has."""
+    """Return the number of the plant's steps in an interval."""
     steps, pieces = trajectory.controls.shape[1], trajectory.dense_states.shape[1] - 1
     rows = (trajectory.dense_states.shape[0], trajectory.controls.shape[0])
     if rows != (plant.model.nx, plant.model.nu):

@@ -1,16 +1,18 @@
-"""The smallest and the largest distance of points that move along polynomials.
+"""Smallest and largest distance of two points that move along polynomials.
 
 Two points a(s), b(s), 0 <= s <= 1, of degree 5 each; r = a - b. Two steps:
 
-1.  Pieces that cannot have the extreme are left out. With d the distance at the ends,
-    l how far the chord of r goes, and e how far a point leaves its chord,
+1.  Pieces that cannot contain the extreme are excluded. With d the distance at the
+    ends, l the length of the chord of r, and e the largest distance of a point from
+    its chord,
 
         (d_0 + d_1 - l) / 2 - e_a - e_b  <=  |r|  <=  max(d_0, d_1) + e_a + e_b
 
-2.  On the others |r|^2 is a polynomial of degree 10 in Bernstein form. It lies between
-    its smallest and its largest coefficient and is at its ends the first and the last
-    one. Pieces are halved (de Casteljau) until no bound is beyond the best end by
-    TOLERANCE: branch and bound, so nothing is missed between two looks.
+2.  On the other pieces |r|^2 is a polynomial of degree 10 in Bernstein form. It lies
+    between its smallest and its largest coefficient; the first and the last one are
+    its values at the ends. Pieces are halved (de Casteljau) until no bound exceeds
+    the best end by TOLERANCE: branch and bound, so no extreme between samples is
+    missed.
 
 Source: Farin (2002), Curves and Surfaces for CAGD, chapters 4 and 5.
 """
@@ -27,11 +29,11 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 TOLERANCE = 1e-8
-"""By how much a distance may be off, in the points' unit."""
+"""Largest error of a distance, in the points' unit."""
 BLOCK = 2**20
-"""Pairs times pieces that are looked at together."""
+"""Number of pairs times pieces that are processed together."""
 MOST_HALVINGS = 50
-"""Beyond it a piece is shorter than the rounding of its ends."""
+"""Largest number of halvings; then a piece is shorter than the rounding of its ends."""
 
 
 def smallest_distance(curves: Array, first: Indices, second: Indices) -> float:
@@ -40,14 +42,14 @@ def smallest_distance(curves: Array, first: Indices, second: Indices) -> float:
     Args:
         curves: Bernstein coefficients of the points' coordinates, shape
             (points, dimensions, pieces, 6).
-        first: One point of each pair, shape (pairs,).
-        second: The other point, shape (pairs,).
+        first: Index of one point of each pair, shape (pairs,).
+        second: Index of the other point, shape (pairs,).
 
     Raises:
         InvalidProblemError: If there is no pair.
 
     Example:
-        Two points on lines that cross, the one a second before the other:
+        Two points on crossing lines, one a second before the other:
 
         >>> import numpy as np
         >>> from swarmstart.ocp import smallest_distance
@@ -76,7 +78,7 @@ def largest_distance(curves: Array, first: Indices, second: Indices) -> float:
 
 
 def _extreme(curves: Array, first: Indices, second: Indices, *, sign: int) -> float:
-    """Return the distance with the least sign |r|."""
+    """Return the distance with the smallest sign |r|."""
     if not first.size:
         raise InvalidProblemError("expected at least one pair of points, got none")
     bends, best = _bends(curves), np.inf
@@ -92,14 +94,14 @@ def _extreme(curves: Array, first: Indices, second: Indices, *, sign: int) -> fl
 def _blocks(
     first: Indices, second: Indices, *, pieces: int
 ) -> Iterator[tuple[Indices, Indices]]:
-    """Yield the pairs, as many at a time as memory is meant for."""
+    """Yield the pairs in groups that fit into memory."""
     size = max(1, BLOCK // pieces)
     for begin in range(0, first.size, size):
         yield first[begin : begin + size], second[begin : begin + size]
 
 
 def _bends(curves: Array) -> Array:
-    """Return how far each point leaves its chord at most, shape (points, pieces)."""
+    """Return the largest distance of a point from its chord, shape (points, pieces)."""
     s = np.arange(DEGREE + 1) / DEGREE
     chords = curves[..., :1] * (1.0 - s) + curves[..., -1:] * s
     return np.asarray(np.linalg.norm(curves - chords, axis=1).max(axis=-1))
@@ -126,11 +128,11 @@ def _squares(relative: Array) -> Array:
 
 
 def _least(relative: Array, best: float, *, sign: int) -> float:
-    """Return the least sign |r|.
+    """Return the smallest sign |r|.
 
     Args:
         relative: Bernstein coefficients of r, shape (n, dimensions, 6).
-        best: The least sign |r| known.
+        best: The smallest sign |r| known so far.
         sign: 1 or -1.
     """
     for _ in range(MOST_HALVINGS):
@@ -139,7 +141,7 @@ def _least(relative: Array, best: float, *, sign: int) -> float:
         squares = _squares(relative)
         ends = np.sqrt(np.maximum(squares[:, [0, -1]], 0.0))
         best = min(best, float((sign * ends).min()))
-        # |a - b| <= TOLERANCE where |a^2 - b^2| <= TOLERANCE max(|a|, |b|).
+        # |a - b| <= TOLERANCE follows from |a^2 - b^2| <= TOLERANCE max(|a|, |b|).
         room = TOLERANCE * max(abs(best), TOLERANCE)
         low = (sign * squares).min(axis=1)
         # r is halved, not |r|^2, whose rounding would hide small distances.

@@ -1,10 +1,10 @@
-"""Dual mode: plan outside the terminal sets, fly the linear law inside them.
+"""Dual mode: plan outside the terminal sets, apply a linear law inside them.
 
     u_i = u_ref,i - K_i (x_i - x_ref,i(t))   when every agent is inside its set,
 
-clipped to the bounds of the controls. (The chapter writes u = K x; K here is as
-python-control returns it.) The switch is the whole team's: an agent under the linear
-law no longer avoids anybody, so nobody flies it alone.
+clipped to the bounds of the controls. (The chapter writes u = K x; K here has the sign
+that python-control returns.) The whole team switches at once: under the linear law an
+agent no longer avoids the others, so no agent uses it alone.
 
 Source: the chapter, 5.2.3.1 and steps 3 and 10; Michalska and Mayne (1993), Robust
 receding horizon control of constrained nonlinear systems.
@@ -26,25 +26,25 @@ from swarmstart.terminal_set import TerminalSet, input_excess
 
 Array = NDArray[np.float64]
 Target = Callable[[float], Array]
-"""Absolute time [s] -> the state an agent ought to be in, shape (nx,)."""
+"""Absolute time [s] -> the reference state of an agent, shape (nx,)."""
 
 
 SLACK = 1e-9
-"""Of a bound of the controls: they are clipped to it."""
+"""Part of a bound by which a law may exceed it; its controls are clipped."""
 
 
 class UncertifiedSetError(InvalidProblemError):
-    """A terminal set is not certified for the time for which inputs are held here."""
+    """A terminal set is not certified for the hold time of the inputs here."""
 
 
 class DualMode:
-    """A team that switches to linear laws when all are in their terminal sets.
+    """A team that switches to linear laws when all agents are in their terminal sets.
 
     Attributes:
-        team: Plans while somebody is outside.
+        team: Plans while any agent is outside its set.
         sets: The terminal set of each agent.
         targets: The moving reference of each agent.
-        uncertified: Whether sets that are not proven in every part were accepted.
+        uncertified: Whether sets were accepted of which some part is not proven.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -74,20 +74,21 @@ class DualMode:
         targets: Sequence[Target],
         uncertified: bool = False,
     ) -> None:
-        """Put planner and linear laws together.
+        """Combine a team of planners with linear laws.
 
         Args:
             team: The team.
-            sets: One terminal set an agent, certified for inputs held over `team.dt`.
-            targets: One target an agent.
-            uncertified: Whether sets without such a certificate, or with one that is
-                not proven in every part, are accepted too.
+            sets: One terminal set for each agent, certified for inputs held over
+                `team.dt`.
+            targets: One target for each agent.
+            uncertified: Whether to accept sets without such a certificate, or with
+                parts that are not proven.
 
         Raises:
-            InvalidProblemError: If there is not one of each an agent.
-            UncertifiedSetError: If a set is not certified for this dt, if anything in
-                its certificate is only measured, or if its inputs exceed the bounds of
-                the agent's controls.
+            InvalidProblemError: If there is not one set and one target for each agent.
+            UncertifiedSetError: If a set is not certified for this dt, if a part of its
+                certificate is only measured, or if its inputs exceed the bounds of the
+                agent's controls.
         """
         if not len(team.agents) == len(sets) == len(targets):
             raise InvalidProblemError(
@@ -100,7 +101,7 @@ class DualMode:
         self.team, self.sets, self.targets = team, tuple(sets), tuple(targets)
         self.uncertified = uncertified
         self._problems = [a.controller.planner.problem for a in team.agents]
-        # Agents of one kind share one problem's model; each keeps its own step.
+        # Agents of one kind share the model of one problem; each keeps its own step.
         self._steps = [_step(problem) for problem in self._problems]
 
     @property
@@ -109,12 +110,22 @@ class DualMode:
         return self.team.dt
 
     def errors(self, time: float, state: Array) -> list[Array]:
-        """Return x_i - x_ref,i of each agent, each (nx_i,)."""
+        """Return x_i - x_ref,i of each agent, each (nx_i,).
+
+        Args:
+            time: Time since the start [s].
+            state: Stacked state of all agents, shape (nx,).
+        """
         own = self.team.split(state)
         return [x - target(time) for x, target in zip(own, self.targets, strict=True)]
 
     def inside(self, time: float, state: Array) -> bool:
-        """Return whether every agent is inside its terminal set."""
+        """Return whether every agent is inside its terminal set.
+
+        Args:
+            time: Time since the start [s].
+            state: Stacked state of all agents, shape (nx,).
+        """
         errors = self.errors(time, state)
         return all(bool(s.contains(e)) for s, e in zip(self.sets, errors, strict=True))
 
@@ -160,9 +171,9 @@ class DualMode:
 def _require_certified(
     sets: Sequence[TerminalSet], dt: float, problems: Sequence[OptimalControlProblem]
 ) -> None:
-    """Refuse sets that are not certified for this dt and these bounds of the controls.
+    """Raise if a set is not certified for this dt and these bounds of the controls.
 
-    That the certificate's model is the agent's own is for the caller to see to.
+    The caller must make sure that the certificate's model is the agent's own.
     """
     for number, (one, problem) in enumerate(zip(sets, problems, strict=True)):
         _require_hold(number, one, dt)
@@ -186,7 +197,7 @@ def _require_certified(
 
 
 def _require_hold(number: int, one: TerminalSet, dt: float) -> None:
-    """Refuse a set whose certificate is missing or for another hold."""
+    """Raise if the certificate of a set is missing or for another hold time."""
     held = None if one.certificate is None else one.certificate.dt
     if held is not None and np.isclose(held, dt, rtol=1e-12, atol=0):
         return

@@ -1,13 +1,14 @@
-"""Multipliers of an NLP without its scaling, so that another solve can begin with them.
+"""Multipliers of an NLP without its scaling, as a start for another solve.
 
 An NLP (transcription.py) divides its rows, variables and cost by sizes that depend on
-the initial state and the guess. Multipliers without these sizes are those of the core:
+the initial state and the guess. Without these sizes, the multipliers are those of the
+core:
 
     of a row    lam_g * (size of the cost) / (size of the row)
     of a bound  lam_x * (size of the cost) / (size of the variable)
 
-A receding horizon moves them on by one interval, as it does its plan. What is appended
-is what the last interval had: its costates, and its multipliers.
+A receding horizon shifts them by one interval, as it does with its plan. The costates
+and multipliers of the last interval are repeated at the end.
 
 Source: Diehl, Bock and Schloeder (2005), A real-time iteration scheme for nonlinear
 optimization in optimal feedback control, SIAM J. Control Optim. 43, for the shift.
@@ -33,15 +34,15 @@ class Duals:
     """Multipliers of an NLP's rows and bounds, in the units of the core.
 
     Attributes:
-        rows: Of the rows, shape (ng,).
-        bounds: Of the bounds of the variables, shape (nw,).
+        rows: Multipliers of the rows, shape (ng,).
+        bounds: Multipliers of the bounds of the variables, shape (nw,).
     """
 
     rows: Array
     bounds: Array
 
     def flat(self) -> Array:
-        """Return all in one vector, (ng + nw,)."""
+        """Return all multipliers in one vector, (ng + nw,)."""
         return np.concatenate([self.rows, self.bounds])
 
 
@@ -58,8 +59,8 @@ def units_of(
 
     Args:
         program: The NLP.
-        q: Its arguments, which hold the sizes.
-        cost_size: What the cost is divided by in it.
+        q: Arguments of the NLP, which hold the sizes.
+        cost_size: Divisor of the cost in the NLP.
     """
     core, parts = program.problem, program.parts
     layout, nx, N = layout_of(core), core.model.nx, core.intervals
@@ -99,10 +100,10 @@ def columns_of(program: NonlinearProgram, duals: Duals) -> tuple[Array, Array]:
 
 
 def shifted_duals(program: NonlinearProgram, duals: Duals) -> Duals:
-    """Return multipliers one interval later; the last interval's come twice.
+    """Return multipliers one interval later; those of the last interval are repeated.
 
     Args:
-        program: The NLP that they are of.
+        program: The NLP that they belong to.
         duals: Not changed.
     """
     found = Duals(duals.rows.copy(), duals.bounds.copy())

@@ -1,21 +1,21 @@
-"""States eliminated from an NLP that is given as functions.
+"""Elimination of the states of an NLP that is given as functions.
 
     min f(x, p)   subject to   lower <= g(x, p) <= upper
 
-A row with lower = upper in which one unknown state c stands linearly, with a factor a
-that no state changes, defines it ("peeling"):
+Peeling: a row with lower = upper that contains one unknown state c linearly, with a
+factor a that does not depend on the states, defines this state:
 
     x_c = (bound - g_i(x with x_c = 0)) / a
 
-Rows are used in the order in which they come to have one unknown left. A row with one
-state alone defines one of the first time only: what pins a state at the end stays a
-constraint, else an integrator would be peeled backward from its target and its controls
-would lose their meaning. States of the first time that no row defines are torn: they
-stay variables.
+Rows are used in the order in which they come to have one unknown left. A row that
+contains a single state alone defines it only at the first time: a fixed state at the
+end stays a constraint. Otherwise an integrator would be peeled backward from its
+target, and its controls would lose their meaning. States of the first time that no row
+defines are torn: they stay variables.
 
-The definitions are put into f and into the rows that are left, once and for all. The
-eliminated rows are then 0 for any value of the variables that are left, which is
-checked at a random point.
+The definitions are substituted into f and the remaining rows once. The eliminated rows
+must then be 0 for any value of the remaining variables; this is checked at a random
+point.
 """
 
 from collections import deque
@@ -43,12 +43,12 @@ _UNSUPPORTED = (
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Elimination:
-    """An NLP in the variables that are left once its states are eliminated.
+    """NLP in the variables that remain after its states are eliminated.
 
     Attributes:
-        free: Indices in x of the variables that are left, shape (nf,).
+        free: Indices in x of the remaining variables, shape (nf,).
         torn: Indices in x of the states among them.
-        kept: Numbers of the rows of g that are left, shape (nk,).
+        kept: Numbers of the remaining rows of g, shape (nk,).
         value: (free, p, lower of g) -> (f, kept rows of g).
         whole: (free, p, lower of g) -> x.
     """
@@ -62,14 +62,14 @@ class Elimination:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """The equality rows and the states in them.
+    """Equality rows and the states in them.
 
     Attributes:
-        numbers: Numbers in g of the rows.
+        numbers: Numbers of the rows in g.
         entries: For each row its states, as (state, entry of the Jacobian).
-        users: For each state the rows it stands in.
-        factors: The entries of the Jacobian.
-        usable: Whether an entry is no function of the states, and not 0.
+        users: For each state the rows that contain it.
+        factors: Entries of the Jacobian.
+        usable: Whether an entry is nonzero and independent of the states.
     """
 
     numbers: Indices
@@ -81,12 +81,12 @@ class _Rows:
 
 @dataclass(slots=True)
 class _Peel:
-    """Which row defines which state, in the order of the definitions.
+    """Assignment of states to the rows that define them, in the order of definition.
 
     Attributes:
         defined: (row, state, entry of the Jacobian).
         torn: States that stay variables.
-        unknown: States that can be neither.
+        unknown: States that are neither defined nor torn.
     """
 
     defined: list[tuple[int, int, int]]
@@ -101,16 +101,16 @@ def eliminated(
 
     Args:
         nlp: The NLP.
-        layouts: What the states' places in time may be: indices in x, shape
-            (nx, times); the one that leaves the fewest states torn is taken.
+        layouts: Possible arrangements of the states in time: indices in x, shape
+            (nx, times). The one that leaves the fewest states torn is chosen.
         equalities: Numbers of the rows with equal bounds.
 
     Returns:
-        What is left, and the layout that was taken.
+        The eliminated NLP, and the chosen layout.
 
     Raises:
-        InvalidProblemError: If a state cannot be eliminated, with the constraint that
-            is in the way.
+        InvalidProblemError: If a state cannot be eliminated; the message names the
+            constraint that prevents it.
     """
     states = np.sort(layouts[0].ravel())
     rows = _rows_of(nlp, states, equalities)
@@ -121,7 +121,7 @@ def eliminated(
         for time, column in enumerate(layout.T):
             times[[places[int(index)] for index in column]] = time
         tried.append((_peeled(rows, times), times, layout))
-    # Read the wrong way round, a state at all times may be torn to define another.
+    # With rows and columns swapped, a state at all times may be torn to define another.
     fewest = min(layout.shape[0] for layout in layouts)
     peel, times, layout = min(
         tried,
@@ -155,7 +155,7 @@ def _rows_of(nlp: GivenNlp, states: Indices, equalities: Indices) -> _Rows:
         rng.uniform(0.5, 1.5, nlp.p.numel()),
     )
     values = []
-    for size in (0.3, 1.0, 3.0):  # Other states, but the same of all else.
+    for size in (0.3, 1.0, 3.0):  # Only the states vary.
         point[states] = rng.normal(0.0, size, states.size)
         values.append(np.array(function(point, p).nonzeros()))
     usable = (values[0] == values[1]) & (values[1] == values[2]) & (values[0] != 0.0)
@@ -164,11 +164,11 @@ def _rows_of(nlp: GivenNlp, states: Indices, equalities: Indices) -> _Rows:
 
 
 def _peeled(rows: _Rows, times: Indices) -> _Peel:  # noqa: C901 - two closures
-    """Return which row defines which state; nothing is computed.
+    """Return the assignment of states to rows; nothing is computed.
 
     Args:
         rows: The rows.
-        times: Place in time of each state, from 0.
+        times: Time index of each state, from 0.
     """
     left = [len(entries) for entries in rows.entries]
     ready = deque(row for row, count in enumerate(left) if count == 1)
@@ -212,7 +212,7 @@ def _defined_by(
 def _substituted(
     nlp: GivenNlp, rows: _Rows, peel: _Peel, states: Indices
 ) -> Elimination:
-    """Return the NLP with the definitions put in."""
+    """Return the NLP with the definitions substituted."""
     lower, zero = ca.SX.sym("lower", nlp.g.numel()), ca.SX(0)
     variables, definitions, used = [], [], []
     for row, state, entry in peel.defined:
@@ -242,7 +242,7 @@ def _substituted(
 
 
 def _require_exact(nlp: GivenNlp, found: Elimination, rows: _Rows, peel: _Peel) -> None:
-    """Refuse a definition that does not keep its row; a guard, never met so far."""
+    """Raise if a definition does not satisfy its row; a safeguard, never needed yet."""
     rng = np.random.default_rng(1)
     free, p = (rng.uniform(0.4, 0.6, n) for n in (found.free.size, nlp.p.numel()))
     lower = rng.uniform(-1.0, 1.0, nlp.g.numel())
@@ -250,7 +250,7 @@ def _require_exact(nlp: GivenNlp, found: Elimination, rows: _Rows, peel: _Peel) 
     used = rows.numbers[[row for row, _, _ in peel.defined]]
     residual = np.array(nlp.rows(x, p)).ravel()[used] - lower[used]
     size = 1.0 + np.abs(x).max(initial=0.0)
-    broken = np.flatnonzero(np.abs(residual) > _EXACT * size)  # NaN: out of a domain.
+    broken = np.flatnonzero(np.abs(residual) > _EXACT * size)  # NaN: outside a domain.
     if broken.size:
         raise InvalidProblemError(
             "the states cannot be eliminated: a constraint was taken for linear in one "
@@ -261,7 +261,7 @@ def _require_exact(nlp: GivenNlp, found: Elimination, rows: _Rows, peel: _Peel) 
 def _refusal(
     nlp: GivenNlp, rows: _Rows, peel: _Peel, states: Indices, times: Indices
 ) -> str:
-    """Return which state cannot be eliminated, and the constraint in the way."""
+    """Return the error that names the state and the constraint in the way."""
     state = min(peel.unknown, key=lambda s: (times[s], s))
     index = int(states[state])
     if not rows.users[state]:

@@ -1,19 +1,19 @@
-"""An ensemble: one control sequence for several values of uncertain parameters.
+"""Ensemble: one control sequence for several values of uncertain parameters.
 
     members     x_m' = f(x_m, u, p_m)   of one problem, side by side, m = 0 ... M - 1
-    controls    one sequence u for all of them; with a robust horizon of r intervals
-                sequences u_m that are the same over the first r: then it is known
-                which member is true
+    controls    one sequence u for all of them; with a robust horizon of r intervals,
+                sequences u_m that are equal over the first r, after which the true
+                member is known
     cost        the mean of the members' costs, the worst, or the mean of the worst
                 part of them (risk.py)
     constraints those of the problem, of every member
 
-The states of member m have the names of the problem's with "_m" behind; all start at
-one initial state. A start that is free is one decision for all members.
+The states of member m have the problem's names with "_m" appended. All members start at
+one initial state; a free start is one decision for all members.
 
-A robust horizon of one interval is that of a scenario tree (multi-stage control) whose
-uncertain values stay what they are: do-mpc's with n_robust = 1. Of longer ones, where
-its tree has a branch for each sequence of values, this one knows none within them.
+A robust horizon of one interval is a scenario tree (multi-stage control) with uncertain
+values that stay constant: do-mpc's n_robust = 1. For a longer one do-mpc's tree
+branches for each sequence of values; here the values stay constant.
 
 Sources: Bertsekas (2005), Dynamic Programming and Optimal Control, volume 1, for open-
 loop control under uncertain parameters. Lucia, Finkler and Engell (2013), Multi-stage
@@ -58,39 +58,44 @@ def ensemble(  # noqa: PLR0913 - the members, and how their costs count
 
     Args:
         problem: The problem of one member; not changed.
-        parameters: The values: M of each uncertain parameter by its name, or a list of
-            M mappings {name: value}, or those of all parameters, shape (np, M); or a
-            function rng -> {name: value} that draws a member.
-        weights: Of the members, shape (M,), positive; scaled to sum one. None: equal.
-        risk: Which cost counts: the "mean" of the members' costs, the "worst", or
+        parameters: The values: a mapping from the name of each uncertain parameter to
+            its M values; or a list of M mappings {name: value}; or an array of all
+            parameters, shape (np, M); or a function rng -> {name: value} that draws a
+            member.
+        weights: Weights of the members, shape (M,), positive; scaled to sum one. None:
+            equal weights.
+        risk: The cost that counts: the "mean" of the members' costs, the "worst", or
             "cvar", the mean of the worst part (1 - level) of them.
-        level: Of "cvar", in [0, 1).
+        level: Level of "cvar", in [0, 1).
         robust_horizon: Number of intervals, from 0 to N, in which all members have the
-            same controls; after them each has its own. None: all have the same.
-        samples: Number M of members that are drawn.
-        rng: Source of all randomness of a function that draws.
+            same controls; afterwards each has its own. None: all have the same.
+        samples: Number M of members to draw.
+        rng: Source of all randomness for a function that draws.
 
     Returns:
-        A problem with M nx states, and the parameters that are not uncertain. Its
-        initial state may be that of one member, shape (nx,), which all start at.
-        Constraints hold of every member. `Solution.member_costs` has their costs. With
-        a robust horizon it has M nu controls, those of member m with "_m" behind their
-        names; a closed loop flies what all share.
+        A problem with M nx states and the parameters that are not uncertain. Its
+        initial state may be that of one member, shape (nx,), which all members then
+        start at. The constraints hold for every member. `Solution.member_costs` gives
+        the members' costs. With a robust horizon it has M nu controls, named with "_m"
+        appended for member m; a closed loop applies the controls that all members
+        share.
 
     Raises:
-        InvalidProblemError: If the values do not fit the problem's parameters, weights
-            level or robust horizon are out of range, or `risk` cannot be had with the
-            problem's cost.
+        InvalidProblemError: If the values do not fit the problem's parameters; if
+            weights, level or robust horizon are out of range; or if `risk` is not
+            possible with the problem's cost.
 
     Example:
         >>> import casadi as ca
-        >>> from swarmstart.ocp import Bounds, Model, OptimalControlProblem, ensemble
+        >>> import swarmstart as ss
         >>> x, u, k = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("k")
-        >>> one = OptimalControlProblem(
-        ...     Model(states=x, controls=u, ode=k * u, parameters=k), horizon=1,
-        ...     intervals=5, terminal_cost=(x - 1) ** 2, bounds=Bounds(controls=(-2, 2))
+        >>> one = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=k * u, parameters=k), horizon=1,
+        ...     intervals=5, terminal_cost=(x - 1) ** 2,
+        ...     bounds=ss.Bounds(controls=(-2, 2)),
         ... )
-        >>> ensemble(one, {"k": [0.5, 1.5]}, risk="worst").model.state_names
+        >>> ss.ensemble(one, {"k": [0.5, 1.5]}, risk="worst").model.state_names
+        ('x_0', 'x_1')
         ('x_0', 'x_1')
     """
     if problem.risk is not None:
@@ -131,9 +136,9 @@ def ensemble(  # noqa: PLR0913 - the members, and how their costs count
 
 
 class _Member:
-    """A member: its states, and expressions with its values of the parameters.
+    """A member: its states, and expressions with its parameter values.
 
-    Its controls and the previous ones are those of the problem, or its own.
+    Its controls and previous controls are those of the problem, or its own.
     """
 
     def __init__(
@@ -265,7 +270,7 @@ def _of(
 def _scales(
     problem: OptimalControlProblem, copies: list[_Member], *, own_controls: bool
 ) -> dict[str, float]:
-    """Return the sizes that are given, of every member."""
+    """Return the given sizes for every member."""
     model, found = problem.model, {}
     for name, size in problem.scales.items():
         if name in model.state_names:
@@ -281,7 +286,7 @@ def _together(key: str | tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _require_branches(problem: OptimalControlProblem, robust_horizon: int) -> None:
-    """Refuse a robust horizon that is no number of the problem's intervals."""
+    """Raise if the robust horizon is not a valid number of the problem's intervals."""
     is_count = isinstance(robust_horizon, int | np.integer)
     if (
         not is_count
@@ -348,7 +353,7 @@ def _values(problem: OptimalControlProblem, given: Values) -> tuple[list[str], A
 
 
 def _weights(given: ArrayLike | None, members: int) -> Array:
-    """Return weights of sum one."""
+    """Return the weights, scaled to sum one."""
     try:
         weights = np.ones(members) if given is None else np.array(given, np.float64)
     except (TypeError, ValueError) as error:
@@ -365,7 +370,7 @@ def _weights(given: ArrayLike | None, members: int) -> Array:
 
 
 def _require_accruable(problem: OptimalControlProblem) -> None:
-    """Refuse costs that the state of a member's cost cannot sum up."""
+    """Raise if a cost cannot be accrued in a state of its member."""
     model = problem.model
     told = "risk must be 'mean' for a problem with"
     if not problem.initial_cost.is_zero():

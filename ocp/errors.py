@@ -1,14 +1,14 @@
-"""Errors of the optimal-control room."""
+"""Exceptions of the optimal-control room."""
 
 from swarmstart.errors import SwarmstartError
 
 
 class InvalidProblemError(SwarmstartError, ValueError):
-    """An optimal-control problem, or what is given to one, cannot be posed."""
+    """An optimal-control problem, or an argument to one, is invalid."""
 
 
 class DivergedError(SwarmstartError):
-    """A simulated plant left the finite numbers, or its algebraic equations."""
+    """A simulated plant's state is not finite, or its equations are not solved."""
 
 
 class SolveError(SwarmstartError):

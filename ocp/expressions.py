@@ -1,4 +1,4 @@
-"""Expressions as a user gives them: columns, symbols, and what a message shows."""
+"""Expressions given by a user: columns, symbols, and their text in messages."""
 
 from collections.abc import Sequence
 from typing import Any, cast
@@ -8,11 +8,11 @@ import casadi as ca
 from swarmstart.ocp.errors import InvalidProblemError
 
 LONGEST_SHOWN = 60
-"""Characters of a value that a message shows."""
+"""Largest number of characters of a value in a message."""
 
 
 def shortened(value: object) -> str:
-    """Return a value as a message shows it: its text in short, with its type."""
+    """Return the text of a value for a message: shortened, with its type."""
     text = " ".join(str(value).split())
     if len(text) > LONGEST_SHOWN:
         text = f"{text[: LONGEST_SHOWN - 3]}..."
@@ -20,10 +20,10 @@ def shortened(value: object) -> str:
 
 
 def as_symbolic_column(role: str, expression: ca.SX) -> ca.SX:
-    """Return an expression as one column; MX remains MX, a problem brings it to SX.
+    """Return an expression as one column; MX stays MX, a problem converts it to SX.
 
     Raises:
-        InvalidProblemError: If it is no vector and no number.
+        InvalidProblemError: If it is neither a vector nor a number.
     """
     rows: Sequence[Any] = (expression,)
     if isinstance(expression, list | tuple):
@@ -42,10 +42,10 @@ def as_symbolic_column(role: str, expression: ca.SX) -> ca.SX:
 
 
 def as_column(role: str, expression: ca.SX) -> ca.SX:
-    """Return an expression, or what SX can be made from, as one column.
+    """Return an expression, or a value convertible to SX, as one column.
 
     Raises:
-        InvalidProblemError: If it is no vector and no number.
+        InvalidProblemError: If it is neither a vector nor a number.
     """
     try:
         if isinstance(expression, list | tuple):
@@ -61,10 +61,10 @@ def as_column(role: str, expression: ca.SX) -> ca.SX:
 
 
 def require_symbols(role: str, symbols: ca.SX) -> None:
-    """Refuse anything but a column of SX symbols.
+    """Raise unless the argument is a column of SX symbols.
 
     Raises:
-        InvalidProblemError: If it is none.
+        InvalidProblemError: If symbols is not a column of SX symbols.
     """
     if not isinstance(symbols, ca.SX) or (
         symbols.numel() and not symbols.is_valid_input()
@@ -77,16 +77,16 @@ def require_symbols(role: str, symbols: ca.SX) -> None:
 
 
 def require_known(role: str, expression: ca.SX, known: dict[str, ca.SX]) -> None:
-    """Refuse an expression with symbols that are none of the known ones.
+    """Raise if an expression has symbols that are not among the known ones.
 
     Args:
-        role: What the expression is, for the message.
+        role: Description of the expression, for the message.
         expression: The expression.
-        known: Columns of symbols by what they are called in the message.
+        known: Columns of symbols, by their names in the message.
 
     Raises:
-        InvalidProblemError: Naming the foreign symbols, or where two of the known
-            symbols are the same.
+        InvalidProblemError: If there are foreign symbols, which the message names, or
+            two of the known symbols are the same.
     """
     try:
         ca.Function("known", list(known.values()), [expression])
@@ -121,5 +121,5 @@ def symbol_names(symbols: ca.SX) -> tuple[str, ...]:
 
 
 def symbol_of(name: str) -> ca.SX:
-    """Return a scalar symbol of any name; CasADi reads brackets as several symbols."""
+    """Return a scalar symbol of any name; CasADi would split a name at brackets."""
     return ca.SX.sym(name.translate(str.maketrans("[],", "   ")))

@@ -1,8 +1,8 @@
 """Cost and violation of a whole population of control sequences.
 
-A decision vector is ca.vec of the controls (nu, N), interval after interval, and then
-what is decided about the start, if anything is: one number for each of
-`problem.free_starts`. Of one control sequence the initial state says these.
+A decision vector is ca.vec of the controls (nu, N), interval after interval, followed
+by the decisions about the start: one number for each of `problem.free_starts`. For a
+single control sequence, the initial state holds these numbers.
 """
 
 from dataclasses import replace
@@ -35,10 +35,10 @@ Array = NDArray[np.float64]
 
 
 class Objective:
-    """Cost and violation of populations, from one state; compiled where possible."""
+    """Cost and violation of populations, from one state; compiled if possible."""
 
     def __init__(self, outputs: BoundEvaluator, dim: int) -> None:
-        """Take a rollout whose state, parameters and signals are fixed.
+        """Wrap a rollout with fixed state, parameters and signals.
 
         Args:
             outputs: Population -> cost and violation, (2, size).
@@ -59,7 +59,7 @@ class Objective:
                 f"got {population.shape}"
             )
         values = self._outputs(population)
-        return values[0], values[1]  # Unpacking would take three times as long.
+        return values[0], values[1]  # Unpacking takes three times as long.
 
     def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
         """Bind to buffers; see `heuristics.CompiledObjective`."""
@@ -67,14 +67,14 @@ class Objective:
 
 
 class BlockObjective(Objective):
-    """The same of variables of which each stands for several decisions."""
+    """Objective in fewer variables, each of which stands for several decisions."""
 
     def __init__(self, every: Objective, places: NDArray[np.intp], dim: int) -> None:
-        """Take the objective of all decisions.
+        """Wrap the objective of all decisions.
 
         Args:
             every: The objective.
-            places: Of each decision, which variable it is.
+            places: Index of the variable for each decision.
             dim: Number of variables.
         """
         super().__init__(every._outputs, dim)
@@ -86,20 +86,20 @@ class BlockObjective(Objective):
         return values[0], values[1]
 
     def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
-        """Return None: only the call from Python works."""
+        """Return None: only the call from Python is possible."""
         del asked, cost, violation
         return None
 
 
 class Known(NamedTuple):
-    """What is known of one planning problem besides its initial state.
+    """Known data of one planning problem besides its initial state.
 
     Attributes:
-        parameters: Those that are not decided, shape (np,).
-        signals: Shape (ns, nodes).
-        time: At the start of the horizon [s].
-        previous: Control of the interval before, shape (nu,); None: the nearest to zero
-            that is allowed.
+        parameters: Values of the parameters that are not decided, shape (np,).
+        signals: Values of the signals at the nodes, shape (ns, nodes).
+        time: Time at the start of the horizon [s].
+        previous: Control of the interval before, shape (nu,); None: the allowed value
+            nearest to zero.
 
     Example:
         >>> import casadi as ca
@@ -125,19 +125,19 @@ class Known(NamedTuple):
 NOTHING = Known()
 
 LEAST_COST, MOST_COST = 1e-4, 1e3
-"""Of the natural size of the cost: between them a trajectory's own cost is its size."""
+"""Range around the cost's natural size; a trajectory's cost within it is its size."""
 LEAST_STATE = 1e-8
-"""Of the natural size of a state, the same of a stiff problem."""
+"""The same range for the natural size of a state of a stiff problem."""
 
 
 class Fitness:
-    """The evaluator of one problem, compiled once, for any initial state.
+    """Evaluator of one problem, compiled once, for any initial state.
 
     Attributes:
         problem: The problem.
-        shooting: Its functions.
-        arguments: Makes the arguments that all individuals share.
-        backend: What evaluates populations.
+        shooting: Its compiled functions.
+        arguments: Returns the arguments that all individuals share.
+        backend: Name of the backend that evaluates populations.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -165,15 +165,16 @@ class Fitness:
         """Compile the rollout of a problem.
 
         Args:
-            problem: The problem, or its functions.
-            backend: What evaluates populations, as in compiled/backend.py.
-            precision: Of the machine code's arithmetic, as in `compile_batch`; "single"
-                is good for a first look at many points, not for constraints to 1e-6.
-            threads: Over how many threads of machine code a population may be spread.
+            problem: The problem, or its compiled functions.
+            backend: Backend that evaluates populations, as in compiled/backend.py.
+            precision: Precision of the machine code's arithmetic, as in
+                `compile_batch`. "single" is enough for a first look at many points, not
+                for constraints to 1e-6.
+            threads: Largest number of threads that share a population in machine code.
 
         Raises:
-            InvalidProblemError: If the backend or the precision is unknown, or the
-                threads are no positive whole number.
+            InvalidProblemError: If the backend or the precision is unknown, or
+                `threads` is not a positive whole number.
         """
         require_precision(precision)
         require_count("threads", threads)
@@ -200,7 +201,7 @@ class Fitness:
 
     @property
     def backend(self) -> str:
-        """What evaluates populations."""
+        """Name of the backend that evaluates populations."""
         return self._evaluate.backend
 
     def objective(self, x0: ArrayLike, known: Known = NOTHING) -> Objective:
@@ -211,7 +212,7 @@ class Fitness:
             known: Parameters and signals; copied.
 
         Raises:
-            InvalidProblemError: If a shape is not the problem's, or x0 not finite.
+            InvalidProblemError: If a shape is not the problem's, or x0 is not finite.
         """
         bound = self._evaluate.bind(self.arguments(x0, known))
         return Objective(bound, self.problem.decisions)
@@ -231,10 +232,10 @@ class Fitness:
     def followed(
         self, controls: Array, x0: ArrayLike, known: Known = NOTHING
     ) -> tuple[Array, float]:
-        """Return the states at the nodes, and by how much the start is outside.
+        """Return the states at the nodes, and the largest scaled excess of the start.
 
-        Outside of bounds of states and path constraints that no control enters, in
-        parts of their scales; 0 if it is inside.
+        The excess is of state bounds and of path constraints without controls, relative
+        to their scales; 0 if the start keeps them.
 
         Args:
             controls: Shape (nu, N).
@@ -248,7 +249,7 @@ class Fitness:
     def with_threshold(
         self, x0: ArrayLike, states: Array, known: Known
     ) -> tuple[ArrayLike, Array]:
-        """Return start and states at the nodes with what makes the cost smooth there.
+        """Return start and states with the extra decisions that make the cost smooth.
 
         Args:
             x0: Initial state, shape (nx,).
@@ -283,7 +284,7 @@ class Fitness:
 
         Args:
             controls: Shape (nu, N).
-            x0: Initial state, shape (nx,), which has what is decided about the start.
+            x0: Initial state, shape (nx,), including the decisions about the start.
         """
         shape = (self.problem.model.nu, self.problem.intervals)
         if np.shape(controls) != shape:
@@ -300,11 +301,11 @@ class Fitness:
 
 
 _SINGLE = 1e-3
-"""Least tolerance of steps that are computed with single precision."""
+"""Smallest tolerance of steps that are computed in single precision."""
 
 
 def _ticking(shooting: Shooting, precision: Precision) -> Ticking | None:
-    """Return the steps of an interval; None: they are in its function."""
+    """Return the ticks of an interval; None if its function contains the steps."""
     problem = shooting.problem
     if not problem.is_adaptive:
         return None
@@ -320,7 +321,7 @@ def _ticking(shooting: Shooting, precision: Precision) -> Ticking | None:
 
 
 def started(problem: OptimalControlProblem, x0: ArrayLike, decided: Array) -> Array:
-    """Return an initial state with what is decided about it.
+    """Return an initial state with the decisions about it.
 
     Args:
         problem: The problem.
@@ -334,10 +335,10 @@ def started(problem: OptimalControlProblem, x0: ArrayLike, decided: Array) -> Ar
 
 
 class Arguments:
-    """The arguments of a rollout that all individuals share; see shooting.py."""
+    """Arguments of a rollout that all individuals share; see shooting.py."""
 
     def __init__(self, shooting: Shooting) -> None:
-        """Take the functions of a problem."""
+        """Keep the functions of a problem."""
         self._problem, self._sizing = shooting.problem, shooting.sizing
         self._unit = shooting.costs[0]
         self._last: tuple[bytes, Array] | None = None
@@ -346,7 +347,8 @@ class Arguments:
         """Return x0, parameters with weights, and ca.vec of the signals; copied.
 
         Raises:
-            InvalidProblemError: If a shape is not the problem's, or a value not finite.
+            InvalidProblemError: If a shape is not the problem's, or a value is not
+                finite.
         """
         state, parameters, signals = shared_arguments(self._problem, x0, known)
         if not self._problem.automatic:
@@ -384,17 +386,17 @@ class Arguments:
         *,
         is_guess: bool = False,
     ) -> Sizes:
-        """Return the natural sizes, the cost's as it is along a trajectory.
+        """Return the natural sizes, with the cost's size along a trajectory.
 
-        Of a stiff problem the states' as well: fast ones may stay far below what their
-        rates at the start make of them.
+        For a stiff problem the sizes of the states are adapted as well: fast states may
+        stay far below the size that their rates at the start suggest.
 
         Args:
             controls: Shape (nu, N).
             states: At the nodes, shape (nx, nodes).
             x0: Initial state, shape (nx,).
             known: Parameters and signals.
-            is_guess: Whether the states say how large they get where bounds do not.
+            is_guess: Whether the states give the sizes of unbounded states.
         """
         problem = self._problem
         start, parameters, flat = shared_arguments(problem, x0, known)
@@ -420,10 +422,10 @@ class Arguments:
 def shared_arguments(
     problem: OptimalControlProblem, x0: ArrayLike, known: Known
 ) -> tuple[Array, Array, Array]:
-    """Return x0, parameters and ca.vec of the signals, checked and copied.
+    """Return x0, parameters and ca.vec of the signals, validated and copied.
 
     Raises:
-        InvalidProblemError: If a shape is not the problem's, or a value not finite.
+        InvalidProblemError: If a shape is not the problem's, or a value is not finite.
     """
     signals = numbers_of("signals", known.signals)
     if problem.ns == 0 and signals.size == 0:
@@ -436,11 +438,11 @@ def shared_arguments(
 
 
 def core_known(lowered: Lowered, known: Known) -> Known:
-    """Return what a stated problem knows as its core knows it.
+    """Convert the known data of a stated problem to those of its core.
 
     Args:
         lowered: The problem with its core.
-        known: What the stated problem knows.
+        known: The known data of the stated problem.
     """
     return Known(
         lowered.parameters(known.parameters, known.time),
@@ -449,7 +451,7 @@ def core_known(lowered: Lowered, known: Known) -> Known:
 
 
 def at_nodes(problem: OptimalControlProblem, flat: Array) -> Array:
-    """Return the signals at the nodes, shape (ns, nodes), of ca.vec of them."""
+    """Return the signals at the nodes, shape (ns, nodes), from ca.vec of them."""
     return flat.reshape((problem.ns, problem.nodes), order="F")
 
 
@@ -461,11 +463,11 @@ def replay(
 ) -> tuple[Array, float, float]:
     """Return states (nx, nodes), cost and violation of one control sequence.
 
-    Interval by interval, each by one call of the stage: for a single evaluation of a
-    problem, where compiling its rollout would cost more than it saves.
+    The stage is called once per interval. This suits a single evaluation of a problem,
+    for which compiling the rollout would take longer than it saves.
 
     Args:
-        problem: The problem, or its functions.
+        problem: The problem, or its compiled functions.
         controls: Shape (nu, N).
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
@@ -494,15 +496,15 @@ def flatten(sequence: Array) -> Array:
 
 
 def unflatten(vector: Array, rows: int) -> Array:
-    """Return the array (rows, columns) that `flatten` made a vector of; a copy."""
+    """Return the array (rows, columns) that `flatten` made into a vector; a copy."""
     return np.array(vector, dtype=np.float64).reshape((rows, -1), order="F")
 
 
 def _shaped(role: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return a checked copy: an objective outlives what its caller does to x0."""
+    """Return a validated copy: the caller may change x0 while the objective lives."""
     array = numbers_of(role, values)
     if len(shape) == 1 and array.shape == (*shape, 1):
-        array = array[:, 0]  # A column, as CasADi's DM is.
+        array = array[:, 0]  # A column, as of CasADi's DM.
     if array.shape != shape:
         raise InvalidProblemError(f"{role} must have shape {shape}, got {array.shape}")
     if not np.isfinite(array).all():

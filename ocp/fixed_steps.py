@@ -1,10 +1,10 @@
-"""Steps of fixed lengths for an NLP, where a rollout takes steps of their own lengths.
+"""Fixed steps for an NLP whose rollouts use step size control.
 
-What an NLP solver differentiates takes the same steps whatever its variables are. How
-many an interval needs is seen at a guess: from its state at each check, equal steps are
-compared with steps that are ten times as exact as the rollout's (adaptive.py). The
-first one after controls jump is divided into parts, each four times as long as the one
-before, so that a short layer there needs few.
+The derivatives of an NLP solver need the same steps for all values of its variables.
+The number of steps in an interval is chosen at a guess: from its state at each check,
+equal steps are compared with steps ten times as accurate as the rollout's
+(adaptive.py). The first step after a jump of the controls is divided into parts, each
+four times as long as the one before, so that a short transient needs few steps.
 """
 
 from dataclasses import replace
@@ -21,18 +21,18 @@ from swarmstart.ocp.shooting import Shooting
 
 Array = NDArray[np.float64]
 _MOST_OPERATIONS = 25_000
-"""In an interval: an NLP of more would take too long to build."""
+"""Largest number of steps in an interval; an NLP with more takes too long to build."""
 _TIMES = (1, 2, 4, 8)
 _ALIKE = 2.0
-"""Errors that differ by less are not worth more steps."""
+"""Factor by which errors must differ to justify more steps."""
 
 
 class FixedSteps(NamedTuple):
-    """Steps from check to check.
+    """Numbers of steps from check to check.
 
     Attributes:
-        steps: Equal ones.
-        parts: Of the first of them where controls jump.
+        steps: Number of equal steps.
+        parts: Number of parts of the first of them after a jump of the controls.
     """
 
     steps: int
@@ -45,14 +45,13 @@ class FixedSteps(NamedTuple):
 
 
 class StepChoice:
-    """Finds the fewest fixed steps that are as exact as a problem's tolerance."""
+    """Choice of the fewest fixed steps that reach a problem's tolerance."""
 
     def __init__(self, shooting: Shooting) -> None:
-        """Compile a step, and the finer ones that it is compared with.
+        """Compile one step, and the finer steps for comparison.
 
         Args:
-            shooting: Functions of a problem whose rollouts have steps of their own
-                lengths.
+            shooting: Functions of a problem whose rollouts use step size control.
         """
         self._problem = problem = shooting.problem
         self._tolerance = problem.integrator_tolerance or 0.0
@@ -78,12 +77,12 @@ class StepChoice:
     def __call__(
         self, controls: Array, states: Array, arguments: tuple[Array, Array, Array]
     ) -> FixedSteps:
-        """Return the steps that a guess needs; the most exact if none are enough.
+        """Return the steps that a guess needs; the finest if none is accurate enough.
 
         Args:
             controls: Shape (nu, N).
             states: At the nodes, shape (nx, nodes).
-            arguments: The other arguments of a rollout.
+            arguments: Other arguments of a rollout.
         """
         exact = self._reached(controls, states, arguments)
         known = np.flatnonzero(np.isfinite(exact.ends).all(axis=0))
@@ -103,7 +102,7 @@ class StepChoice:
     def _reached(
         self, controls: Array, states: Array, arguments: tuple[Array, Array, Array]
     ) -> "_Checks":
-        """Return all checks, with what exact steps reach."""
+        """Return all checks, with their accurate end values."""
         problem = self._problem
         (_, p, flat), count = arguments, problem.nodes - 1
         y = np.vstack([states[:, :-1], np.zeros((problem.integrals, count))])
@@ -123,7 +122,7 @@ class StepChoice:
     def _error(
         self, steps: FixedSteps, exact: "_Checks", known: NDArray[np.intp]
     ) -> float:
-        """Return the largest error of steps, in parts of what each number has been."""
+        """Return the largest error of the steps, relative to each number's size."""
         problem, found = self._problem, exact.begins.copy()
         duration, checks = problem.dt / problem.checks, problem.checks
         for first in (True, False):
@@ -148,15 +147,15 @@ class StepChoice:
 
 
 class _Checks(NamedTuple):
-    """All checks of a horizon, a column each.
+    """All checks of a horizon, one column each.
 
     Attributes:
-        begins: What is integrated as they begin.
-        controls: Held.
-        parameters: Of the model.
-        signals: At both ends of each, two columns each.
-        ends: What exact steps reach.
-        reach: The largest size of each number.
+        begins: Integrated quantities at the start of the checks.
+        controls: Controls, which are held.
+        parameters: Parameters of the model.
+        signals: Signals at both ends of each check, two columns each.
+        ends: Accurate values at the end of the checks.
+        reach: Largest size of each number.
     """
 
     begins: Array

@@ -1,8 +1,7 @@
-"""Numbers that are decided besides the controls: an end time, parameters, a start.
+"""Decisions besides the controls: an end time, parameters, a start.
 
-Each is a `Free` with bounds. All of them are decisions about the state at the start
-once a problem is brought to its core (lowering.py): a parameter is a state that stays
-as it began.
+Each is a `Free` with bounds. The core of a problem (lowering.py) turns all of them into
+decisions about the initial state: a parameter becomes a constant state.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,13 +21,13 @@ class Free:
     """A number that is decided, within bounds.
 
     Attributes:
-        lower: Lower bound; -inf where there is none. A population search needs both.
-        upper: Upper bound.
-        guess: Where a polish without a search starts; None: the middle of the bounds,
-            or the nearest to zero of what is allowed.
+        lower: Lower bound; -inf for none. A population search needs both bounds.
+        upper: Upper bound; inf for none.
+        guess: Start value of a polish without a search; None: the middle of the bounds,
+            or the allowed value nearest to zero.
 
     Raises:
-        InvalidProblemError: If the bounds cross, or the guess is not within them.
+        InvalidProblemError: If lower exceeds upper, or the guess is not within them.
 
     Example:
         >>> import casadi as ca
@@ -49,7 +48,7 @@ class Free:
     guess: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
+        """Validate the numbers."""
         for role in ("lower", "upper"):
             value = require_number(f"{role} of a Free", getattr(self, role))
             object.__setattr__(self, role, value)
@@ -68,7 +67,7 @@ class Free:
 
     @property
     def first(self) -> float:
-        """The guess, or what stands for it."""
+        """The guess, or the default that replaces it."""
         if self.guess is not None:
             return self.guess
         if np.isfinite(self.upper - self.lower):
@@ -82,7 +81,7 @@ class FreeStart:
 
     Attributes:
         states: Numbers of the states that start at it, at least one.
-        value: Its bounds, those of the states included, and its guess.
+        value: Its bounds, including those of the states, and its guess.
     """
 
     states: tuple[int, ...]
@@ -97,13 +96,13 @@ def free_starts(
     """Return the decisions about the start, within the bounds of their states.
 
     Args:
-        start: Names of states, or of several that start at one value, with bounds.
-        names: Of all states.
+        start: Names of states, or tuples of names that share one value, with bounds.
+        names: Names of all states.
         limits: Lower and upper bounds of the states, each (nx,).
 
     Raises:
-        InvalidProblemError: If a name is unknown or comes twice, or nothing is left
-            between the bounds.
+        InvalidProblemError: If a name is unknown or repeated, or the bounds leave no
+            value.
     """
     found: list[FreeStart] = []
     for key, value in start.items():

@@ -1,4 +1,4 @@
-"""First guesses of a control sequence, shape (nu, N)."""
+"""Initial guesses of a control sequence, shape (nu, N)."""
 
 from typing import Literal
 
@@ -13,14 +13,21 @@ Array = NDArray[np.float64]
 
 
 def zero_controls(problem: OptimalControlProblem) -> Array:
-    """Return zero controls, or the bound nearest to zero where zero is not allowed."""
+    """Return zero controls, or the bound nearest to zero if zero is not allowed.
+
+    Args:
+        problem: The problem.
+
+    Returns:
+        Controls, shape (nu, N).
+    """
     lower, upper = problem.control_limits
     nearest = np.clip(np.zeros(problem.model.nu), lower, upper)
     return np.repeat(nearest[:, None], problem.intervals, axis=1)
 
 
 def middle_controls(problem: OptimalControlProblem) -> Array:
-    """Return the middle of the controls' bounds; zero controls where one is missing."""
+    """Return the middle of the controls' bounds; zero controls if one is missing."""
     limits, zero = np.array(problem.control_limits), zero_controls(problem)
     ends = np.isfinite(limits).all(axis=0)
     middle = np.where(ends, np.where(ends, limits, 0).mean(axis=0), zero[:, 0])
@@ -28,15 +35,15 @@ def middle_controls(problem: OptimalControlProblem) -> Array:
 
 
 def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
-    """Return a guess as controls within the bounds, the same in each block; a copy.
+    """Return a guess clipped to the bounds, with one value in each block; a copy.
 
     Args:
-        problem: The problem the guess is for.
-        guess: Controls, shape (nu, N), finite; clipped to the bounds. A block has the
+        problem: The problem that the guess is for.
+        guess: Controls, shape (nu, N), finite; clipped to the bounds. A block gets the
             mean of its intervals.
 
     Raises:
-        InvalidProblemError: If the shape is another, or a value not finite.
+        InvalidProblemError: If the shape is wrong, or a value is not finite.
     """
     controls = np.array(guess, dtype=np.float64)
     shape = (problem.model.nu, problem.intervals)
@@ -53,7 +60,7 @@ def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
 
 
 Appended = Literal["zero", "last"]
-"""What a shifted plan ends with: zero controls, or its own last ones."""
+"""End of a shifted plan: zero controls, or the plan's own last ones."""
 
 
 def shifted_controls(
@@ -62,9 +69,12 @@ def shifted_controls(
     """Return a plan one interval later: the first interval dropped, one appended.
 
     Args:
-        problem: The problem the plan was made for.
+        problem: The problem that the plan was made for.
         controls: The last plan, shape (nu, N); not changed.
-        append: What is appended.
+        append: The appended controls: "zero" or the plan's "last" ones.
+
+    Returns:
+        Controls, shape (nu, N).
     """
     end = controls[:, -1:] if append == "last" else zero_controls(problem)[:, :1]
     return np.hstack([controls[:, 1:], end])

@@ -1,15 +1,15 @@
-"""What is done to an answer that is not yet as good or as sure as it could be.
+"""Improvement of an answer that is not yet confirmed or not yet shown to be optimal.
 
-    repaired        solved again with margins if it breaks constraints between checks
-    settled_answer  looked at from perturbed starts if it may be a saddle point
+    repaired        solved again with margins, if constraints are broken between checks
+    settled_answer  restarted from perturbed points, if it may be a saddle point
     followed_down   solved again with its kinks rounded, less and less
 
-Each judges by the user's own problem, and keeps the better answer.
+Each step judges by the user's own problem, and keeps the better answer.
 
-Perturbed starts say whether a stationary point is a local optimum if its curvature is
-flat: the controls are moved a little, at random, and polished again. If that leads
-down, the point was none, and the better one is taken; if twenty starts do not, it is
-called a local optimum.
+If the curvature at a stationary point is flat, perturbed starts decide whether it is a
+local optimum: the controls are moved a little, at random, and polished again. If a
+start leads to a lower cost, the point was no optimum, and the better one is taken. If
+none of twenty starts does, the point is called a local optimum.
 """
 
 from collections.abc import Iterator, Mapping
@@ -47,30 +47,30 @@ from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.status import SolutionStatus
 
 _REPAIR_SHARE, _FEWEST = 0.1, 400
-"""Part of a search's budget that an attempt to repair has, and evaluations at least."""
+"""Share of a search's budget for an attempt to repair, and its fewest evaluations."""
 DENSER = 4
-"""Times as many checks, in place of margins that cost."""
+"""Factor for the number of checks that replace costly margins."""
 _NOTICED = 1e-4
-"""What margins may cost, in parts of the cost, before they are replaced."""
+"""Relative cost of margins above which they are replaced."""
 _MOST_STATES = 5000
-"""States at all checks together: of a larger problem that would take too long."""
+"""Largest number of states at all checks together; more would take too long."""
 STARTS = 20
 ROUNDS = 3
-"""Times that a better point is taken before it is left undecided."""
+"""Largest number of better points taken before the question is left undecided."""
 _MOST_WORK = 2_000_000
-"""Iterations times rows of the NLP after which no other start is tried: of an NLP with
-many checks in each interval a start may take seconds."""
+"""Iterations times rows of the NLP after which no other start is tried: a start of an
+NLP with many checks in each interval may take seconds."""
 _SMALLEST, _LARGEST = 1e-3, 1e-1
-"""Sizes of the moves, in parts of the controls' sizes; drawn log-uniformly."""
+"""Sizes of the perturbations relative to the controls' sizes; drawn log-uniformly."""
 
 
 class Answer(NamedTuple):
-    """An answer and what it is of, which may have margins and more checks.
+    """An answer with the planner that made it, which may have margins and more checks.
 
     Attributes:
         solution: The answer, judged by the user's own problem.
-        planner: What made it.
-        known: Parameters and signals as its planner takes them.
+        planner: The planner that made the answer.
+        known: Parameters and signals as this planner takes them.
     """
 
     solution: Solution
@@ -87,15 +87,15 @@ def improved(
     repair: bool,
     rng: np.random.Generator,
 ) -> Iterator[Solution]:
-    """Yield a plan verified, then what each way to improve it leaves; the last is best.
+    """Yield a plan verified, then the result of each improvement; the last is the best.
 
     Args:
         planner: The problem's planner.
         plan: Its plan.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
-        repair: Whether an answer that breaks a constraint between the checks is solved
-            again with a margin.
+        repair: Whether to solve again, with a margin, if the answer breaks a constraint
+            between the checks.
         rng: Source of all randomness.
     """
     solution = verified(planner.tracer, plan, x0, known)
@@ -115,7 +115,7 @@ def settled_answer(
     known: Known,
     rng: np.random.Generator,
 ) -> Solution:
-    """Return a stationary answer looked at from perturbed starts; others unchanged.
+    """Return a stationary answer tested from perturbed starts; other answers unchanged.
 
     Args:
         planner: The problem's planner.
@@ -134,7 +134,7 @@ def settled_answer(
     plan, is_settled = settled(used, plan, x0, given, rng=rng)
     plan = _judged_by(planner, plan, x0, known, point=plan.point)
     found = verified(planner.tracer, plan, x0, known, settled=is_settled)
-    # A descent that the finer path does not confirm is none.
+    # A lower cost that the finer path does not confirm does not count.
     return found if found.status.is_confirmed else solution
 
 
@@ -146,10 +146,10 @@ def settled(
     *,
     rng: np.random.Generator,
 ) -> tuple[Plan, bool]:
-    """Return a plan from which no perturbed start leads down, and whether that is so.
+    """Return a plan that no perturbed start improves, and whether that is certain.
 
     Args:
-        planner: The planner whose polish ended there.
+        planner: The planner whose polish ended at the plan.
         plan: A stationary point.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
@@ -190,7 +190,7 @@ def _descended(
     known: Known,
     rng: np.random.Generator,
 ) -> "_Descended":
-    """Return the first answer from a perturbed start that is better, and the effort."""
+    """Return the first better answer from a perturbed start, and the effort."""
     x0 = start_of(fitness.problem, plan, x0)
     sizes = fitness.arguments.sizes_along(plan.controls, plan.states, x0, known)
     evaluations, work = 0, 0
@@ -210,12 +210,12 @@ def _descended(
 
 
 class _Descended(NamedTuple):
-    """What perturbed starts led to.
+    """Result of the perturbed starts.
 
     Attributes:
-        better: The first answer that is better; None: there was none.
-        evaluations: Of the solver.
-        all_tried: Whether none of all starts led to a better one.
+        better: The first answer that is better; None without one.
+        evaluations: Evaluations of the solver.
+        all_tried: Whether all starts were tried and none led to a better answer.
     """
 
     better: Polished | None
@@ -230,7 +230,7 @@ def followed_down(
     known: Known,
     rng: np.random.Generator,
 ) -> Solution:
-    """Return a better answer found by rounding the kinks of a problem, if it has any.
+    """Return a better answer found by rounding the problem's kinks, if there is one.
 
     Args:
         planner: The problem's planner.
@@ -280,7 +280,7 @@ def repaired(
         rng: Source of all randomness.
 
     Returns:
-        The answer, and what it is of.
+        The answer, with the planner that made it.
     """
     problem = planner.problem
     best, at = Answer(solution, planner, known), solution
@@ -324,9 +324,9 @@ def repaired(
 
 
 def _margin_costs(before: Solution, repaired: Answer) -> bool:
-    """Return whether an answer with margins may cost more than it must.
+    """Return whether an answer with margins may cost more than necessary.
 
-    The answer without them is a bound from below.
+    The cost of the answer without margins is a lower bound.
     """
     found = repaired.solution
     higher = found.plan.cost - before.plan.cost
@@ -343,18 +343,18 @@ def _with_checks_for_margins(  # noqa: PLR0913 - an answer, and how it was found
     checks: int,
     rng: np.random.Generator,
 ) -> Answer:
-    """Return an answer whose margins have become checks, if it costs less.
+    """Return an answer with checks in place of its margins, if it costs less.
 
-    A margin is kept at every check, also where the path breaks nothing between them.
-    With more checks less is left of it: it falls with the square of their distance.
+    A margin is kept at every check, even if the path breaks nothing between them. With
+    more checks a smaller margin is enough: it falls with the square of their distance.
 
     Args:
         planner: The problem's planner.
-        repaired: An answer with margins that is confirmed.
-        margins: These.
+        repaired: A confirmed answer with margins.
+        margins: The margins.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
-        checks: How many times as many as the problem has.
+        checks: Factor for the problem's number of checks.
         rng: Source of all randomness.
     """
     problem, best, at = planner.problem, repaired, repaired.solution
@@ -370,7 +370,7 @@ def _with_checks_for_margins(  # noqa: PLR0913 - an answer, and how it was found
             saved = best.solution.plan.cost - at.plan.cost
             best = found if _is_better_answer(at, best.solution) else best
             if saved / (DENSER**2 - 1) <= _NOTICED * at.path.magnitude:
-                break  # What is left of the margins costs next to nothing.
+                break  # The remaining margins cost hardly anything.
             checks, coarser = checks * DENSER, 1 / DENSER
         if not _is_small(problem, checks):
             break
@@ -378,7 +378,7 @@ def _with_checks_for_margins(  # noqa: PLR0913 - an answer, and how it was found
 
 
 def _is_small(problem: OptimalControlProblem, checks: int) -> bool:
-    """Return whether a problem with so many times as many checks is solved soon."""
+    """Return whether the problem with this factor for its checks can be solved soon."""
     return (
         problem.model.nx * problem.intervals * problem.checks * checks <= _MOST_STATES
     )
@@ -395,7 +395,7 @@ def _solved_again(  # noqa: PLR0913 - of a problem and of the answer to start fr
     rng: np.random.Generator,
     backend: str | None = None,
 ) -> Answer:
-    """Return a changed problem's answer from another one, judged by the user's own.
+    """Solve a changed problem from another answer; judge it by the user's problem.
 
     Args:
         planner: The planner of the user's problem.
@@ -403,9 +403,9 @@ def _solved_again(  # noqa: PLR0913 - of a problem and of the answer to start fr
         at: The answer to start from.
         x0: Initial state, shape (nx,).
         known: Parameters and signals of the user's problem.
-        checks: How many times as many checks.
+        checks: Factor for the number of checks.
         rng: Source of all randomness.
-        backend: What evaluates populations; None: as for the user's problem.
+        backend: Backend that evaluates populations; None: as for the user's problem.
     """
     stated, given = with_more_checks(stated, known, checks)
     other = Planner(
@@ -421,7 +421,7 @@ def _solved_again(  # noqa: PLR0913 - of a problem and of the answer to start fr
 
 
 def _shorter(search: SearchSettings | None) -> SearchSettings | None:
-    """Return a search with a tenth of its budget: it begins at an answer."""
+    """Return a search with a tenth of its budget, since it starts from an answer."""
     if search is None:
         return None
     budget = search.budget
@@ -436,7 +436,7 @@ def _shorter(search: SearchSettings | None) -> SearchSettings | None:
 
 
 def _worth_repairing(solution: Solution, by_points: bool) -> bool:
-    """Return whether an answer only breaks what a margin could mend."""
+    """Return whether a margin could repair all that an answer breaks."""
     broken = solution.status is SolutionStatus.BROKEN
     return broken or (by_points and solution.status is SolutionStatus.INFEASIBLE)
 
@@ -452,8 +452,8 @@ def _judged_by(
 ) -> Plan:
     """Return a plan made for a changed problem as one of the planner's problem.
 
-    It goes on from an answer before it: the evaluations of both count. None means that
-    the plan already counts them.
+    The plan continues from an earlier answer, so the evaluations of both are added.
+    None means that the plan already counts them.
     """
     return planner.evaluated(
         plan.controls,
@@ -470,7 +470,7 @@ def _judged_by(
 
 
 def _is_better_answer(one: Solution, other: Solution) -> bool:
-    """Return whether an answer is better: confirmed before not, then by cost."""
+    """Return whether an answer is better: confirmed ones first, then by cost."""
     if one.status.is_confirmed != other.status.is_confirmed:
         return one.status.is_confirmed
     if one.status.is_confirmed:

@@ -1,9 +1,9 @@
-"""Where collocation begins within the intervals, and how far it is from the evaluator.
+"""Initial guess of the collocation unknowns, and their distance from the evaluator.
 
-The states at the collocation points are what the problem's integrator makes of the
-state at the beginning of a check, bent so that they end where the check is said to end;
-on a line where that is far away. Algebraic variables are what Newton's method gives
-there, or where it starts.
+The states at the collocation points come from the problem's integrator, started at the
+beginning of a check. They are bent so that they end at the check's given end state; if
+that is far away, they lie on a straight line. Algebraic variables come from Newton's
+method, or are its start values if it fails.
 """
 
 import casadi as ca
@@ -19,14 +19,14 @@ Array = NDArray[np.float64]
 
 
 class InnerGuess:
-    """Finds inner unknowns for the intervals of a problem; compiled once."""
+    """Guess of the inner unknowns of a problem's intervals; compiled once."""
 
     def __init__(self, shooting: Shooting, layout: Layout) -> None:
         """Compile the integration from point to point.
 
         Args:
             shooting: The problem's functions.
-            layout: What is collocated.
+            layout: Layout of the collocation.
         """
         self._problem = problem = shooting.problem
         self._layout = layout
@@ -71,21 +71,21 @@ class InnerGuess:
         return np.concatenate([np.empty((0, N)), *inner])
 
     def pieces_of(self, nodes: Array) -> Array:
-        """Return states at the nodes as they are at both ends of each check.
+        """Return states at the nodes as pairs at both ends of each check.
 
         Args:
-            nodes: Shape (nx, nodes).
+            nodes: States at the nodes, shape (nx, nodes).
         """
         return self._by_interval(nodes)
 
     def followed(
         self, controls: Array, begins: Array, parameters: Array, signals: Array
     ) -> Array:
-        """Return where the evaluator gets to from each state, as pieces.
+        """Return the states that the evaluator reaches from each interval's start.
 
         Args:
             controls: Shape (nu, N).
-            begins: States as the intervals begin, shape (nx, N).
+            begins: States at the start of the intervals, shape (nx, N).
             parameters: Shape (np,).
             signals: At the nodes, shape (ns, nodes).
         """
@@ -123,13 +123,13 @@ class InnerGuess:
         return np.asarray(nodes[:, columns])
 
     def _led(self, states: Array, begin: Array, end: Array, *, bends: bool) -> Array:
-        """Return states at the points of a check that lead to its end.
+        """Return states at the points of a check, bent to lead to its end.
 
         Args:
-            states: By the integrator, shape (points, nx, N).
-            begin: Shape (nx, N).
-            end: The same.
-            bends: Whether the end is that of the integrator, without a jump.
+            states: States from the integrator, shape (points, nx, N).
+            begin: State at the start of the check, shape (nx, N).
+            end: State at its end, shape (nx, N).
+            bends: Whether the end is the integrator's end, without a jump.
         """
         parts = self._parts[:, None, None]
         line = begin + parts * (end - begin)
@@ -142,7 +142,7 @@ class InnerGuess:
         return np.where(lost, line, states)
 
     def _algebraic(self, states: Array, u: Array, p: Array, s: Array) -> Array:
-        """Return z at each column; where Newton's method fails, where it starts."""
+        """Return z at each column; Newton's start values if Newton's method fails."""
         solved, start = map(np.array, self._z(states, u, p, s))
         start = np.nan_to_num(start, nan=0.0, posinf=0.0, neginf=0.0)
         return np.where(np.isfinite(solved).all(axis=0), solved, start)
@@ -153,8 +153,8 @@ def _along(shooting: Shooting, parts: Array, first: bool) -> ca.Function:
 
     Args:
         shooting: The problem's functions.
-        parts: Where the points are, in parts of the check.
-        first: Whether an interval begins with the check.
+        parts: Times of the points, as fractions of the check.
+        first: Whether the check is the first of an interval.
     """
     problem, f = shooting.problem, shooting.dynamics
     model, ns = problem.model, problem.model.ns

@@ -1,11 +1,12 @@
-"""A polish where some controls take whole numbers: relax, round, descend, polish.
+"""Polish of a problem with whole-number controls: relax, round, descend, polish.
 
-    relaxed   the NLP solver on the problem without the demand, from the starts given
-    rounded   its answer by sum-up rounding, and the starts themselves, each
-              descended by single steps of the whole numbers
-    held      the NLP solver on what is not whole, with the whole numbers held
+    relaxed   the NLP solver on the problem without the requirement, from the given
+    starts
+    rounded   its answer by sum-up rounding, and the starts themselves, each improved by
+              single steps of the whole numbers
+    held      the NLP solver on the other decisions, with the whole numbers held
 
-The best by (violation, cost) is kept. The relaxed cost is a lower bound as far as the
+The best answer by (violation, cost) is kept. The relaxed cost is a lower bound if the
 solver's local optimum is the global one.
 """
 
@@ -26,19 +27,19 @@ from swarmstart.ocp.whole_numbers import neighbours, sum_up_rounded, whole
 
 Array = NDArray[np.float64]
 _ROUNDS = 500
-"""Steps of a descent at most."""
+"""Largest number of steps of a descent."""
 _POLISHES = 10
-"""Times at most that a descent goes on after what is not whole was polished."""
+"""Largest number of descents, each after a polish of the other decisions."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class WholePolished:
-    """What an integer polish found.
+    """Result of an integer polish.
 
     Attributes:
-        polished: The best, with whole numbers.
+        polished: The best answer with whole numbers.
         relaxed_cost: Cost of the relaxed problem's best answer; NaN: not solved.
-        evaluations: Evaluations of all.
+        evaluations: Evaluations of all steps.
     """
 
     polished: Polished
@@ -47,12 +48,12 @@ class WholePolished:
 
 
 def relaxation(problem: OptimalControlProblem) -> OptimalControlProblem:
-    """Return a problem whose controls may all be any number."""
+    """Return a problem without the requirement of whole numbers."""
     return replace(problem, bounds=replace(problem.bounds, integer=()))
 
 
 class IntegerPolisher:
-    """Rounds and polishes one problem with controls that take whole numbers."""
+    """Rounding and polish for one problem with whole-number controls."""
 
     def __init__(
         self,
@@ -65,8 +66,8 @@ class IntegerPolisher:
 
         Args:
             fitness: The problem's evaluator.
-            options: What the NLP solver is told.
-            watch: Told what is done, and may stop it.
+            options: Options of the NLP solver.
+            watch: Observer of the work, which may stop it.
         """
         self._fitness, problem = fitness, fitness.problem
         self._watch = watch
@@ -85,13 +86,14 @@ class IntegerPolisher:
     def __call__(
         self, starts: Sequence[Start], x0: ArrayLike, known: Known, *, near: bool
     ) -> WholePolished:
-        """Return the best whole answer from some starts.
+        """Return the best answer with whole numbers from some starts.
 
         Args:
             starts: At least one, the best first.
-            x0: Initial state, shape (nx,), with the guess of what is decided about it.
+            x0: Initial state, shape (nx,), with the guess of the decisions about it.
             known: Parameters and signals.
-            near: Whether the starts are answers, worth staying near; see Polisher.
+            near: Whether the starts are answers that the solver should stay near; see
+                Polisher.
         """
         tolerance = self._fitness.problem.tolerance
         relaxed, evaluations = polish_basins(
@@ -114,7 +116,7 @@ class IntegerPolisher:
             evaluations += one.evaluations
             best = one if _beats(one, best, tolerance) else best
         self._watch.answered((best.controls, best.x0), best.cost, best.violation)
-        # No bound lies above an answer: from there the relaxed problem leads down.
+        # No bound lies above an answer, so the relaxed problem can only improve it.
         if not self._watch.is_over:
             again = self.relaxed(best.controls, best.x0, known, near=True)
             evaluations += again.evaluations
@@ -128,7 +130,7 @@ class IntegerPolisher:
         )
 
     def _descended(self, controls: Array, x0: ArrayLike, known: Known) -> Polished:
-        """Return where steps of whole numbers lead, what else is decided polished."""
+        """Descend by steps of whole numbers, and polish the other decisions."""
         best = self._held(whole(controls, self._integer, self._limits), x0, known)
         evaluations = best.evaluations
         for _ in range(_POLISHES):
@@ -143,7 +145,7 @@ class IntegerPolisher:
         return replace(best, evaluations=evaluations)
 
     def _stepped(self, found: Polished, known: Known) -> tuple[Array | None, int]:
-        """Return the controls that single steps lead to, if they lead down."""
+        """Return the controls after a descent by single steps, if any, and its effort."""
         fitness, x0 = self._fitness, found.x0
         objective = fitness.objective(x0, known)
         controls, value, moved = found.controls, (found.cost, found.violation), False
@@ -166,7 +168,7 @@ class IntegerPolisher:
         return (controls if moved else None), spent
 
     def _held(self, controls: Array, x0: ArrayLike, known: Known) -> Polished:
-        """Return whole numbers with the best of what else is decided."""
+        """Return the best answer with the whole numbers held."""
         if self._decides_more:
             return self.relaxed(controls, x0, known, held=self._integer, near=True)
         cost, violation = self._fitness.value(controls, x0, known)

@@ -6,14 +6,14 @@ euler  x+ = x + h r(t, x)                      (what eq. 5.22 of the chapter say
 stiff  RODAS4, for models with modes that decay much faster than the step; rosenbrock.py
 
 Controls are held constant over a step. The functions take expressions as well as
-arrays: whatever r returns.
+arrays, depending on the return value of r.
 
-Where controls jump, fast modes of a stiff model leave their equilibrium, and a step
-that is much longer damps them without having followed them: a cost of 1000 x^2 of such
-a state would be missed, or counted for the whole step. So the first of the stiff steps
-after a jump is taken in five parts, each four times as long as the one before. Modes
-that decay at up to some thousand times 1 / step are followed to 1e-4 (with four steps,
-RODAS4, a fast equilibrium of two states; 4e-2 without the parts).
+If controls jump, the fast modes of a stiff model leave their equilibrium, and a much
+longer step damps them without resolving them. A cost of 1000 x^2 of such a state would
+be missed, or counted for the whole step. So the first stiff step after a jump is taken
+in five parts, each four times as long as the one before. Modes with decay rates up to
+some thousand times 1 / step are then resolved to 1e-4 (RODAS4 with four steps, a fast
+equilibrium of two states; 4e-2 without the parts).
 """
 
 from collections.abc import Callable
@@ -44,7 +44,7 @@ def euler(rate: Rate, x: ca.SX, t: float, h: float) -> ca.SX:
 
 
 Integrator = Literal["rk4", "euler", "stiff"]
-"""A name of an integrator, for where names must be known before anything runs."""
+"""Name of an integrator, for modules that must know the names before any import."""
 INTEGRATORS: dict[str, Callable[[Rate, ca.SX, float, float], ca.SX]] = {
     "rk4": rk4,
     "euler": euler,
@@ -53,20 +53,20 @@ INTEGRATORS: dict[str, Callable[[Rate, ca.SX, float, float], ca.SX]] = {
 
 
 def verifying_integrator(method: str) -> Integrator:
-    """Return the integrator that traces what was planned by a method, of order 4."""
+    """Return the integrator, of order 4, that verifies plans made with a method."""
     return "stiff" if method == "stiff" else "rk4"
 
 
 PARTS = 5
-"""Of the first stiff step after a jump; see the module's head."""
+"""Number of parts of the first stiff step after a jump; see the module's head."""
 MORE_PARTS = 8
-"""Where the first of them is to be 5e-5 of the step, not 3e-3."""
+"""Number of parts for a first part of 5e-5 of the step instead of 3e-3."""
 _LONGER = 4.0
-"""How much longer each part is than the one before."""
+"""Ratio of the lengths of two consecutive parts."""
 
 
 def stiff_lengths(h: float, steps: int, parts: int) -> list[float]:
-    """Return the lengths of steps of length h whose first one is divided into parts."""
+    """Return the step lengths, where steps of length h follow a first one in parts."""
     return [*_lengths_of_parts(h, parts).tolist(), *[h] * (steps - 1)]
 
 
@@ -92,12 +92,12 @@ def integrate(  # noqa: PLR0913 - an equation, a span of time and how it is divi
         method: A key of INTEGRATORS.
         rate: r(t, x).
         x: State at `start`.
-        start: Time at which it begins [s].
-        duration: How long it takes [s].
+        start: Start time [s].
+        duration: Time span [s].
         steps: Number of equal steps.
-        after_jump: Whether the rate jumps at `start`, or x begins there: then the first
-            step is divided if the method is "stiff".
-        parts: Into how many.
+        after_jump: Whether the rate or the state jumps at `start`. Then the first step
+            is divided into parts if the method is "stiff".
+        parts: Number of these parts.
     """
     h = duration / steps
     if method == "stiff":
@@ -131,18 +131,23 @@ def held_step(
 ) -> ca.Function:
     """Return F(x, u, p) -> x after dt seconds with u held, in `substeps` steps.
 
-    Of a model with signals or a time it is F(x, u, p, s), s these at both ends of dt,
-    shape (ns, 2), linear between. A jump at the end of an interval is not made.
+    For a model with signals or a time it is F(x, u, p, s), with s their values at both
+    ends of dt, shape (ns, 2), linear in between. A jump of the model at the end of an
+    interval is not included.
 
     Args:
         model: The model.
         dt: Duration of the step [s], positive.
         method: A key of INTEGRATORS.
         substeps: Number of equal steps of the integrator within dt.
-        parts: Of the first of them if the method is "stiff".
+        parts: Number of parts of the first step if the method is "stiff".
+
+    Returns:
+        The function F.
 
     Raises:
-        InvalidProblemError: If dt, the method or the number of steps is invalid.
+        InvalidProblemError: If dt is not positive, the method is unknown, or `substeps`
+            is below 1.
     """
     u = ca.SX.sym("u", model.nu)
     return _step(
@@ -153,7 +158,7 @@ def held_step(
 def linear_step(model: Model, dt: float, *, method: str = "rk4") -> ca.Function:
     """Return F(x, u, p) -> x after dt seconds, u the controls at both ends, (2 nu, 1).
 
-    They are linear between; else it is as `held_step`, in one step.
+    The controls are linear in between; otherwise it is as `held_step`, in one step.
 
     Args:
         model: The model.
@@ -177,7 +182,7 @@ def _step(  # noqa: PLR0913 - a step and what is held in it
     substeps: int = 1,
     parts: int = PARTS,
 ) -> ca.Function:
-    """Return F(x, u, p, s) of a step, with controls at parts of it as told."""
+    """Return F(x, u, p, s) of a step, with the controls evaluated within it."""
     if not dt > 0:
         raise InvalidProblemError(f"dt must be positive, got {dt}")
     require_integrator(method, substeps)
@@ -198,10 +203,10 @@ def _step(  # noqa: PLR0913 - a step and what is held in it
 
 
 def require_integrator(method: str, substeps: int) -> None:
-    """Refuse an unknown method or a number of steps below one.
+    """Raise if the method is unknown or the number of steps is below one.
 
     Raises:
-        InvalidProblemError: Naming what is allowed.
+        InvalidProblemError: With the value given and what is allowed.
     """
     if method not in INTEGRATORS:
         raise InvalidProblemError(

@@ -1,11 +1,11 @@
-"""CasADi's interpolants read from their serialisation, as expressions of our own.
+"""CasADi's interpolants, read from their serialisation, as scalar expressions.
 
-An interpolant in an SX expression is a call that machine code cannot make. Its grid and
-values, or its knots and coefficients, stand in `Function.serialize({"debug": True})`,
-each behind its name: a vector is "V", "J" and its length, then "d" or "J" and eight
+An interpolant in an SX expression is a call, which machine code cannot make. Its grid
+and values, or its knots and coefficients, are in `Function.serialize({"debug": True})`,
+each after its name: a vector is "V", "J" and its length, then "d" or "J" and eight
 bytes for each number; a byte is two letters, a to p, the lower half first. Derivatives
-that CasADi has made already stand between the knots and the coefficients, with names of
-their own alike. What was read is compared with the interpolant before it is used.
+that CasADi has made already stand between the knots and the coefficients, with similar
+names. The result is compared with the interpolant before it is used.
 
 Source: CasADi 3.8.2, casadi/core/serializing_stream.cpp, interpolant_impl.hpp and
 bspline_impl.hpp.
@@ -25,21 +25,21 @@ from swarmstart.ocp.splines import Spline
 
 Array = NDArray[np.float64]
 Splines = tuple[Spline, ...]
-"""One for each output of an interpolant."""
+"""One spline for each output of an interpolant."""
 
 _CLOSE = 1e-9
-"""Largest difference between an interpolant and what was read, in parts of its size."""
+"""Largest relative difference between an interpolant and the expression read."""
 _MOST_INPUTS = 2
 _LONGEST = 100_000
-"""Numbers of an interpolant; more would make no expression of use."""
+"""Largest number of values of an interpolant; expressions of more are too large."""
 
 
 def without_interpolants(function: ca.Function) -> ca.Function:
-    """Return an SX function with its interpolants as expressions, where all can be.
+    """Return an SX function with its interpolants as expressions, if all can be read.
 
     Args:
-        function: An SX function; returned itself if it has no calls, or one that is no
-            interpolant with one or two inputs.
+        function: An SX function. It is returned unchanged if it has no calls, or if a
+            call is not an interpolant with one or two inputs.
     """
     if not _has_calls(function):
         return function
@@ -62,7 +62,7 @@ def _has_calls(function: ca.Function) -> bool:
 
 
 _OP_CALL = 48
-"""CasADi 3.8.2's number of a call; Python does not see its name."""
+"""CasADi 3.8.2's number of a call, which the Python interface does not name."""
 
 
 class _UnreadableError(Exception):
@@ -70,18 +70,18 @@ class _UnreadableError(Exception):
 
 
 class _Replaced:
-    """Expressions with their interpolants replaced, node by node."""
+    """Replacement of interpolants in expressions, node by node."""
 
     def __init__(self) -> None:
         self._new: dict[int, ca.SX] = {}
-        self._old: list[ca.SX] = []  # Kept alive, so that no hash is used twice.
+        self._old: list[ca.SX] = []  # Kept, so that no hash is reused.
         self._read: dict[int, Splines | None] = {}
 
     def of(self, expression: ca.SX) -> ca.SX:
         """Return an expression without interpolants.
 
         Raises:
-            _UnreadableError: If it calls something else.
+            _UnreadableError: If it calls another function.
         """
         entries = [self._node(expression.nz[i]) for i in range(expression.nnz())]
         return ca.SX(expression.sparsity(), ca.vertcat(ca.SX(0, 1), *entries))
@@ -129,14 +129,14 @@ def _dependencies(node: ca.SX) -> list[ca.SX]:
 
 
 def read_interpolant(function: ca.Function) -> Splines | None:
-    """Return what an interpolant computes, a spline for each output.
+    """Return the splines of an interpolant, one for each output.
 
     Args:
         function: Any function.
 
     Returns:
-        The splines; None if it is no interpolant with a fixed grid and fixed values in
-        one or two inputs, or CasADi writes it down in another way than is known.
+        The splines; None if the function is no interpolant with a fixed grid and fixed
+        values in one or two inputs, or if CasADi's format is unknown.
     """
     kind = function.class_name()
     if kind not in ("LinearInterpolant", "BSplineInterpolant") or function.n_in() != 1:
@@ -164,7 +164,7 @@ def _bspline(data: bytes, outputs: int) -> Splines:
     degrees = [int(d) for d in next(_vectors(data, b"BSplineCommon::degree", b"J"))]
     knots = _stacked(data, b"BSplineCommon::")
     sizes = [k.size - d - 1 for k, d in zip(knots, degrees, strict=True)]
-    count = outputs * math.prod(sizes)  # Those of a derivative are fewer.
+    count = outputs * math.prod(sizes)  # A derivative has fewer.
     found = _vectors(data, b"BSpline::coeffs", b"d")
     coefficients = next(one for one in found if one.size == count)
     return _splines(knots, degrees, coefficients, "zero")
@@ -173,7 +173,7 @@ def _bspline(data: bytes, outputs: int) -> Splines:
 def _splines(
     knots: Sequence[Array], degrees: Sequence[int], stacked: Array, outside: str
 ) -> Splines:
-    """Return a spline for each output; an output's number changes fastest."""
+    """Return a spline for each output; the output's number changes fastest."""
     sizes = [k.size - d - 1 for k, d in zip(knots, degrees, strict=True)]
     each = np.reshape(stacked, (-1, *sizes), order="F")
     if not each.size:
@@ -200,10 +200,10 @@ def _stacked(data: bytes, owner: bytes) -> list[Array]:
 
 
 def _vectors(data: bytes, name: bytes, kind: bytes) -> Iterator[Array]:
-    """Yield the numbers behind a name, wherever it stands.
+    """Yield the numbers after each occurrence of a name.
 
     Raises:
-        ValueError: If they are not written as expected.
+        ValueError: If they are not in the expected format.
     """
     form = "<cq" if kind == b"J" else "<cd"
     for head in re.finditer(re.escape(name + b"VJ"), data):
@@ -224,7 +224,7 @@ def _bytes(text: str) -> bytes:
 
 
 def _agree(function: ca.Function, splines: Splines) -> bool:
-    """Return whether splines have an interpolant's values, within and outside."""
+    """Return whether splines agree with an interpolant, inside and outside its grid."""
     rng = np.random.default_rng(0)
     points = []
     for knots in splines[0].knots:

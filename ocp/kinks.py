@@ -1,10 +1,10 @@
 """Kinks and jumps of a problem's expressions, and whether a path touches them.
 
-An NLP solver's conditions speak of smooth functions. Here the operations that are not
-smooth (fabs, fmin, fmax, floor, ceil, sign, comparisons, if_else) are found in the
-expressions, each with a number that tells its side: zero is where it switches. A
-comparison across which all stays smooth, as between the pieces of a cubic spline, does
-not count.
+The optimality conditions of an NLP solver hold for smooth functions. This module finds
+the operations that are not smooth (fabs, fmin, fmax, floor, ceil, sign, comparisons,
+if_else). Each gets a number, its side, which is zero where it switches. A comparison
+across which the result stays smooth, as between the pieces of a cubic spline, does not
+count.
 """
 
 from collections.abc import Sequence
@@ -32,20 +32,20 @@ _TWO = {
 }
 _STEPS = {ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil"}
 _WRAPS = {ca.OP_FMOD: ("fmod", 0.0), ca.OP_REMAINDER: ("remainder", 0.5)}
-"""What jumps when a ratio passes whole numbers, or half way between them."""
+"""Operations that jump when a ratio passes whole numbers, or half way between them."""
 _TOUCHES = 1e-6
-"""A side nearer to zero than this part of its size counts as at the switch."""
+"""A side smaller than this part of its size counts as at the switch."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Kinks:
-    """The switches of a problem's expressions.
+    """Switches of a problem's expressions.
 
     Attributes:
-        names: Of each switch, for messages.
-        sides: (x, u, p, s, sizes of x, sizes of u) -> the side of each switch, and
-            how far it moves with these sizes, each (n, 1).
-        steps: Whether a switch is at every whole number, as of floor; shape (n,).
+        names: Name of each switch, for messages.
+        sides: (x, u, p, s, sizes of x, sizes of u) -> side of each switch, and its
+            change over these sizes, each (n, 1).
+        steps: Whether a switch occurs at every whole number, as for floor; shape (n,).
     """
 
     names: tuple[str, ...]
@@ -53,16 +53,16 @@ class Kinks:
     steps: NDArray[np.bool_]
 
     def touched(self, sides: Array, reach: Array, intervals: int) -> tuple[str, ...]:
-        """Return the names of the switches at which a path is, or which it crosses.
+        """Return the names of the switches that a path touches or crosses.
 
         A control that jumps over a switch from one interval to the next does not touch
-        it: near such controls all is smooth.
+        it: the expressions are smooth near both of its values.
 
         Args:
-            sides: Along the path, in order of time, with the same number of points in
-                each interval; shape (n, points).
-            reach: How far each moves with the sizes, shape (n, points). A side that is
-                small all along is near its switch, not small by its nature.
+            sides: Sides along the path, in order of time, with the same number of
+                points in each interval; shape (n, points).
+            reach: Change of each side over the sizes, shape (n, points). A side that is
+                small all along is thus near its switch, not small by its nature.
             intervals: Number of intervals.
         """
         if not self.names:
@@ -73,7 +73,7 @@ class Kinks:
         sizes = np.maximum(np.abs(sides), moves).max(axis=1, initial=0)
         near = _TOUCHES * sizes[:, None]
         crossed = ((low <= near) & (high >= -near)).any(axis=1)
-        # A side that rests on a whole number is at its step; one that leaves it is not.
+        # A side that stays at a whole number is at its step; one that leaves it is not.
         room = np.where(high - low <= near, near, 0.0)
         stepped = (np.floor(low - room) != np.floor(high + room)).any(axis=1)
         active = np.where(self.steps, stepped, crossed)
@@ -126,7 +126,7 @@ def kinks_of(problem: OptimalControlProblem) -> Kinks:
 
 
 def _in_order(results: Sequence[ca.SX]) -> list[ca.SX]:
-    """Return all that results are computed from, each after what it is made of."""
+    """Return all nodes that the results depend on, each after its own dependencies."""
     order: list[ca.SX] = []
     seen: set[int] = set()
     stack = [(result, False) for result in reversed(results)]

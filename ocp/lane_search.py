@@ -1,15 +1,15 @@
-"""Searches that use local solves in lanes, on one planning problem.
+"""Searches of one planning problem that use local solves in parallel lanes.
 
 multistart  smooth random starts -> lanes -> distinct optima, batch after batch, until
-            the budget is spent or hardly an optimum is unseen (lane_settings.py); the
-            best optima are where the polish starts
+            the budget is spent or hardly an optimum is left unseen (lane_settings.py);
+            the polish starts from the best optima
 memetic     generations of L-SHADE; its best distinct members -> lanes -> back into the
             population (heuristics/memetic.py)
 
-An iteration of a lane counts as so many evaluations as its machine code has times as
-many instructions as a rollout's: fixed for a problem, so that the same seed and budget
-give the same answer on a quick and on a slow machine. An NLP solver's derivatives count
-in the same way (watching.py).
+An iteration of a lane is charged as evaluations: the ratio of the instructions of its
+machine code to those of a rollout. This ratio is fixed for a problem, so that the same
+seed and budget give the same answer on a fast and on a slow machine. Derivatives of an
+NLP solver are charged in the same way (watching.py).
 """
 
 from collections.abc import Sequence
@@ -47,12 +47,12 @@ TOO_DEAR = "a local solve would cost more than its share of the budget"
 
 
 class Searched(NamedTuple):
-    """What a search found, and how lanes served it.
+    """Result of a search, with an account of its lanes.
 
     Attributes:
-        result: What it found.
-        lanes: What the lanes found; None: there were none.
-        without: Why there were none.
+        result: Result of the search.
+        lanes: Results of the lanes; None without lanes.
+        without: Reason why there were no lanes.
     """
 
     result: SearchResult
@@ -63,16 +63,16 @@ class Searched(NamedTuple):
 def searched(
     search: SearchSettings, space: SearchSpace, task: Task, lanes: "LaneSearch | None"
 ) -> Searched:
-    """Return what a search finds.
+    """Run a search and return its result.
 
     Args:
-        search: Its settings.
-        space: What is searched.
-        task: What it searches for.
-        lanes: What runs it; None: it is a population search.
+        search: Settings of the search.
+        space: The search space.
+        task: The task to search for.
+        lanes: The search in lanes that runs it; None: it is a population search.
 
     Raises:
-        SearchInterrupted: On Ctrl-C, with the best so far, if there is any.
+        SearchInterrupted: On Ctrl-C, with the best point so far, if there is one.
     """
     if lanes is not None:
         return lanes(task)
@@ -93,7 +93,7 @@ def searched(
 
 
 class LaneSearch:
-    """A search of one problem that uses local solves in lanes; built once."""
+    """Search of one problem by local solves in lanes; built once."""
 
     def __init__(
         self,
@@ -102,17 +102,17 @@ class LaneSearch:
         search: SearchSettings,
         polisher: Polisher | None,
     ) -> None:
-        """Compile what lanes compute.
+        """Compile the functions of the lanes.
 
         Args:
             fitness: The problem's evaluator.
-            space: What is searched.
+            space: The search space.
             search: The search: a multistart, or memetic.
-            polisher: The NLP solver, for a multistart without lanes; None: none.
+            polisher: The NLP solver, for a multistart without lanes; None without one.
 
         Raises:
-            InvalidProblemError: If a multistart can have neither lanes nor the NLP
-                solver.
+            InvalidProblemError: If neither lanes nor the NLP solver can run a
+                multistart.
         """
         self._problem, self._space = fitness.problem, space
         self._search, self._polisher = search, polisher
@@ -131,7 +131,7 @@ class LaneSearch:
                 self._require_solvable()
 
     def with_search(self, search: SearchSettings) -> "LaneSearch":
-        """Return the same with other settings of the same algorithm; nothing is built.
+        """Return a copy with other settings of the same algorithm; nothing is rebuilt.
 
         Args:
             search: The settings.
@@ -141,12 +141,12 @@ class LaneSearch:
         return other
 
     def prepare(self) -> None:
-        """Wait for machine code that is still being made."""
+        """Wait for machine code that is still being compiled."""
         if self._solver is not None:
             float(self._solver.rollouts_per_iteration)
 
     def _require_solvable(self) -> None:
-        """Refuse a multistart that nothing can solve."""
+        """Raise if nothing can solve the starts of a multistart."""
         reasons = {
             "it has whole numbers, which solve rounds": bool(self._problem.integer),
             f"{self._without}, and there is no polish": self._polisher is None,
@@ -158,10 +158,10 @@ class LaneSearch:
                 )
 
     def __call__(self, task: Task) -> Searched:
-        """Search.
+        """Run the search.
 
         Raises:
-            SearchInterrupted: On Ctrl-C, with the best so far, if there is any.
+            SearchInterrupted: On Ctrl-C, with the best point so far, if there is one.
         """
         settings = self._search.algorithm
         if isinstance(settings, Memetic):
@@ -275,7 +275,7 @@ def _result(
     stopped: StopReason,
     seconds: float,
 ) -> SearchResult:
-    """Return what was found, with the values of the search's own evaluator."""
+    """Return the result, with the values of the search's own evaluator."""
     points = starts.points(1 + task.basins)
     values = task.objective(np.ascontiguousarray(np.stack(points, axis=1)))
     found = [

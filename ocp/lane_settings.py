@@ -1,9 +1,9 @@
 """Settings of the searches that use local solves in lanes.
 
 multistart  local solves from random starts, batch after batch
-memetic     a population search whose best distinct members are improved by local solves
+memetic     a population search that improves its best distinct members by local solves
 
-Both know the problem, not its objective alone: `lane_search.py` runs them.
+Both need the whole problem, not only its objective; `lane_search.py` runs them.
 """
 
 from dataclasses import dataclass
@@ -17,19 +17,20 @@ from swarmstart.heuristics.algorithm import require
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Multistart:
-    """Local solves from smooth random starts, until little is left to be found.
+    """Local solves from smooth random starts, until few optima are left to find.
 
-    It ends when the budget is spent, or sooner when the share of starts that would end
-    in an optimum not seen yet is below `unseen`, with 95 % confidence (lanes/optima.py;
-    it speaks of these starts only). Where a problem has no lane method, or `lanes` is
-    false, the NLP solver begins at random points until the budget is spent.
+    The search ends when the budget is spent. It ends earlier if, with 95 % confidence,
+    the share of starts that would lead to an optimum not seen yet is below `unseen`
+    (lanes/optima.py; this holds for these starts only). If a problem has no lane
+    method, or `lanes` is false, the NLP solver starts from random points until the
+    budget is spent.
 
     Attributes:
-        size: Starts that are solved at once, at least 1.
-        unseen: Upper end of the unseen share at which it ends, in [0, 1]; 0 means that
-            it goes on to the end of the budget.
-        lanes: Whether lanes solve what they can. False: the NLP solver alone, from one
-            start after the other; the usual rival of a search.
+        size: Number of starts that are solved at once, at least 1.
+        unseen: Upper limit of the unseen share at which the search ends, in [0, 1]; 0
+            means that the whole budget is used.
+        lanes: Whether lanes solve the starts if possible. False: the NLP solver alone,
+            one start after another, as a usual alternative to a search.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -54,7 +55,7 @@ class Multistart:
     lanes: bool = True
 
     def __post_init__(self) -> None:
-        """Check the values."""
+        """Validate the values."""
         _require_count("size", self.size)
         ok = isinstance(self.unseen, Real) and 0.0 <= self.unseen <= 1.0
         require("unseen", self.unseen, ok=ok, allowed="in [0, 1]")
@@ -64,14 +65,14 @@ class Multistart:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Memetic:
-    """L-SHADE whose best distinct members are improved by local solves in lanes.
+    """L-SHADE that improves its best distinct members by local solves in lanes.
 
-    Where a problem has no lane method it is L-SHADE alone.
+    If a problem has no lane method, it is L-SHADE alone.
 
     Attributes:
-        size: Individuals of the first generation, as `LSHADE.size`.
-        members: Most members that are improved at a time, at least 1.
-        share: Part of the evaluations that local solves may cost, in (0, 1).
+        size: Number of individuals of the first generation, as `LSHADE.size`.
+        members: Largest number of members improved at a time, at least 1.
+        share: Share of the evaluations that local solves may cost, in (0, 1).
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -91,7 +92,7 @@ class Memetic:
     share: float = 0.5
 
     def __post_init__(self) -> None:
-        """Check the values."""
+        """Validate the values."""
         _require_count("members", self.members)
         ok = isinstance(self.share, Real) and 0.0 < self.share < 1.0
         require("share", self.share, ok=ok, allowed="between 0 and 1")
@@ -101,7 +102,7 @@ class Memetic:
         """Return the population search that is improved.
 
         Args:
-            evaluations: The budget of both; None where that is wall time.
+            evaluations: The budget of both together; None if it is given in seconds.
         """
         if self.size is not None or evaluations is None:
             return LSHADE(size=self.size)
@@ -111,24 +112,27 @@ class Memetic:
 
 
 SearchAlgorithm = Algorithm | Multistart | Memetic
-"""What searches a planning problem."""
+"""Algorithms that search a planning problem."""
 
 NAMED: dict[str, type[Multistart] | type[Memetic]] = {
     "multistart": Multistart,
     "memetic": Memetic,
 }
 EVALUATIONS = 500_000
-"""Budget of a multistart that is given none: a few hundred local solves."""
+"""Default budget of a multistart: a few hundred local solves."""
 
 
 def population_of(
     algorithm: SearchAlgorithm, evaluations: int | None = None
 ) -> Algorithm | None:
-    """Return the population search that an algorithm is or has; None: it has none.
+    """Return the population search of an algorithm; None if it has none.
 
     Args:
-        algorithm: What searches.
-        evaluations: Its budget; None where that is wall time.
+        algorithm: The algorithm.
+        evaluations: Its budget; None if that is given in seconds.
+
+    Returns:
+        The settings of a population search, or None for a multistart.
     """
     if isinstance(algorithm, Multistart):
         return None

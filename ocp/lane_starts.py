@@ -1,6 +1,6 @@
-"""Local solves of one search: where they begin, and what they have found so far.
+"""Local solves of one search: their starts, and the optima found so far.
 
-Members      of a population, which are improved
+Members      members of a population, which are improved
 RandomStarts batches of smooth random starts, in lanes
 PolishStarts random points, one after the other, by the NLP solver
 """
@@ -35,25 +35,26 @@ Told = Callable[[int], None] | None
 ToldBest = Callable[[int, Callable[[], Individual]], None] | None
 
 FIRST_ITERATIONS = {"sweeps": 150, "slopes": 1500}
-"""Iterations that a lane is expected to take before any has been solved: many, so that
-a small budget is not overdrawn by the first batch."""
+"""Assumed number of iterations of a lane before the first solve: large, so that the
+first batch does not exceed a small budget."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Task:
-    """One search.
+    """Task of one search.
 
     Attributes:
         x0: Initial state of the core, shape (nx,).
         known: Parameters and signals.
         objective: Population -> cost and violation.
-        order: How individuals are ordered.
-        guess: Controls to start from, shape (nu, N); None: none is known.
-        first: Controls to look at besides, each (nu, N).
-        basins: Number of basins that are wanted besides the best point.
+        order: Order of individuals.
+        guess: Controls to start from, shape (nu, N); None without a guess.
+        first: Further controls to evaluate, each (nu, N).
+        basins: Number of basins wanted in addition to the best point.
         rng: Source of all randomness.
-        tell: Told the evaluations so far.
-        told_best: Told the same, with what returns the best point so far.
+        tell: Called with the evaluations so far.
+        told_best: Called with the evaluations so far and a function that returns the
+            best point so far.
     """
 
     x0: ArrayLike
@@ -69,7 +70,7 @@ class Task:
 
 
 class _Found:
-    """Distinct optima of lanes so far, of each the best answer."""
+    """Distinct optima found in lanes so far, with the best answer of each."""
 
     def __init__(self, solver: LaneSolver) -> None:
         self.solver, self.solves, self.iterations = solver, 0, 0
@@ -79,14 +80,14 @@ class _Found:
 
     @property
     def each(self) -> float:
-        """What a solve costs on average, in evaluations."""
+        """Mean cost of a solve, in evaluations."""
         iterations: float = FIRST_ITERATIONS[self.solver.method]
         if self.solves:
             iterations = max(self.iterations / self.solves, 1.0)
         return iterations * self.solver.rollouts_per_iteration
 
     def add(self, answers: LaneAnswers) -> int:
-        """Take in answers; return what they cost, in evaluations."""
+        """Add answers; return their cost, in evaluations."""
         before = np.array([one.count for one in self.optima], dtype=np.int64)
         every = answers if self.kept is None else _joined(self.kept, answers)
         ones = np.ones(answers.cost.size, dtype=np.int64)
@@ -100,10 +101,10 @@ class _Found:
         return max(round(taken * self.solver.rollouts_per_iteration), 1)
 
     def account(self, *, random: bool) -> Lanes:
-        """Return what was found.
+        """Return the account of the lanes.
 
         Args:
-            random: Whether the starts were a random sample, which speaks of others.
+            random: Whether the starts were a random sample, which allows an estimate.
         """
         counts = [one.count for one in self.optima]
         return Lanes(
@@ -133,14 +134,14 @@ def _some(answers: LaneAnswers, lanes: Sequence[int]) -> LaneAnswers:
 
 
 class _Lanes:
-    """Local solves of one task, and points of the space that their answers are."""
+    """Local solves of one task, with the points of the space for their answers."""
 
     def __init__(self, solver: LaneSolver, space: SearchSpace, task: Task) -> None:
         self.found, self._space, self._task = _Found(solver), space, task
         self._state = np.asarray(task.x0, dtype=np.float64).ravel()
 
     def solve(self, controls: Array, decided: Array) -> tuple[LaneAnswers, int]:
-        """Solve; return the answers and what they cost, in evaluations."""
+        """Solve in lanes; return the answers and their cost, in evaluations."""
         task = self._task
         with stopwatch() as watch, heeded(), np.errstate(all="ignore"):
             answers = self.found.solver(
@@ -150,7 +151,7 @@ class _Lanes:
         return answers, self.found.add(answers)
 
     def point(self, answers: LaneAnswers, lane: int) -> Array:
-        """Return the point of the space that an answer is."""
+        """Return the point of the space that represents an answer."""
         decided = answers.starts[:, lane]
         start = started(self.found.solver.problem, self._state, decided)
         return self._space.encoded(answers.controls[:, :, lane], start)
@@ -161,7 +162,7 @@ class Members(_Lanes):
 
     @property
     def each(self) -> float:
-        """What a solve costs, in evaluations."""
+        """Cost of a solve, in evaluations."""
         return self.found.each
 
     @property
@@ -170,11 +171,11 @@ class Members(_Lanes):
         return self.found.solves
 
     def account(self) -> Lanes:
-        """Return what was found."""
+        """Return the account of the lanes."""
         return self.found.account(random=False)
 
     def __call__(self, members: Array) -> Improved:
-        """Return the distinct optima that members lead to."""
+        """Return the distinct optima reached from members."""
         task = self._task
         starts = [self._space.decoded(x, self._state, task.known) for x in members.T]
         problem = self.found.solver.problem
@@ -196,7 +197,7 @@ class RandomStarts(_Lanes):
         task: Task,
         given: Sequence[Array],
     ) -> None:
-        """Begin with what is given; see `LaneSearch`."""
+        """Set up the starts; see `LaneSearch`."""
         super().__init__(solver, space, task)
         self._settings, self._given = settings, given
         self._limits = solver.problem.search_limits
@@ -204,21 +205,21 @@ class RandomStarts(_Lanes):
 
     @property
     def each(self) -> float:
-        """What a start costs, in evaluations."""
+        """Cost of a start, in evaluations."""
         return self.found.each
 
     def account(self) -> Lanes:
-        """Return what was found."""
+        """Return the account of the lanes."""
         return self.found.account(random=True)
 
     @property
     def ended(self) -> bool:
-        """Whether hardly an optimum is left unseen."""
+        """True if hardly an optimum is left unseen."""
         counts = [one.count for one in self.found.optima]
         return unseen_share(counts).most < self._settings.unseen
 
     def batch(self, most: int) -> int:
-        """Solve up to so many starts; return what they cost, in evaluations."""
+        """Solve at most `most` starts; return their cost, in evaluations."""
         task, problem = self._task, self.found.solver.problem
         given = () if self.found.solves else self._given[:most]
         count = min(self._settings.size, most) - len(given)
@@ -244,7 +245,7 @@ class RandomStarts(_Lanes):
         return (np.inf, np.inf) if self._lost is None else self._lost[1::-1]
 
     def points(self, most: int) -> list[Array]:
-        """Return the best answers' points, the best first: at least one."""
+        """Return the points of the best answers, the best first: at least one."""
         kept = self.found.kept
         if kept is not None and self.found.optima:
             count = min(most, len(self.found.optima))
@@ -253,10 +254,10 @@ class RandomStarts(_Lanes):
 
 
 class PolishStarts:
-    """The NLP solver from random points, one after the other.
+    """NLP solver from random points, one after another.
 
-    An answer need not be a member of a family of trajectories: of these the best start
-    is kept, from which the planner's own polish comes to the same answer.
+    An answer need not be a member of a family of trajectories. For a family the best
+    start is kept instead; from it the planner's own polish reaches the same answer.
     """
 
     def __init__(
@@ -266,7 +267,7 @@ class PolishStarts:
         task: Task,
         given: Sequence[Array],
     ) -> None:
-        """Begin with what is given, where controls are searched."""
+        """Start from the guess, if controls are searched."""
         if polisher is None:
             raise TypeError("expected an NLP solver")
         self._space, self._polisher, self._task = space, polisher, task
@@ -277,20 +278,20 @@ class PolishStarts:
 
     @property
     def ended(self) -> bool:
-        """Whether a watch says that enough is done."""
+        """True if a watch says that the budget is spent."""
         return self._polisher.watch.is_over
 
     @property
     def each(self) -> float:
-        """What a start costs, in evaluations; at first no more than one."""
+        """Cost of a start, in evaluations; at most one before the first start."""
         return max(self._evaluations / self._solves, 1.0) if self._solves else 1.0
 
     def account(self) -> None:
-        """Return None: there were no lanes."""
+        """Return None: there are no lanes."""
         return
 
     def batch(self, most: int) -> int:
-        """Solve from one start; return what that cost, in evaluations: rollouts."""
+        """Solve from one start; return its cost in evaluations, that is, rollouts."""
         del most
         task, box = self._task, self._space.box
         if self._solves < len(self._given):

@@ -1,13 +1,13 @@
-"""Algebraic variables brought back as unknowns, where Newton's method stood for them.
+"""Algebraic variables as unknowns of an NLP, in place of Newton's method.
 
-A model writes its expressions without its algebraic variables z: Newton's method stands
-in their place (algebraic.py). An NLP may have z as unknowns instead. So an expression
-is read value by value, and those that are z at a known point,
+A model's expressions contain Newton's method in place of the algebraic variables z
+(algebraic.py). An NLP may use z as unknowns instead. The expression is then read value
+by value, and each value that is z at a known point,
 
-    z(x, u, p, s) = what Newton's method gives there    ->    a symbol,
+    z(x, u, p, s) = result of Newton's method there    ->    a symbol,
 
-give way to symbols; what only Newton's method needed is no part of the expression then.
-A value that is not recognised stays what it is: the expression is the same in any case.
+is replaced by a symbol; Newton's iterations then drop out of the expression. A value
+that is not recognised is kept, so the expression has the same meaning in any case.
 """
 
 from collections.abc import Mapping
@@ -20,12 +20,12 @@ _CODES = {name: code for code, name in OPERATIONS.items()}
 
 
 def lifted(expressions: ca.SX, values: ca.SX, symbols: ca.SX) -> ca.SX:
-    """Return expressions with symbols in place of the values that they stand for.
+    """Return expressions with symbols in place of given values.
 
     Args:
         expressions: Shape (m, 1).
-        values: Values that occur in them, shape (n, 1).
-        symbols: What takes their place, shape (n, 1).
+        values: Values to replace, shape (n, 1).
+        symbols: The symbols that replace them, shape (n, 1).
     """
     given = ca.symvar(ca.vertcat(expressions, values))
     known = ca.vertcat(ca.SX(0, 1), *given)
@@ -37,7 +37,7 @@ def lifted(expressions: ca.SX, values: ca.SX, symbols: ca.SX) -> ca.SX:
     places: dict[int, ca.SX] = {}
     for number, symbol in zip(tape.outputs[1], ca.vertsplit(symbols), strict=True):
         node = tape.nodes[number]
-        if node.operation == "neg":  # Of x - (-a), which is x + a, only a is left.
+        if node.operation == "neg":  # x - (-a) becomes x + a.
             places.setdefault(node.arguments[0], -symbol)
         if node.operation != "constant":
             places.setdefault(number, symbol)
@@ -45,7 +45,7 @@ def lifted(expressions: ca.SX, values: ca.SX, symbols: ca.SX) -> ca.SX:
 
 
 def _rebuilt(tape: Tape, known: ca.SX, places: Mapping[int, ca.SX]) -> ca.SX:
-    """Return the first output of a tape, some of its values given."""
+    """Return the first output of a tape, with some of its values given."""
     turned = {
         node.arguments[::-1]: places[number]
         for number, node in enumerate(tape.nodes)

@@ -1,4 +1,4 @@
-"""Checks of the numbers and words that a problem and its constraints are given."""
+"""Validation of the numbers and words given to a problem and its constraints."""
 
 from collections.abc import Mapping, Sequence
 from numbers import Real
@@ -19,9 +19,9 @@ def limits_of(role: str, limits: Sequence[Limit], size: int) -> tuple[Array, Arr
     """Return (lower, upper) as read-only arrays of one size.
 
     Args:
-        role: What the limits belong to, for the message.
+        role: Description of the limited values, for the message.
         limits: The pair (lower, upper), each a number or shape (size,).
-        size: Number of values limited.
+        size: Number of limited values.
 
     Raises:
         InvalidProblemError: If they do not broadcast, are not numbers, or cross.
@@ -46,9 +46,9 @@ def scales_given(role: str, scale: Limit | None, size: int) -> Array | None:
     """Return scales as a read-only array of one size; None stays None.
 
     Args:
-        role: What is scaled, for the message.
+        role: Description of the scaled values, for the message.
         scale: One number for all, or shape (size,); None: to be found automatically.
-        size: Number of values scaled.
+        size: Number of scaled values.
 
     Raises:
         InvalidProblemError: If a scale is not positive and finite, or the size differs.
@@ -69,14 +69,14 @@ def scales_given(role: str, scale: Limit | None, size: int) -> Array | None:
 
 
 def sizes_given(given: object, names: Sequence[str]) -> dict[str, float]:
-    """Return sizes by name, checked; a copy.
+    """Return validated sizes by name; a copy.
 
     Args:
         given: Mapping of names to positive numbers.
-        names: Those that may have a size.
+        names: Names that may have a size.
 
     Raises:
-        InvalidProblemError: If a name is unknown, or a size not positive and finite.
+        InvalidProblemError: If a name is unknown, or a size is not positive and finite.
     """
     if not isinstance(given, Mapping):
         raise InvalidProblemError(
@@ -102,8 +102,8 @@ def vector_of(values: object) -> Array:
     """Return numbers as an array; a column of CasADi's DM becomes a vector.
 
     Raises:
-        TypeError: If they are no numbers; numbers in text are not.
-        ValueError: If they make no array.
+        TypeError: If they are not numbers; text is not converted.
+        ValueError: If they do not form an array.
     """
     if isinstance(values, ca.DM):
         return np.array(values, dtype=np.float64).ravel()
@@ -117,7 +117,7 @@ def numbers_of(role: str, values: ArrayLike) -> Array:
     """Return numbers as an array; a copy.
 
     Raises:
-        InvalidProblemError: If they are no numbers.
+        InvalidProblemError: If they are not numbers.
     """
     try:
         array = np.array(values)
@@ -134,7 +134,7 @@ def require_number(role: str, number: object) -> float:
     """Return a number as a float.
 
     Raises:
-        InvalidProblemError: If it is not a real number; numbers in text are not.
+        InvalidProblemError: If it is not a real number; text is not converted.
     """
     if isinstance(number, bool) or not isinstance(number, Real):
         raise InvalidProblemError(
@@ -144,7 +144,7 @@ def require_number(role: str, number: object) -> float:
 
 
 def require_count(role: str, count: int) -> None:
-    """Refuse what is no integer of at least one.
+    """Raise unless a value is an integer of at least one.
 
     Raises:
         InvalidProblemError: With the value given.
@@ -156,10 +156,10 @@ def require_count(role: str, count: int) -> None:
 
 
 def require_seconds(role: str, seconds: object) -> None:
-    """Refuse a length of time that is no positive finite number; None is taken.
+    """Raise unless a time is None or a positive finite number of seconds.
 
     Raises:
-        InvalidProblemError: If it is another value.
+        InvalidProblemError: If the value is invalid.
     """
     is_number = isinstance(seconds, Real) and not isinstance(seconds, bool)
     if seconds is None or (is_number and 0.0 < seconds < np.inf):  # type: ignore[operator]
@@ -170,7 +170,7 @@ def require_seconds(role: str, seconds: object) -> None:
 
 
 def require_distance(role: str, distance: float, *margins: float) -> None:
-    """Raise unless a distance is positive, and each margin at least zero, and finite.
+    """Raise unless a distance is positive and each margin is at least zero and finite.
 
     Raises:
         InvalidProblemError: With the value given.

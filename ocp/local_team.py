@@ -1,31 +1,33 @@
-"""Many alike agents that plan in priority order, each seeing those near it only.
+"""Team of similar agents that plan in priority order and see only nearby agents.
 
-An agent receives, as time-varying signals of its problem and in this order,
+An agent receives these time-varying signals of its problem, in this order:
 
     the plan that it follows (the first planner's), or a reference of its own
-    the positions of the agents it is linked to; each plans before it
-    the positions of all that are within range: the fresh plans of those that have
-    planned before it, the last plans, shifted, of those that plan after it
+    the positions of the agents it is linked to; each of them plans before it
+    the positions of all agents within range: the new plans of those that have planned
+    before it, and the shifted last plans of those that plan after it
 
-An agent is within range if that plan of it comes within the range of one's own last
-plan, shifted, at any node, the present included. Before the first step an agent's last
-plan is its first candidate, where it has one.
+Another agent is within range if its plan comes within the range of the agent's own
+shifted last plan at any node, including the present. Before the first step, an agent's
+first candidate takes the place of its last plan, if it has candidates.
 
-So a plan keeps clear of what the others will do if they find nothing better: among
-agents that saw each other the shifted last plan, but for its appended end, keeps the
-distances from the others. (Seeing the fresh plans alone, a late planner can be left
-without any.) It is no guarantee: two that did not see each other may turn towards each
-other in one step. They cannot meet within that step if the range is at least the safe
-distance and twice what one can fly in it; what they need beyond depends on how fast
-they can turn away.
+So a plan keeps clear of what the others will do if they find nothing better. Among
+agents that saw each other, the shifted last plan keeps the distances, except at its
+appended end. (If an agent saw the new plans only, a late planner could be left without
+any feasible plan.) This is no guarantee: two agents that did not see each other may
+turn towards each other in one step. They cannot meet within that step if the range is
+at least the safe distance plus twice the distance that an agent travels in it. The
+range needed beyond that depends on how fast they can turn away.
 
-How many are within range changes from step to step, and a compiled problem has a fixed
-number of signals. So there is one planner for each of a few numbers of others, and an
-agent takes the smallest with room enough; signals to spare lie FAR away. All agents
-share the planners: a step of a team costs what its agents see, not what there are.
+The number of agents within range changes from step to step, but a compiled problem has
+a fixed number of signals. So there is one planner for each of a few numbers of
+neighbours. An agent uses the smallest that has enough room; unused neighbour slots get
+a position FAR away. All agents share the planners, so the cost of a team's step depends
+on what its agents see, not on the number of agents.
 
 Source: Richards and How (2007), Robust distributed model predictive control,
-International Journal of Control 80, for planning in turn against others' last plans.
+International Journal of Control 80, for planning in turn against the others' last
+plans.
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,20 +48,21 @@ from swarmstart.ocp.team import first_controls
 Array = NDArray[np.float64]
 
 FAR = 1e6
-"""Where those are that are not there [m]."""
+"""Position [m] given to unused neighbour slots."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LocalAgent:
-    """A member of a local team.
+    """Member of a local team.
 
     Attributes:
-        parameters: Of its problem, shape (np,).
-        links: Numbers of the agents whose positions it is always told.
-        reference: What it follows; None: the plan of the first in the order.
-        candidates: Controls that its search looks at besides, shape (nu, N, k); None:
-            none. Copied.
-        held: Controls that it flies in place of planning, shape (nu, N), the same in
+        parameters: Parameters of its problem, shape (np,).
+        links: Numbers of the agents whose positions it always receives.
+        reference: Function of time that gives the reference to follow; None: the plan
+            of the first agent in the order.
+        candidates: Further controls that its search evaluates, shape (nu, N, k); None:
+            no candidates. Copied.
+        held: Controls that it applies instead of planning, shape (nu, N), the same in
             every step; None: it plans. Copied.
 
     Raises:
@@ -94,7 +97,7 @@ class LocalAgent:
 
 
 class LocalTeam:
-    """A controller of alike agents that see those within range.
+    """Controller of similar agents, each of which sees those within range.
 
     Attributes:
         agents: The agents, in the order of their states and controls.
@@ -135,20 +138,21 @@ class LocalTeam:
         position: tuple[int, ...],
         links: int = 0,
     ) -> None:
-        """Put a team together.
+        """Set up a team.
 
         Args:
             agents: At least one agent.
-            planners: Number of others -> the planner with signals for that many.
+            planners: Maps a number of neighbours to the planner with signals for that
+                many.
             order: A permutation of 0..len(agents) - 1.
             range: Distance within which an agent sees others' plans [m].
             position: Rows of an agent's states that are its position.
-            links: How many links the problems have signals for; an agent with fewer is
-                told the position FAR for the rest.
+            links: Number of links that the problems have signals for. An agent with
+                fewer links gets the position FAR for the rest.
 
         Raises:
-            InvalidProblemError: If the order is no permutation, a link plans later or
-                there are too many of them, no planner has room for all others, or the
+            InvalidProblemError: If the order is not a permutation, a link plans later,
+                there are too many links, no planner has room for all others, or the
                 planners' problems do not fit each other.
         """
         self.agents, self.order = tuple(agents), tuple(order)
@@ -248,9 +252,10 @@ class LocalTeam:
         return Decision(control=first_controls(made), plans=made)
 
     def _last_plans(self, states: Array, previous: Decision | None) -> dict[int, Array]:
-        """Return where each agent's last plan, shifted, leads, each (nx, nodes).
+        """Return the path of each agent's shifted last plan, each (nx, nodes).
 
-        Before the first step those are the first candidates, of agents that have any.
+        Before the first step these are the first candidates of the agents that have
+        any.
         """
         planner = self._controllers[0][self._rooms[0]].planner
         problem = planner.problem
@@ -274,13 +279,13 @@ class LocalTeam:
     def within_range(
         self, shown: Mapping[int, Array], states: Array, number: int
     ) -> list[int]:
-        """Return the other agents whose plans come within range of one's own last.
+        """Return the other agents whose plans come within range of its last plan.
 
         Args:
             shown: Plans by number, each (nx, nodes).
-            states: Of all agents now, shape (agents, nx): where an agent without a last
-                plan is taken to stay.
-            number: The agent.
+            states: States of all agents now, shape (agents, nx). An agent without a
+                last plan is assumed to stay there.
+            number: Number of the agent.
         """
         rows = list(self.position)
         own = shown[number][rows] if number in shown else states[number, rows][:, None]
@@ -329,5 +334,5 @@ def _controller(agent: LocalAgent, planner: Planner) -> RecedingHorizon:
         parameters=lambda time: np.asarray(agent.parameters),
         candidates=None if candidates is None else lambda time: candidates,
         append="last",
-        carries=False,  # Those within range are others, or stand in other rows.
+        carries=False,  # The signal rows change their meaning.
     )

@@ -1,9 +1,9 @@
-"""A problem brought to its core: what is decided or remembered becomes a state.
+"""Conversion of a stated problem to its core, in which decisions become states.
 
-What becomes what is in core_problem.py; maximised costs are taken times -1.
+The conversion is described in core_problem.py; maximised costs are multiplied by -1.
 
-What is decided is then a free start of one of these states, which the search, the NLP
-and the verification know. The states of the stated problem come first, and keep their
+A decision is then a free start of one of these states, which search, NLP and
+verification can handle. The states of the stated problem come first and keep their
 names, bounds and units.
 
     stated: x, u, p, s   ->   core: (x, T, decided p, copies, previous u, u as it is and
@@ -29,7 +29,7 @@ from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
 _ROUNDING = 1e-9
-"""Of a control that was flown to a bound."""
+"""Relative rounding of a control at its bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,9 @@ class Lowered:
     """A stated problem with its core.
 
     Attributes:
-        stated: The problem as the user states it.
-        core: The same, minimised, without free end time, decided parameters, periodic
-            states, previous controls and time.
+        stated: The problem as the user stated it.
+        core: The equivalent problem, minimised, without free end time, decided
+            parameters, periodic states, previous controls and time.
     """
 
     stated: OptimalControlProblem
@@ -53,7 +53,7 @@ class Lowered:
 
     @cached_property
     def places(self) -> dict[str, list[int]]:
-        """Numbers of the core's states, by what they are."""
+        """Numbers of the core's states, by their role."""
         knots = self.stated.has_knots
         sizes = {
             "states": self.stated.model.nx,
@@ -71,21 +71,21 @@ class Lowered:
         }
 
     def end_time(self, x0: Array) -> float:
-        """Return the length of the horizon [s] of an answer.
+        """Return the length of an answer's horizon [s].
 
         Args:
-            x0: The core's state at its start.
+            x0: Initial state of the core.
         """
         place = self.places[END_TIME]
         return float(x0[place[0]]) if place else self.stated.length
 
     def decided(self, x0: Array) -> dict[str, float]:
-        """Return what an answer decides about parameters and end time, by name."""
+        """Return the decided parameters and end time of an answer, by name."""
         end_time = [(END_TIME, float(x0[i])) for i in self.places[END_TIME]]
         return dict(end_time) | self.decided_parameters(x0)
 
     def decided_parameters(self, x0: Array) -> dict[str, float]:
-        """Return what an answer decides about parameters, by name."""
+        """Return the decided parameters of an answer, by name."""
         places = self.places["decided"]
         return {
             name: float(x0[i])
@@ -93,16 +93,17 @@ class Lowered:
         }
 
     def start(self, x0: ArrayLike, previous: ArrayLike | None = None) -> Array:
-        """Return the core's initial state, with the guesses of what is decided.
+        """Return the core's initial state, with guesses for the decisions.
 
         Args:
-            x0: Initial state, shape (nx,); NaN where it is decided and no guess known.
-                Of an ensemble, that of a member is one for all.
-            previous: Control of the interval before, shape (nu,); None: the nearest to
-                zero that is allowed.
+            x0: Initial state, shape (nx,); NaN for a decided entry without a guess. For
+                an ensemble, the state of one member is used for all.
+            previous: Control of the interval before, shape (nu,); None: the allowed
+                value nearest to zero.
 
         Raises:
-            InvalidProblemError: If a shape is not the problem's, or a number missing.
+            InvalidProblemError: If a shape is not the problem's, or a number is
+                missing.
         """
         given = numbers_of("x0", x0).ravel()
         if self.stated.risk is not None:
@@ -127,11 +128,11 @@ class Lowered:
         return state
 
     def with_decided(self, x0: Array, guesses: Mapping[str, float]) -> Array:
-        """Return the core's initial state with guesses of what is decided, in bounds.
+        """Return the core's initial state with guesses for its decisions, in bounds.
 
         Args:
             x0: Initial state of the core; copied.
-            guesses: By the name of the core's state; others are ignored.
+            guesses: Guesses by the name of the core's state; other names are ignored.
         """
         state, names = x0.copy(), self.core.model.state_names
         for one in self.core.free_starts:
@@ -164,14 +165,14 @@ class Lowered:
         return within
 
     def knots(self, controls: Array, x0: Array) -> Array:
-        """Return controls as the problem states them: those held, or the knots.
+        """Return controls as the problem states them: held ones, or knots.
 
         Args:
-            controls: Of the core, shape (nu, N).
+            controls: Controls of the core, shape (nu, N).
             x0: Initial state of the core.
 
         Returns:
-            Shape (nu, N), or (nu, N + 1) of linear controls.
+            Shape (nu, N), or (nu, N + 1) for linear controls.
         """
         place = self.places["knots"]
         if not place:
@@ -193,11 +194,11 @@ class Lowered:
         return state
 
     def with_knots(self, states: Array, controls: Array, x0: Array) -> Array:
-        """Return the core's states at the nodes with those of linear controls.
+        """Return the core's states at the nodes, including those of linear controls.
 
         Args:
-            states: Of the core, shape (nx, nodes); copied.
-            controls: Of the core, shape (nu, N).
+            states: States of the core, shape (nx, nodes); copied.
+            controls: Controls of the core, shape (nu, N).
             x0: Initial state of the core.
         """
         found, knots, N = states.copy(), self.knots(controls, x0), controls.shape[1]
@@ -211,8 +212,8 @@ class Lowered:
         """Return the core's states at the nodes.
 
         Args:
-            states: Of the stated problem, shape (nx, nodes); those of the core are
-                returned as they are.
+            states: States of the stated problem, shape (nx, nodes); states of the core
+                are returned unchanged.
             x0: The core's initial state.
         """
         rows = np.asarray(states, dtype=np.float64)
@@ -225,7 +226,7 @@ class Lowered:
         """Return the core's parameters.
 
         Args:
-            values: Of the parameters that are not decided, in the model's order.
+            values: Values of the parameters that are not decided, in the model's order.
             time: At the start of the horizon [s].
         """
         given = np.asarray(values)
@@ -234,7 +235,7 @@ class Lowered:
         return given
 
     def signals(self, values: ArrayLike) -> Array:
-        """Return the core's signals at the nodes, of those of the stated problem.
+        """Return the core's signals at the nodes from those of the stated problem.
 
         Raises:
             InvalidProblemError: If the shape is not the problem's.
@@ -253,7 +254,7 @@ class Lowered:
 
 
 def lowered(stated: OptimalControlProblem) -> Lowered:
-    """Return a problem with its core, which is the same where nothing is lowered.
+    """Return a problem with its core; they are the same if nothing is converted.
 
     Raises:
         InvalidProblemError: If a discrete-time model has a free end time.
@@ -280,7 +281,7 @@ def lowered(stated: OptimalControlProblem) -> Lowered:
 
 
 def _minimised(stated: OptimalControlProblem) -> OptimalControlProblem:
-    """Return a problem whose costs are minimised."""
+    """Return an equivalent problem whose costs are minimised."""
     if not stated.maximize:
         return stated
     return replace(
@@ -295,7 +296,7 @@ def _minimised(stated: OptimalControlProblem) -> OptimalControlProblem:
 
 
 def _sized(role: str, values: ArrayLike, size: int) -> Array:
-    """Return finite numbers, as many as there must be."""
+    """Return finite numbers, after a check of their count."""
     found = numbers_of(role, values).ravel()
     if found.size != size or not np.isfinite(found).all():
         raise InvalidProblemError(

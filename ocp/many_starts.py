@@ -1,18 +1,17 @@
-"""The way from many starts to one answer: lanes, distinct optima, the NLP solver.
+"""From many starts to one answer: lanes, distinct optima, NLP solver.
 
     cold       the NLP solver from zero controls, from the middle of the bounds and from
-               the guess of the user; the population search
-    lanes      local solves from these, from what a search found and from smooth random
-               controls (lanes/solver.py); distinct optima, counted
-    polish     the NLP solver from the best three optima of the lanes, what the search
-               found, and states that lead to where the end fixes them
-               (state_guesses.py)
-    again      and from the best answer once more with its own settings, if it was kept
-               near: so it leaves a saddle point
+               the user's guess; the population search
+    lanes      local solves from these, from the search's points and from smooth random
+               controls (lanes/solver.py); the distinct optima are counted
+    polish     the NLP solver from the best three optima of the lanes, from the search's
+               points, and from states that reach a fixed end (state_guesses.py)
+    again      the NLP solver once more from the best answer with its own settings, if
+               it had been kept near its start, so that it can leave a saddle point
 
-The answer is never worse than what any of the starts leads to alone. Of answers that
-are equal to 1e-6 that from the first kind of start is taken. What lanes do not know
-(blocks, stiff models) goes to the NLP solver alone, and the account says so.
+The answer is never worse than the result of any single start. Of answers that agree to
+1e-6, the one from the first kind of start is taken. Features that lanes do not support
+(blocks, stiff models) are left to the NLP solver, and the account says so.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,20 +37,20 @@ from swarmstart.ocp.state_guesses import state_guesses
 Array = NDArray[np.float64]
 
 LANES = 64
-"""Random starts of `solve`."""
+"""Number of random starts of `solve`."""
 POLISHED = 3
-"""Optima of the lanes that go to the NLP solver."""
+"""Number of optima of the lanes that are polished."""
 _GUESSES = 8
-"""Guesses of states, at most."""
+"""Largest number of guesses of states."""
 _MOST_WORK = 5_000_000
 """Iterations times instructions of a rollout after which no further start of a kind is
-polished: of a large problem an iteration may take a tenth of a second."""
+polished: an iteration of a large problem may take a tenth of a second."""
 _NEAR: tuple[Origin, ...] = ("the lanes", "the search")
-"""Starts that are answers, which the NLP solver stays near."""
+"""Kinds of starts that are answers, which the NLP solver stays near."""
 
 
 class Origined(NamedTuple):
-    """A start and where it comes from."""
+    """A start with its origin."""
 
     origin: Origin
     start: Start
@@ -59,7 +58,7 @@ class Origined(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answered:
-    """The best answer from many starts, and what all led to."""
+    """The best answer from many starts, and the results of all."""
 
     polished: Polished
     evaluations: int
@@ -67,7 +66,7 @@ class Answered:
 
 
 class ManyStartsInterrupted(KeyboardInterrupt):
-    """Ctrl-C among many starts.
+    """Ctrl-C during the solves from many starts.
 
     Attributes:
         partial: The best answer so far.
@@ -83,7 +82,7 @@ class ManyStarts:
     """Local solves from many starts of one problem; built once."""
 
     def __init__(self, fitness: Fitness, polisher: Polisher, random: int) -> None:
-        """Begin to compile what lanes compute; the cold starts need not wait for it.
+        """Start to compile the lanes; the cold starts need not wait for them.
 
         Args:
             fitness: The problem's evaluator.
@@ -103,7 +102,7 @@ class ManyStarts:
             self._refused = str(error)
 
     def prepare(self) -> None:
-        """Wait for machine code that is still being made."""
+        """Wait for machine code that is still being compiled."""
         if self._solver is None:
             return
         try:
@@ -122,8 +121,8 @@ class ManyStarts:
         """Return the best answer.
 
         Args:
-            guess: The guess of the user, if there is one.
-            search: Searches, and returns what it found, the best first.
+            guess: The user's guess, if there is one.
+            search: Runs the search and returns its points, the best first.
             x0: Initial state of the core, shape (nx,).
             known: Parameters and signals.
             rng: Source of all randomness.
@@ -158,7 +157,7 @@ class ManyStarts:
         return self._answered(tries, lanes)
 
     def _several(self, tries: "_Tries", starts: Sequence[Origined]) -> None:
-        """Polish from starts of one kind, the best first: as many as work allows."""
+        """Polish from starts of one kind, the best first, within the work limit."""
         shooting = self._fitness.shooting
         each = shooting.stage_without_path.n_instructions() * shooting.problem.intervals
         work = 0
@@ -168,7 +167,7 @@ class ManyStarts:
             work += tries.polish(one).iterations * each
 
     def _answered(self, tries: "_Tries", lanes: Lanes | None) -> Answered:
-        """Return the best answer, and what all starts led to."""
+        """Return the best answer, and the results of all starts."""
         best = tries.best
         account = StartsAccount(
             won=tries.tried[best].origin,
@@ -180,7 +179,7 @@ class ManyStarts:
         return Answered(tries.answers[best], evaluations, account)
 
     def _cold(self) -> list[Origined]:
-        """Return zero controls, and the middle of their bounds where it is another."""
+        """Return zero controls, and the middle of the bounds if it differs."""
         problem = self._fitness.problem
         zero, middle = zero_controls(problem), middle_controls(problem)
         cold = [Origined("zero controls", Start(zero))]
@@ -195,7 +194,7 @@ class ManyStarts:
         known: Known,
         rng: np.random.Generator,
     ) -> tuple[Lanes | None, list[Start]]:
-        """Return what lanes found, and the best optima among it."""
+        """Return the account of the lanes, and their best optima."""
         solver, problem = self._solver, self._fitness.problem
         if solver is None or self._polisher.watch.is_over:
             return None, []
@@ -207,7 +206,7 @@ class ManyStarts:
             decided = np.hstack([given[1], decided])
             try:
                 found = solver(x0, controls, decided, known=known, rng=rng)
-            except NoCompilerError as error:  # Known when it is first used.
+            except NoCompilerError as error:  # Raised at the first use.
                 self._solver, self._refused = None, str(error)
                 return None, []
             taken = int(found.iterations.sum())
@@ -232,11 +231,11 @@ class ManyStarts:
 
 
 class _Tries:
-    """What the NLP solver made of starts so far.
+    """Results of the NLP solver so far.
 
     Attributes:
         answers: Its answers.
-        tried: What is said of each.
+        tried: Account of each answer.
     """
 
     def __init__(
@@ -248,7 +247,7 @@ class _Tries:
         self.tried: list[Tried] = []
 
     def polish(self, one: Origined, *, near: bool | None = None) -> Polished:
-        """Polish from a start; near to it if it is an answer, unless said otherwise."""
+        """Polish from a start; near it if it is an answer, unless stated otherwise."""
         origin, start = one
         if near is None:
             near = origin in _NEAR and start.states is None
@@ -279,7 +278,7 @@ class _Tries:
         return answer
 
     def polish_again(self) -> None:
-        """Polish the best answer once more, not near to it, if it was kept near."""
+        """Polish the best answer again, not near its start, if it was kept near."""
         origin, answer = self.tried[self.best].origin, self.answers[self.best]
         if origin in _NEAR and np.isfinite(answer.cost + answer.violation):
             start = Start(answer.controls, x0=answer.x0)
@@ -287,7 +286,7 @@ class _Tries:
 
     @property
     def best(self) -> int:
-        """Number of the best answer; of equal ones of the first that converged."""
+        """Number of the best answer; among equal ones the first that converged."""
         best = 0
         for number in range(1, len(self.answers)):
             if is_better(
@@ -309,7 +308,7 @@ class _Tries:
         return answer.cost, answer.violation
 
     def _equals(self, number: int, best: int) -> bool:
-        """Return whether an answer is as good as the best, but for rounding."""
+        """Return whether an answer equals the best, except for rounding."""
         if number == best:
             return True
         (cost, violation), (least, broken) = self._value(number), self._value(best)

@@ -1,4 +1,4 @@
-"""The cost of each member of an ensemble along given controls."""
+"""Cost of each member of an ensemble for given controls."""
 
 import casadi as ca
 import numpy as np
@@ -23,14 +23,14 @@ Array = NDArray[np.float64]
 def member_costs(
     shooting: Shooting, controls: Array, x0: Array, parameters: Array, signals: Array
 ) -> Array:
-    """Return the members' costs on the problem's grid, shape (M,); empty without any.
+    """Return the members' costs on the problem's grid, shape (M,) or empty.
 
     Args:
         shooting: The functions of the ensemble's problem.
         controls: Shape (nu, N).
         x0: Initial state of the core, shape (nx,).
-        parameters: Those of the core, shape (np,).
-        signals: Those of the core at the nodes, shape (ns, nodes).
+        parameters: Parameters of the core, shape (np,).
+        signals: Signals of the core at the nodes, shape (ns, nodes).
     """
     problem, risk = shooting.problem, shooting.problem.risk
     if risk is None:
@@ -53,8 +53,7 @@ def member_costs(
 def _interval(shooting: Shooting, risk: Risk) -> ca.Function:
     """Return (x, u, p, s at the nodes) -> (x after an interval, the members' costs).
 
-    p are the parameters, and the sizes of states and costs where steps have no fixed
-    length.
+    p holds the parameters and, with step size control, the sizes of states and costs.
     """
     problem, symbols = shooting.problem, [*shooting.problem.symbols().values()]
     stage, step = (ca.Function("c", symbols, [c]) for c in (risk.stage, risk.step))
@@ -76,7 +75,7 @@ def _interval(shooting: Shooting, risk: Risk) -> ca.Function:
 def _adaptive_interval(
     shooting: Shooting, stage: ca.Function, step: ca.Function
 ) -> ca.Function:
-    """Return the same in steps of their own lengths."""
+    """Return the same function with step size control."""
     problem, model = shooting.problem, shooting.problem.model
     x, u = ca.MX.sym("x", model.nx), ca.MX.sym("u", model.nu)
     known = ca.MX.sym("p", model.np + model.nx + stage.numel_out(0))
@@ -96,7 +95,7 @@ def _at_begin(
     step: ca.Function,
     at: tuple[Symbolic, Symbolic, Symbolic, Symbolic],
 ) -> Symbolic:
-    """Return what the members pay as an interval begins, at (x, u, p, s)."""
+    """Return the members' costs at the start of an interval, at (x, u, p, s)."""
     costs = step(*at)
     if problem.quadrature == "left":
         costs += problem.dt * stage(*at)
@@ -109,7 +108,7 @@ def _at_end(
     y: Symbolic,
     at: tuple[Symbolic, Symbolic, Symbolic],
 ) -> tuple[Symbolic, Symbolic]:
-    """Return state and costs that the end of an interval leaves, at (u, p, s)."""
+    """Return state and costs after the end of an interval, at (u, p, s)."""
     problem, (u, p, s) = shooting.problem, at
     nx = problem.model.nx
     after, costs = y[:nx], y[nx:]
@@ -138,7 +137,7 @@ def _follower(shooting: Shooting, stage: ca.Function) -> ca.Function:
 def _rate(
     shooting: Shooting, stage: ca.Function, known: tuple[ca.SX, ca.SX, ca.SX]
 ) -> Rate:
-    """Return the rate of states and costs, of u, p, and s at both ends of a check."""
+    """Return the rate of states and costs, from u, p, and s at both ends of a check."""
     problem, (u, p, s) = shooting.problem, known
     model, duration = problem.model, problem.dt / problem.checks
     start, end = s[:, 0], s[:, 1]

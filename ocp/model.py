@@ -1,12 +1,13 @@
-"""A model: named states, controls and parameters, and how the states change.
+"""Model: named states, controls and parameters, and the equations of the states.
 
     x' = f(t, x, u, p, s)             within a control interval
-    x+ = phi(t, x, u, p, s)           at its end, where the model has such an update
+    x+ = phi(t, x, u, p, s)           at its end, if the model has such an update
 
-x: states (nx,), u: controls (nu,), p: parameters (np,), constant over a horizon,
-s: signals (ns,), known over time and linear between the nodes, t: time [s]. A
+x: states (nx,), u: controls (nu,), p: parameters (np,), constant over a horizon, s:
+signals (ns,), known over time and linear between the nodes, t: time [s]. A
 discrete-time model has an update only: `next_state`. A model with both jumps from
-interval to interval: a state that remembers the last control, a stage that is dropped.
+interval to interval: a state that remembers the last control, a rocket stage that is
+dropped.
 """
 
 from collections.abc import Sequence
@@ -33,43 +34,45 @@ from swarmstart.ocp.symbol_map import SymbolMap
 _ROLES = ("states", "controls", "parameters", "signals")
 _COLUMNS = (*_ROLES, "time")
 CHANGES = ("ode", "next_state")
-"""What may say how the states change."""
+"""Forms in which the equations of the states may be given."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Model:
     """A differential or difference equation with inputs, as CasADi SX symbols.
 
-    Symbols and expressions may be given as CasADi MX: the model has SX symbols of the
-    same names, and brings expressions in the MX symbols to these.
+    Symbols and expressions may be given as CasADi MX. The model then creates SX symbols
+    of the same names and converts the expressions to them.
 
     Attributes:
         states: Symbols of the states, shape (nx, 1).
         controls: Symbols of the controls, shape (nu, 1).
         ode: Right-hand side, shape (nx, 1), SI units per second: an expression, a list
-            of its rows, or a casadi.Function or Python function of (x, u), (x, u, p)
-            or (t, x, u, p), see model_forms.py. Left out, it is zero: then there must
-            be a next state.
-        next_state: State after a control interval, shape (nx, 1), of a discrete-time
-            model, in the same forms; with an `ode` as well, the state that an
-            interval's end makes of the one that the `ode` leads to. Left out, there is
-            no such jump.
-        parameters: Symbols of what is constant over a horizon, shape (np, 1).
-        signals: Symbols of what is known over time and enters the model, shape (ns, 1).
-        time: Symbol of the time [s], shape (1, 1); left out, nothing depends on it.
-        state_names: A name for each state; taken from the symbols where empty.
-        control_names: A name for each control; taken from the symbols where empty.
+            of its rows, or a casadi.Function or Python function of (x, u), (x, u, p) or
+            (t, x, u, p); see model_forms.py. If left out, it is zero, and there must be
+            a next state.
+        next_state: State after a control interval, shape (nx, 1), in the same forms. It
+            defines a discrete-time model; with an `ode` as well, it is the state after
+            the jump at the interval's end, as a function of the state before. If left
+            out, there is no jump.
+        parameters: Symbols of quantities that are constant over a horizon, shape
+            (np, 1).
+        signals: Symbols of known functions of time in the model, shape (ns, 1).
+        time: Symbol of the time [s], shape (1, 1); left out if nothing depends on it.
+        state_names: A name for each state; if empty, those of the symbols.
+        control_names: A name for each control; if empty, those of the symbols.
         algebraic: Equations that determine further variables of the ode, see
-            algebraic.py; None: an ode without such.
+            algebraic.py; None: no such equations.
         signature: A letter for each argument of a function given as ode, such as
-            "txup"; empty: told by the arguments' names, else by their number.
-        symbol_map: The MX symbols and their SX symbols; added to by the model.
-        elimination: The algebraic variables as expressions; made by the model. Only a
-            core is given that of the model that it is made of.
+            "txup"; if empty, the arguments are recognised by their names, else by their
+            number.
+        symbol_map: The MX symbols and their SX symbols; extended by the model.
+        elimination: The algebraic variables as expressions; made by the model. Only the
+            core of a problem is given the one of its stated model.
 
     Raises:
-        InvalidProblemError: Where shapes do not match, something that ought to be a
-            symbol is an expression, or the right-hand side has a foreign symbol.
+        InvalidProblemError: If shapes do not match, a symbol is expected but an
+            expression is given, or the right-hand side has a foreign symbol.
 
     Example:
         >>> import casadi as ca
@@ -123,7 +126,7 @@ class Model:
         self._fill_names()
 
     def _fill_names(self) -> None:
-        """Take names from the symbols where none are given."""
+        """Take names from the symbols if names are not given."""
         for role, symbols in (("state", self.states), ("control", self.controls)):
             names = tuple(getattr(self, f"{role}_names")) or symbol_names(symbols)
             if len(names) != symbols.numel():
@@ -171,9 +174,9 @@ class Model:
         return rows
 
     def symbols(self) -> dict[str, ca.SX]:
-        """Return the columns of symbols that its expressions may use, by role.
+        """Return the columns of symbols that expressions may use, by role.
 
-        Signals and time only where the model has any.
+        Signals and time are included only if the model has them.
         """
         found = {
             "states": self.states,
@@ -187,12 +190,12 @@ class Model:
         """Return an expression in the model's SX symbols, without algebraic variables.
 
         Args:
-            role: What the expression is, for a message.
+            role: Description of the expression, for a message.
             expression: SX in the model's SX symbols, or MX in its MX symbols.
 
         Raises:
-            InvalidProblemError: If it has MX symbols of no model, or calls a function
-                that has no scalar operations.
+            InvalidProblemError: If it has MX symbols that are not the model's, or calls
+                a function that has no scalar operations.
         """
         return self.elimination.applied(self.symbol_map.sx(role, expression))
 
@@ -218,17 +221,17 @@ class Model:
 
     @property
     def varying(self) -> ca.SX:
-        """Symbols of what is known over time: the signals, then the time."""
+        """Symbols of the known functions of time: the signals, then the time."""
         return ca.vertcat(self.signals, self.time)
 
     @property
     def jumps(self) -> bool:
-        """Whether the end of a control interval changes the state."""
+        """True if the end of a control interval changes the state."""
         return bool(self.next_state.numel())
 
     @property
     def jumping(self) -> ca.SX:
-        """The states that the end of a control interval changes, a column."""
+        """States that the end of a control interval changes, a column."""
         changed = [
             self.states[i]
             for i in range(self.nx if self.jumps else 0)
@@ -238,7 +241,7 @@ class Model:
 
     @property
     def is_discrete(self) -> bool:
-        """Whether nothing changes within a control interval."""
+        """True if nothing changes within a control interval: a discrete-time model."""
         return self.jumps and bool(self.ode.is_zero())
 
     def __repr__(self) -> str:
@@ -256,7 +259,14 @@ class Model:
 def right_hand_side(model: Model) -> ca.Function:
     """Return f(x, u, p) -> x' of a model as a `casadi.Function`.
 
-    Of a model with signals or a time it is f(x, u, p, s), s the signals, then the time.
+    For a model with signals or a time it is f(x, u, p, s), s the signals, then the
+    time.
+
+    Args:
+        model: The model.
+
+    Returns:
+        The function f, with x' of shape (nx, 1).
     """
     arguments = [model.states, model.controls, model.parameters]
     arguments += [model.varying] if model.varying.numel() else []
@@ -270,14 +280,14 @@ def rate_of(model: Model) -> ca.Function:
 
 
 def jump_of(model: Model) -> ca.Function:
-    """Return phi(x, u, p, s) -> the state that the end of an interval leaves."""
+    """Return phi(x, u, p, s) -> the state after the end of an interval."""
     return _function_of(
         model, "jump", model.next_state if model.jumps else model.states
     )
 
 
 def unsolved_of(model: Model) -> ca.Function:
-    """Return r(x, u, p, s): what is left of nonlinear algebraic equations."""
+    """Return r(x, u, p, s), the residual of nonlinear algebraic equations."""
     return _function_of(model, "unsolved", model.elimination.unsolved)
 
 
@@ -287,14 +297,17 @@ def _function_of(model: Model, name: str, rows: ca.SX) -> ca.Function:
 
 
 def stack_models(models: Sequence[Model]) -> Model:
-    """Return the models side by side as one model, states and controls in order.
+    """Stack models side by side into one model, states and controls in order.
 
     Args:
         models: At least one model; none is changed, one may occur several times.
 
+    Returns:
+        The combined model; parameters and signals are stacked as well.
+
     Raises:
-        InvalidProblemError: Without any model, or if one has algebraic equations that
-            are not linear.
+        InvalidProblemError: If there is no model, or one has nonlinear algebraic
+            equations.
 
     Example:
         >>> import casadi as ca
@@ -351,6 +364,6 @@ def _side_by_side(models: Sequence[Model]) -> dict[str, list[ca.SX]]:
 
 
 def _one_time(models: Sequence[Model]) -> ca.SX:
-    """Return one symbol of the time for all models; none where they have none."""
+    """Return one symbol of the time for all models; empty if they have none."""
     times = [model.time for model in models if model.time.numel()]
     return times[0] if times else ca.SX(0, 1)
