@@ -46,7 +46,7 @@ MOST_GROWTH, LEAST_GROWTH, SAFETY = 6.0, 0.2, 0.9
 SHORTEST = 1e-15
 """Shortest step, as a fraction of the time between checks; below it, no solution."""
 LAST = 1.01
-"""If at most this many steps remain, one step is stretched to the end."""
+"""Number of remaining steps up to which one step is stretched to the end."""
 FIRST = 1 / 341
 """First step of an interval, as a fraction of the expected step."""
 ROUNDED = 1e-15

@@ -36,7 +36,7 @@ def bounded(
     seconds: float,
     progress: ProgressCallback = tell_nothing,
 ) -> LowerBound:
-    """Return a lower bound of the optimal cost; its kind is NONE if there is none.
+    """Return a lower bound of the optimal cost; of kind NONE if there is none.
 
     Args:
         answer: An answer, or its cost as the problem states it, which makes the bound

@@ -1,7 +1,7 @@
 """Closed loop: a plant under a controller, one control interval after another.
 
-`fly` yields each step when it is finished, so that an interruption loses no finished
-step; `simulate` collects the steps.
+The generator yields each step when it is finished, so that an interruption loses no
+finished step; `simulate` collects the steps.
 """
 
 from collections.abc import Iterator, Sequence
@@ -253,8 +253,9 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
         The trajectory of the whole run.
 
     Raises:
-        InvalidProblemError: As in `fly`.
-        DivergedError: As in `fly`.
+        InvalidProblemError: If x0 does not fit the plant, or the intervals differ.
+        DivergedError: If a state of the plant is no longer finite, or its algebraic
+            equations are not solved.
 
     Example:
         >>> import casadi as ca

@@ -195,7 +195,7 @@ def _stacked(data: bytes, owner: bytes) -> list[Array]:
     numbers = next(_vectors(data, owner + name, b"d"))
     offsets = next(_vectors(data, owner + b"offset", b"J")).astype(int)
     if len(offsets) == 0 or offsets[-1] != numbers.size:
-        raise ValueError("the grid does not end where it says")
+        raise ValueError("the grid does not have its stated length")
     return [numbers[a:b] for a, b in itertools.pairwise(offsets)]
 
 

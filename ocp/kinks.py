@@ -2,9 +2,8 @@
 
 The optimality conditions of an NLP solver hold for smooth functions. This module finds
 the operations that are not smooth (fabs, fmin, fmax, floor, ceil, sign, comparisons,
-if_else). Each gets a number, its side, which is zero where it switches. A comparison
-across which the result stays smooth, as between the pieces of a cubic spline, does not
-count.
+if_else). Each gets a number, its side, which is zero at the switch. A comparison across
+which the result stays smooth, as between the pieces of a cubic spline, does not count.
 """
 
 from collections.abc import Sequence

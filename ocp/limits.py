@@ -156,7 +156,7 @@ def require_count(role: str, count: int) -> None:
 
 
 def require_seconds(role: str, seconds: object) -> None:
-    """Raise unless a time is None or a positive finite number of seconds.
+    """Validate a time limit: None, or a positive finite number of seconds.
 
     Raises:
         InvalidProblemError: If the value is invalid.

@@ -1,12 +1,12 @@
-"""Right-hand sides in the forms that users have them in, as one SX column.
+"""Forms in which users give right-hand sides, converted to one SX column.
 
     an SX expression, or a list of its rows       as it is
     MX expressions in MX symbols                  expanded, see symbol_map.py
     a casadi.Function of (x, u), (x, u, p), ...   called with the model's symbols
     a Python function of the same arguments       called once with the model's symbols
 
-The arguments of a function are told apart by their names (ARGUMENT_NAMES), else by a
-signature such as "txup", a letter for each argument in order, else by their number:
+The arguments of a function are recognised by their names (ARGUMENT_NAMES), else by a
+signature such as "txup" with a letter for each argument in order, else by their number:
 x; x, u; x, u, p or t, x, u; t, x, u, p. The sizes of a casadi.Function's arguments must
 allow one of these orders and no permutation of it.
 """
@@ -31,7 +31,7 @@ LETTERS = {
     "s": "signals",
     "z": "algebraic",
 }
-"""What a letter of a signature stands for."""
+"""Meaning of each letter of a signature."""
 ARGUMENT_NAMES = {
     "t": ("t", "time"),
     "x": ("x", "state", "states"),
@@ -46,7 +46,7 @@ RESULT_NAMES = {
     "ode": ("xdot", "x_dot", "dx", "ode", "rhs"),
     "next_state": ("x_next", "xnext", "next_state", "xf"),
 }
-"""Names of the output that is taken from a casadi.Function with several outputs."""
+"""Names of the output to take from a casadi.Function with several outputs."""
 _ORDERS = {1: ("x",), 2: ("xu",), 3: ("xup", "txu"), 4: ("txup",)}
 _LONGEST = 300  # characters of a user's error that a message shows
 Symbols = Mapping[str, ca.SX]
@@ -65,21 +65,22 @@ def symbolic_rows(
     """Return a right-hand side as a column in the model's SX symbols.
 
     Args:
-        role: What it is, "ode" or "next_state": for messages, and to choose an output.
+        role: Its role, "ode" or "next_state": for messages, and to choose an output.
         given: An expression, a list of rows, a `casadi.Function` or a Python function.
         symbols: Columns of SX symbols by role: "states", "controls", "parameters",
-            "time", "signals", "algebraic"; what a model lacks is left out or empty.
-        signature: A letter for each argument of a function, see LETTERS; empty: told
-            by the arguments' names, else by their number.
-        symbol_map: The MX symbols of the model, if it was given in such.
+            "time", "signals", "algebraic"; roles that the model lacks are left out or
+            empty.
+        signature: A letter for each argument of a function, see LETTERS; if empty, the
+            arguments are recognised by their names, else by their number.
+        symbol_map: The MX symbols of the model, if it was given in MX.
 
     Returns:
         The rows, shape (m, 1).
 
     Raises:
-        InvalidProblemError: If the arguments cannot be told apart or do not fit, if the
-            function fails or returns something else than a row for each state, or if
-            an expression has symbols of no model or cannot be expanded.
+        InvalidProblemError: If the arguments cannot be recognised or do not fit; if the
+            function fails or does not return one row for each state; or if an
+            expression has symbols that are not the model's or cannot be expanded.
     """
     known = symbol_map or SymbolMap()
     _require_letters(signature)
@@ -102,7 +103,7 @@ def _column(role: str, given: object, symbol_map: SymbolMap) -> ca.SX:
 def _rows_of_function(
     role: str, function: ca.Function, symbols: Symbols, signature: str
 ) -> ca.SX:
-    """Return what a `casadi.Function` gives for the model's symbols."""
+    """Return the rows of a `casadi.Function` for the model's symbols."""
     place = f"{role}, the casadi.Function {function.name()!r},"
     names = [function.name_in(k) for k in range(function.n_in())]
     sizes = [function.numel_in(k) for k in range(function.n_in())]
@@ -144,7 +145,7 @@ def _rows_of_callable(
     signature: str,
     symbol_map: SymbolMap,
 ) -> ca.SX:
-    """Return what a Python function gives for the model's symbols."""
+    """Return the rows of a Python function for the model's symbols."""
     name = getattr(function, "__name__", type(function).__name__)
     place = f"{role}, the function {name!r},"
     by_keyword: tuple[str, ...] = ()
@@ -200,7 +201,7 @@ def _of_states(place: str, rows: ca.SX, symbols: Symbols) -> ca.SX:
 
 
 def _require_letters(signature: str) -> None:
-    """Refuse a signature with unknown or repeated letters."""
+    """Raise if a signature has unknown or repeated letters."""
     if not isinstance(signature, str) or set(signature) - set(LETTERS):
         meaning = ", ".join(f"{letter} {role}" for letter, role in LETTERS.items())
         raise InvalidProblemError(
@@ -250,7 +251,7 @@ def _letters_by_size(
 
 
 def _agree(letters: Iterable[str], names: Iterable[str]) -> bool:
-    """Return whether no argument with a known name gets another letter."""
+    """Return whether each argument with a known name gets the letter of that name."""
     return all(
         _BY_NAME.get(name, letter) == letter
         for letter, name in zip(letters, names, strict=True)
@@ -288,10 +289,10 @@ def _arguments(
 def _parameters(
     place: str, function: Callable[..., object], symbols: Symbols
 ) -> tuple[list[str], tuple[str, ...]]:
-    """Return a Python function's arguments, and which are given by keyword only.
+    """Return a Python function's arguments, and the keyword-only ones among them.
 
-    An argument with a default value keeps it, unless its name is that of symbols that
-    the model has.
+    An argument with a default value keeps it, unless its name is that of symbols of the
+    model.
     """
     known = {name for name, letter in _BY_NAME.items() if _size(letter, symbols)}
     try:

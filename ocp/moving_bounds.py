@@ -1,8 +1,8 @@
-"""Bounds that move with parameters, signals and time: path constraints in the end.
+"""Bounds that depend on parameters, signals and time, as path constraints.
 
     lower(p, s, t) <= x   ->   x - lower >= 0,        x <= upper   ->   x - upper <= 0
 
-What is a number stays a bound.
+A bound that is a number stays a bound.
 """
 
 import casadi as ca
@@ -14,7 +14,7 @@ from swarmstart.ocp.expressions import as_column, require_known
 from swarmstart.ocp.limits import Limit
 
 MOVING = "moving bounds of the "
-"""Name of the path constraint that moving bounds are, before "controls" or "states"."""
+"""Name of the path constraint of moving bounds, followed by "controls" or "states"."""
 Limits = tuple[Limit, Limit]
 
 
@@ -24,18 +24,18 @@ def fixed_and_moving(
     symbols: ca.SX,
     known: dict[str, ca.SX],
 ) -> tuple[Limits, list[PathConstraint]]:
-    """Return the bounds that are numbers, and the others as a path constraint or none.
+    """Split bounds into numbers and a path constraint for the others, if any.
 
     Args:
         role: "controls" or "states".
         limits: (lower, upper), each a number, an expression, or one of these for each
             symbol; None: no bounds.
-        symbols: What is bounded, shape (n, 1).
-        known: Columns of what bounds may depend on, by what they are called.
+        symbols: The bounded symbols, shape (n, 1).
+        known: Columns of symbols that bounds may depend on, by their names in messages.
 
     Raises:
-        InvalidProblemError: If a bound depends on anything else, or their number is not
-            that of the symbols.
+        InvalidProblemError: If a bound depends on other symbols, or their number is not
+            that of the bounded symbols.
     """
     if limits is None:
         return (-np.inf, np.inf), []
@@ -64,7 +64,7 @@ def fixed_and_moving(
 
 
 def _is_moving(limit: object) -> bool:
-    """Return whether a limit is an expression, or has one."""
+    """Return whether a limit is or contains an expression."""
     if isinstance(limit, ca.SX):
         return True
     several = limit if isinstance(limit, tuple | list) else ()
@@ -72,7 +72,7 @@ def _is_moving(limit: object) -> bool:
 
 
 def _column(role: str, given: object, size: int) -> ca.SX:
-    """Return limits as a column of a size."""
+    """Return limits as a column of a given size."""
     column = as_column(f"bounds of the {role}", given)  # type: ignore[arg-type]
     if column.numel() not in (1, size):
         raise InvalidProblemError(

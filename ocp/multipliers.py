@@ -3,13 +3,13 @@
 With L = cost + costate' (state after an interval - state there) + multiplier' (value -
 limit), stationary at the answer,
 
-    costate     the gradient of the optimal cost to go by the state there
+    costate     the gradient of the optimal cost to go with respect to the state there
     multiplier  the optimal cost changes by -multiplier for each unit by which its limit
-                is raised; at least 0 at an upper limit of costs that are minimised, at
-                most 0 at a lower one, the other way round of costs that are maximised
+                is raised. For minimised costs it is at least 0 at an upper limit and at
+                most 0 at a lower one; for maximised costs the signs are reversed
 
-A limit of a path constraint has a multiplier at every check; those of an interval are
-summed up, so that the sum over all intervals tells what the limit as such is worth.
+A limit of a path constraint has a multiplier at every check. Those of an interval are
+added up, so the sum over all intervals is the worth of the limit as a whole.
 
 Source: Nocedal and Wright (2006), Numerical Optimization, section 12.8; Bryson and Ho
 (1975), Applied Optimal Control, chapter 2, for the costate as a gradient.
@@ -32,16 +32,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Multipliers:
-    """Multipliers of an answer; signs and sums as in the module's head.
+    """Multipliers of an answer; signs and sums are explained in the module's head.
 
     Attributes:
-        costates: At the ends of the intervals, shape (nx, N) [cost / unit of a state].
-        controls: Of the bounds of the controls, shape (nu, N).
-        states: Of the bounds of the states, shape (nx, N).
-        path: Of each path constraint, by its name, shape (rows, N); those that are soft
-            come last, and a row's is at most what its excess costs.
-        terminal: Of each terminal constraint, by its name, shape (rows,).
-        decided: Of the bounds of what is decided besides the controls: starts and
+        costates: Costates at the ends of the intervals, shape (nx, N) [cost / unit of a
+            state].
+        controls: Multipliers of the bounds of the controls, shape (nu, N).
+        states: Multipliers of the bounds of the states, shape (nx, N).
+        path: Multipliers of each path constraint, by its name, shape (rows, N). Soft
+            constraints come last; the multiplier of a row is at most the cost of its
+            excess.
+        terminal: Multipliers of each terminal constraint, by its name, shape (rows,).
+        decided: Multipliers of the bounds of decisions besides the controls: starts and
             parameters by their names, a free end time as "end time".
     """
 
@@ -53,7 +55,7 @@ class Multipliers:
     decided: Mapping[str, float]
 
     def __repr__(self) -> str:
-        """Return each constraint with what its limit is worth, in a few lines."""
+        """Return each constraint with the worth of its limit, in a few lines."""
         lines = [
             f"Multipliers of {self.costates.shape[1]} intervals; the first costate: "
             f"{_numbers(self.costates[:, 0])}"
@@ -72,8 +74,8 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
     """Return the multipliers of a point in the units of the user.
 
     Args:
-        point: The answer, as the NLP solver has it.
-        stated: The problem that it answers; the NLP may be of its core, and have
+        point: The answer as a point of the NLP.
+        stated: The problem that it answers; the NLP may be that of its core, and have
             margins and more checks.
     """
     core, parts = point.program.problem, point.program.parts
@@ -101,7 +103,7 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
     of_path = [*found[: len(core.stated)], *found[soft:]]
     controls = (of_bounds[:nu] / sizes_u[:, None])[: core.model.nu]
     states = of_bounds[nu:] / sizes_x[:, None]
-    if last > len(core.stated):  # Bounds at checks within an interval.
+    if last > len(core.stated):  # Bounds at inner checks.
         states[core.bounded_states] += found[len(core.stated)]
     return Multipliers(
         costates=(of_parts[0][:nx] / sizes_x[:, None])[:own],
@@ -123,7 +125,7 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
 def _of_parts(point: NlpPoint, cost: float) -> list[Array]:
     """Return the multipliers of each part's rows, shape (rows, its intervals).
 
-    Those that tie the controls of blocks come last, and are left out.
+    The rows that tie the controls of blocks come last and are left out.
     """
     parts, N = point.program.parts.present, point.program.problem.intervals
     heights = [int(part.value.numel_out(0)) for part in parts]

@@ -1,4 +1,4 @@
-"""The local solver from random starts, again and again: the usual rival of a search."""
+"""The local solver from random starts, repeatedly: a usual alternative to a search."""
 
 import time as clock
 
@@ -25,26 +25,30 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
     rng: np.random.Generator,
     progress: ProgressCallback = tell_nothing,
 ) -> Plan:
-    """Return the best answer of the polish from random points, until a budget is spent.
+    """Polish from random points until a budget is spent; return the best plan.
 
-    The points are uniform in the bounds of the controls, or of the family. The first
-    start is always made, and each goes on to its end, but for the polish's own limits.
+    The points are uniform within the bounds of the controls, or of the family. At least
+    one start is always made. Each start runs to its end, within the polish's own
+    limits.
 
     Args:
-        planner: Of the problem, with a polish; its search is not used.
+        planner: Planner of the problem, with a polish; its search is not used.
         x0: Initial state, shape (nx,), of the problem as it is stated.
-        budget: As of a search; looked at after each start. Stagnation is counted in
-            starts.
+        budget: Budget as for a search; checked after each start. Stagnation is counted
+            in starts.
         known: Parameters and signals.
-        family: What the points are of; None means control sequences.
+        family: Family that the points belong to; None means control sequences.
         rng: Source of all randomness.
-        progress: Told (evaluations, all, "polishing from random starts") after each
-            start; seconds where the budget has only these.
+        progress: Called with (evaluations, all, "polishing from random starts") after
+            each start; with seconds if the budget has only these.
+
+    Returns:
+        The best plan.
 
     Raises:
         InvalidProblemError: If the planner has no polish, a control is unbounded or
             takes whole numbers, or the family does not fit the problem.
-        PlanningInterrupted: On Ctrl-C after the first start, with the best so far.
+        PlanningInterrupted: On Ctrl-C after the first start, with the best plan so far.
 
     Example:
         >>> import casadi as ca, numpy as np

@@ -1,10 +1,9 @@
-"""The derivatives of an NLP put together from those of one interval.
+"""Derivatives of an NLP, assembled from those of one interval.
 
 Interval k of a transcription (transcription.py) has the variables z = (x_k, u_k) and
-the rows g_k = (x after, rows that are 0, constraint rows) - (x_k+1, 0, 0): its
-gradient, Jacobian and Hessian are evaluated by one mapped function and their numbers
-put in their places, so that the time to build them does not grow with the number of
-intervals.
+the rows g_k = (x after, collocation rows, constraint rows) - (x_k+1, 0, 0). Its
+gradient, Jacobian and Hessian are evaluated by one mapped function, and their values
+are put in their places. So the build time does not grow with the number of intervals.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,16 +22,16 @@ Index = NDArray[np.int64]
 
 
 class LimitedRows(NamedTuple):
-    """Rows with limits and where they come from.
+    """Rows with limits, and their origin.
 
     Attributes:
         values: Shape (m, 1).
         lower: Shape (m,).
         upper: Shape (m,).
-        places: Of each row: number of its constraint among path and terminal
+        places: For each row: number of its constraint among path and terminal
             constraints, and its row there.
-        at: Of each row: the number of the check at whose end it holds, from 1 on; 0: as
-            the interval begins; one more than the checks: as its end has left them.
+        at: For each row: number, from 1, of the check at whose end it holds; 0: at the
+            start of the interval; number of checks plus 1: after the jump at its end.
     """
 
     values: ca.SX
@@ -43,9 +42,9 @@ class LimitedRows(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A part of the NLP, an interval, the end or the start, with its derivatives.
+    """A part of the NLP (an interval, the end or the start) with its derivatives.
 
-    The derivatives are those by its own variables z.
+    The derivatives are with respect to its own variables z.
 
     Attributes:
         cost: (z, shared, s) -> cost.
@@ -54,7 +53,7 @@ class Part(NamedTuple):
         slopes: (z, shared, s) -> (g, its Jacobian).
         curvature: (z, shared, s, lam_f, lam_g) -> upper triangle of the Hessian of
             lam_f cost + lam_g' g.
-        rows: The rows with limits among g, the last ones.
+        rows: The rows with limits, which come last in g.
     """
 
     cost: ca.Function
@@ -71,7 +70,7 @@ class Parts(NamedTuple):
     Attributes:
         interval: One interval, z = (x, u).
         end: The end of the horizon, z = x.
-        begin: Its start, z = x, where any state's start is decided; else None.
+        begin: The start, z = x, if the start of any state is decided; else None.
     """
 
     interval: Part
@@ -80,7 +79,7 @@ class Parts(NamedTuple):
 
     @property
     def present(self) -> tuple[Part, ...]:
-        """All parts that there are."""
+        """All existing parts."""
         several = (self.interval, self.end)
         return several if self.begin is None else (*several, self.begin)
 
@@ -94,7 +93,8 @@ class Parts(NamedTuple):
 def inputs_of(problem: OptimalControlProblem) -> int:
     """Return the number of variables of an interval besides its state.
 
-    The controls, the excess of each row of a soft constraint, and what is collocated.
+    These are the controls, the excess of each row of a soft constraint, and the
+    collocation unknowns.
     """
     return int(problem.model.nu) + problem.slacks + inner_unknowns(problem)
 
@@ -103,7 +103,7 @@ class Mapped:
     """Symbols of the NLP, and the functions of its parts applied to them."""
 
     def __init__(self, problem: OptimalControlProblem, parts: Parts) -> None:
-        """Make the symbols, and shape them into arguments side by side.
+        """Create the symbols, and arrange them as arguments side by side.
 
         Args:
             problem: The problem.
@@ -153,9 +153,9 @@ class Mapped:
         """Return the outputs of all intervals, side by side, of the end and the start.
 
         Args:
-            chosen: Which function of a part.
-            more: Arguments besides, of each part; of the intervals side by side.
-            same: Numbers of the arguments that are the same for all intervals.
+            chosen: The function of a part.
+            more: Further arguments of each part; those of the intervals side by side.
+            same: Indices of the arguments that are the same for all intervals.
         """
         functions = [chosen(part) for part in self.parts.present]
         stage = functions[0]
@@ -168,14 +168,14 @@ class Mapped:
         ]
 
     def rows_of(self, g: list[ca.MX]) -> ca.MX:
-        """Return the g of the NLP: defects and rows; one that is always 0 counts."""
+        """Return the g of the NLP: defects and rows; a row that is always 0 is kept."""
         reached = ca.vertcat(self.x, ca.MX.zeros(self.rows - self.nx, self.N))
         first, second = self.ties()
         ties = [self.w[first.tolist()] - self.w[second.tolist()]] if first.size else []
         return ca.densify(ca.vertcat(ca.vec(g[0] - reached), *g[1:], *ties))
 
     def ties(self) -> tuple[Index, Index]:
-        """Return the numbers in w of controls that are the same, with those before."""
+        """Return the indices in w of equal controls, each with the one before."""
         step = self.nu + self.nx
         now, before = (
             (places // self.controls) * step + places % self.controls
@@ -186,7 +186,7 @@ class Mapped:
         return now, before
 
     def place(self, k: int) -> list[int]:
-        """Return the numbers in w of an interval's z; -1 for a start that is given."""
+        """Return the indices in w of an interval's z; -1 for a given start."""
         step = self.nu + self.nx
         if k == 0:
             place = {i: self.N * step + j for j, i in enumerate(self.free)}
@@ -196,11 +196,11 @@ class Mapped:
         return x + list(range(k * step, k * step + self.nu))
 
     def places(self) -> list[Index]:
-        """Return the numbers in w of each interval's z."""
+        """Return the indices in w of each interval's z."""
         return [np.array(self.place(k)) for k in range(self.N)]
 
     def ends(self) -> list[tuple[Part, Index]]:
-        """Return the parts but the interval, with the numbers in w of their z."""
+        """Return the parts except the interval, with the indices in w of their z."""
         places = [np.array(self.place(k)[: self.nx]) for k in (self.N, 0)]
         return list(zip(self.parts.present[1:], places, strict=False))
 
@@ -210,7 +210,7 @@ def _several(found: ca.MX | tuple[ca.MX, ...] | list[ca.MX]) -> list[ca.MX]:
 
 
 def decided_states(problem: OptimalControlProblem) -> list[int]:
-    """Return the numbers of the states whose start is decided, a variable each."""
+    """Return the numbers of the states whose start is decided, one variable each."""
     return [i for one in problem.nlp_starts for i in one.states]
 
 
@@ -247,7 +247,7 @@ def derivatives_of(mapped: Mapped) -> dict[str, ca.Function]:
 
 
 def _gradient(mapped: Mapped, slopes: list[ca.MX]) -> ca.MX:
-    """Return the gradient of the cost, from those of the parts."""
+    """Return the gradient of the cost from those of the parts."""
     places = [*mapped.places(), *[place for _, place in mapped.ends()]]
     entries = [(place, np.zeros_like(place)) for place in places]
     values = ca.vertcat(*[ca.vec(ca.densify(slope)) for slope in slopes])
@@ -255,7 +255,7 @@ def _gradient(mapped: Mapped, slopes: list[ca.MX]) -> ca.MX:
 
 
 def _jacobian(mapped: Mapped, blocks: list[ca.MX], size: int) -> ca.MX:
-    """Return the Jacobian of all rows; states are taken off the next ones' rows."""
+    """Return the Jacobian of all rows, including the -1 of each next state."""
     N, nx, places, parts = mapped.N, mapped.nx, mapped.places(), mapped.parts.present
     rows, columns = _triplet(parts[0].slopes, 1)
     following = [np.array(mapped.place(k + 1)[:nx]) for k in range(N)]
@@ -311,7 +311,7 @@ def _hessian(mapped: Mapped, multipliers: tuple[ca.MX, ca.MX]) -> ca.MX:
 
 
 def _upper(rows: Index, columns: Index) -> tuple[Index, Index]:
-    """Return places in the upper triangle; -1 stays where it is."""
+    """Return places mirrored to the upper triangle; -1 is kept."""
     outside = (rows < 0) | (columns < 0)
     first, second = np.minimum(rows, columns), np.maximum(rows, columns)
     return np.where(outside, -1, first), np.where(outside, -1, second)
@@ -336,7 +336,7 @@ def _assembled(
 ) -> ca.MX:
     """Return a sparse matrix of the sums of values at (row, column).
 
-    Those at -1 are left out.
+    Values at -1 are left out.
     """
     rows, columns = (np.concatenate(v) for v in zip(*entries, strict=True))
     kept = np.flatnonzero((rows >= 0) & (columns >= 0))

@@ -1,7 +1,7 @@
-"""An NLP of somebody else's as scalar SX expressions.
+"""An NLP given by the user of another tool, as scalar SX expressions.
 
-What CasADi puts into SX as a call (`cvodes`, a plain `rk`, interpolants) is refused
-here: substituting through such a node ends the process (CasADi 3.8.2).
+Functions that SX can only contain as calls (`cvodes`, a plain `rk`, interpolants) are
+refused here: substituting through such a node ends the process (CasADi 3.8.2).
 """
 
 from dataclasses import dataclass, field
@@ -14,14 +14,14 @@ from swarmstart.ocp.nlp_sources import NlpSource, OptiSource, last_line
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class GivenNlp:
-    """Expressions of an NLP, whatever it was given as.
+    """Expressions of an NLP, independent of the form in which it was given.
 
     Attributes:
         x: Variables, SX of shape (nx, 1).
         p: Parameters, SX of shape (np, 1).
         f: The cost.
         g: The rows, of shape (ng, 1).
-        source: Its owner.
+        source: The object that it was read from.
         rows: (x, p) -> g.
         cost: (x, p) -> f.
         jacobian: (x, p) -> the Jacobian of g, sparse.
@@ -47,11 +47,11 @@ class GivenNlp:
             object.__setattr__(self, name, ca.Function(name, arguments, [value]))
 
     def name(self, index: int) -> str:
-        """Return what a message calls a variable."""
+        """Return the name of a variable for a message."""
         return self.source.name(index)
 
     def describe(self, row: int) -> str:
-        """Return what a message says of a row of g."""
+        """Return the description of a row of g for a message."""
         return f"constraint g[{row}]: {self.source.describe(row)}"
 
 
@@ -59,7 +59,7 @@ def read_nlp(source: OptiSource | NlpSource) -> GivenNlp:
     """Return an NLP as scalar SX expressions.
 
     Raises:
-        InvalidProblemError: If it cannot be written so.
+        InvalidProblemError: If it cannot be written in scalar SX.
     """
     function = source.function()
     try:
@@ -83,7 +83,7 @@ def read_nlp(source: OptiSource | NlpSource) -> GivenNlp:
 
 
 def _called(function: ca.Function) -> str:
-    """Return the names of what a function calls that is no expression."""
+    """Return the names of called functions that are not plain expressions."""
     plain = ("MXFunction", "SXFunction", "Map", "MapSum", "MapAccum")
     inner = (f for f in function.find_functions() if f.class_name() not in plain)
     return ", ".join(sorted({f"{f.name()} ({f.class_name()})" for f in inner}))

@@ -1,4 +1,4 @@
-"""The NLP of a problem and its solvers, one for each number of fixed steps."""
+"""NLP of a problem and its solvers, one set for each number of fixed steps."""
 
 from collections.abc import Callable, Mapping
 from functools import cache, partial
@@ -20,15 +20,15 @@ _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class Solvers(NamedTuple):
-    """An NLP, and its solver far from an answer and near one.
+    """An NLP, its solver far from an answer and its solver near one.
 
     Attributes:
         program: The NLP.
-        far: Its solver.
-        near: Returns the same near an answer; built when first asked for.
-        warm: Returns that which begins with multipliers; so is this.
-        iterates: Told of their iterates; None: nobody asks.
-        ratios: What derivatives cost, in rollouts.
+        far: Its solver far from an answer.
+        near: Returns the solver near an answer; built at the first call.
+        warm: Returns the solver that starts from multipliers; built at the first call.
+        iterates: Receives the solvers' iterates; None: they are not observed.
+        ratios: Cost of derivatives, in rollouts.
     """
 
     program: NonlinearProgram
@@ -40,21 +40,21 @@ class Solvers(NamedTuple):
 
 
 class NlpSolvers:
-    """The solvers of one problem; each is built when first asked for, and then kept.
+    """Solvers of one problem; each is built at its first use and then kept.
 
     Attributes:
-        built: Those that are, by the steps of their NLP.
+        built: Solvers built so far, by the steps of their NLP.
     """
 
     def __init__(
         self, shooting: Shooting, options: PolishOptions, *, is_watched: bool = False
     ) -> None:
-        """Build the solver, or see that there will be one.
+        """Build the solver, or postpone it until its steps are known.
 
         Args:
             shooting: The problem's functions.
-            options: What the solver is told.
-            is_watched: Whether its iterates are looked at.
+            options: Options of the solver.
+            is_watched: Whether its iterates are observed.
 
         Raises:
             InvalidProblemError: If the solver refuses an option.
@@ -72,18 +72,18 @@ class NlpSolvers:
 
     @property
     def program(self) -> NonlinearProgram | None:
-        """The NLP; None where the steps that it needs are not known yet."""
+        """The NLP; None if its steps are not known yet."""
         built = self.built.get(None)
         return None if built is None else built.program
 
     def __call__(self, steps: FixedSteps | None) -> Solvers:
-        """Return the NLP of some steps with its solvers.
+        """Return the NLP for given steps with its solvers.
 
         Args:
-            steps: Of the NLP; None: the problem's.
+            steps: Steps of the NLP; None: the problem's.
         """
         if steps not in self.built:
-            with compiling():  # While a plan is made.
+            with compiling():  # During planning.
                 self.built[steps] = self._new(steps)
         return self.built[steps]
 
@@ -101,7 +101,7 @@ class NlpSolvers:
         def near(*, warm: bool) -> ca.Function:
             if not ipopt:
                 return far
-            with compiling():  # While a plan is made.
+            with compiling():  # During planning.
                 return self._solver(program.nlp, given, near=True, warm=warm)
 
         return Solvers(

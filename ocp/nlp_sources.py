@@ -1,10 +1,10 @@
-"""The owners of NLPs: a CasADi Opti, or a dictionary for `casadi.nlpsol`.
+"""Sources of NLPs: a CasADi Opti, or a dictionary for `casadi.nlpsol`.
 
     min f(x, p)   subject to   lower_g <= g(x, p) <= upper_g
 
-Each gives its functions and its numbers, says where a variable or a row comes from, and
-runs as its owner would run it. Bounds of a dictionary's variables are read as rows of g
-behind its own.
+Each source gives its functions and its numbers, tells where a variable or a row was
+made, and runs its own solver. Bounds of a dictionary's variables are read as rows of g
+after its own rows.
 """
 
 import time
@@ -26,13 +26,13 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Numbers:
-    """The numbers of an NLP at one time.
+    """Numbers of an NLP at one time.
 
     Attributes:
-        p: Parameters, shape (np,).
-        lower_g: Bounds of the rows, shape (ng,).
-        upper_g: The same from above.
-        start: The owner's start, shape (nx,).
+        p: Values of the parameters, shape (np,).
+        lower_g: Lower bounds of the rows, shape (ng,).
+        upper_g: Upper bounds of the rows, shape (ng,).
+        start: The source's own start, shape (nx,).
     """
 
     p: Array
@@ -43,15 +43,15 @@ class Numbers:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Run:
-    """One run of the owner's solver.
+    """One run of the source's own solver.
 
     Attributes:
-        solution: What the owner gets; None if the solver raised an error.
-        x: The variables it ended at, shape (nx,); None without a solution.
-        status: The solver's own word.
-        iterations: Its iterations; 0 where it does not tell.
+        solution: Solution in the source's own form; None if the solver raised an error.
+        x: Variables at the end of the run, shape (nx,); None without a solution.
+        status: Status as the solver reports it.
+        iterations: Number of iterations; 0 if the solver does not report it.
         seconds: Wall time [s].
-        success: What it says of itself.
+        success: Success as the solver reports it.
     """
 
     solution: Any
@@ -63,7 +63,7 @@ class Run:
 
 
 class OptiSource:
-    """A CasADi Opti: `solve` is the user's own, at the user's own options."""
+    """A CasADi Opti; `solve` runs the user's solver with the user's options."""
 
     kind = "opti"
 
@@ -74,7 +74,7 @@ class OptiSource:
             InvalidProblemError: If it has a discrete variable.
         """
         self.opti = opti
-        # Until the first solve, each look at the Opti gathers all of it anew.
+        # Until the first solve, each access to the Opti collects all of it anew.
         baked = opti.advanced.baked_copy()
         self.symbols = baked.symvar(baked.x)
         self.x, self.p, self.f, self.g = baked.x, baked.p, baked.f, ca.vec(baked.g)
@@ -93,10 +93,10 @@ class OptiSource:
         return ca.Function("given", [self.x, self.p], [self.f, self.g])
 
     def require_unchanged(self) -> None:
-        """Refuse an Opti that has got other variables, constraints or another cost.
+        """Raise if the Opti's variables, constraints or cost have changed.
 
         Raises:
-            InvalidProblemError: If it has.
+            InvalidProblemError: If they have changed.
         """
         opti = self.opti
         found = opti.nx, opti.np, opti.ng, opti.f.__hash__()
@@ -108,7 +108,7 @@ class OptiSource:
             )
 
     def numbers(self) -> Numbers:
-        """Return its numbers as they are set now.
+        """Return the numbers as they are set now.
 
         Raises:
             InvalidProblemError: If a parameter has no value.
@@ -130,11 +130,11 @@ class OptiSource:
         )
 
     def indices(self, role: str, given: object) -> Indices:
-        """Return where an expression's entries are in x, an array of its shape."""
+        """Return the indices in x of an expression's entries, an array of its shape."""
         return _places(role, given, self.x, "variables of this Opti")
 
     def name(self, index: int) -> str:
-        """Return the variable's symbol and entry, and where it was made."""
+        """Return the variable's symbol and entry, and the place that created it."""
         first = 0
         for symbol in self.symbols:
             if index < first + symbol.numel():
@@ -148,11 +148,11 @@ class OptiSource:
         return f"x[{index}]"
 
     def describe(self, row: int) -> str:
-        """Return CasADi's description with the user's own line."""
+        """Return CasADi's description, with the line of the user's code."""
         return _one_line(self.opti.debug.g_describe(row))
 
     def run(self, start: Array | None) -> Run:
-        """Solve from a start; None means from the user's own."""
+        """Solve from a start; None means the user's own."""
         opti = self.opti
         if start is not None:
             opti.set_initial(self.x, start)
@@ -173,9 +173,9 @@ class OptiSource:
         )
 
     def restore(self, start: Array) -> None:
-        """Solve from a start once more.
+        """Solve from a start again, to restore its solution.
 
-        An Opti's state cannot be written: new initial values take its solution away.
+        An Opti's state cannot be set: new initial values would discard its solution.
         """
         self.run(start)
 
@@ -185,9 +185,9 @@ class NlpSource:
     """A dictionary for `casadi.nlpsol`, with its numbers.
 
     Attributes:
-        nlp: "x", "f" and, where there are any, "g" and "p".
-        solver: The solver that was made of it.
-        arguments: What the solver is called with: all of x0, p, lbg, ubg, lbx, ubx.
+        nlp: "x", "f" and, if used, "g" and "p".
+        solver: The solver made from it.
+        arguments: Arguments of the solver: all of x0, p, lbg, ubg, lbx, ubx.
     """
 
     nlp: Mapping[str, Any]
@@ -202,17 +202,17 @@ class NlpSource:
         return [int(i) for i in np.flatnonzero(np.isfinite(limits).any(axis=0))]
 
     def function(self) -> ca.Function:
-        """Return (x, p) -> (f, g), the bounded variables behind the rows of g."""
+        """Return (x, p) -> (f, g), with the bounded variables after the rows of g."""
         nlp, kind = self.nlp, type(self.nlp["x"])
         x, p = ca.vec(nlp["x"]), ca.vec(nlp.get("p", kind.sym("p", 0)))
         rows = ca.vertcat(ca.vec(nlp.get("g", kind(0, 1))), x[self.bounded])
         return ca.Function("given", [x, p], [nlp["f"], rows])
 
     def require_unchanged(self) -> None:
-        """Do nothing: a dictionary is given once."""
+        """Do nothing: a dictionary cannot change."""
 
     def numbers(self) -> Numbers:
-        """Return its numbers."""
+        """Return the numbers of the NLP."""
         given, bounded = self.arguments, self.bounded
         lower, upper = (
             np.concatenate([given[f"{side}g"], given[f"{side}x"][bounded]])
@@ -221,7 +221,7 @@ class NlpSource:
         return Numbers(p=given["p"], lower_g=lower, upper_g=upper, start=given["x0"])
 
     def indices(self, role: str, given: object) -> Indices:
-        """Return where entries are in x: indices, or an expression of x."""
+        """Return the indices in x of entries: given indices, or an expression of x."""
         if not isinstance(given, ca.SX | ca.MX):
             return _indices(role, given, self.nlp["x"].numel())
         return _places(role, given, self.nlp["x"], "entries of nlp['x']")
@@ -238,7 +238,7 @@ class NlpSource:
         return f"bounds of x[{self.bounded[row - own]}]"
 
     def run(self, start: Array | None) -> Run:
-        """Solve from a start; None means from the user's own."""
+        """Solve from a start; None means the user's own."""
         given = dict(self.arguments)
         if start is not None:
             given["x0"] = start
@@ -259,11 +259,11 @@ class NlpSource:
         )
 
     def restore(self, start: Array) -> None:
-        """Do nothing: a solver keeps no start."""
+        """Do nothing: the solver keeps no start."""
 
 
 def _places(role: str, given: Any, x: Any, whose: str) -> Indices:
-    """Return where an expression's entries are in x, an array of its shape."""
+    """Return the indices in x of an expression's entries, an array of its shape."""
     if not isinstance(given, ca.SX | ca.MX):
         raise InvalidProblemError(f"{role} must be {whose}, got {shortened(given)}")
     selected: Any = given
@@ -286,7 +286,7 @@ def _places(role: str, given: Any, x: Any, whose: str) -> Indices:
 
 
 def _indices(role: str, given: object, size: int) -> Indices:
-    """Return a table of indices, at most two-dimensional."""
+    """Return a table of indices, with at most two dimensions."""
     try:
         places = np.atleast_2d(np.array(given))
     except ValueError:
@@ -301,7 +301,7 @@ def _indices(role: str, given: object, size: int) -> Indices:
 
 
 def _vector(values: ArrayLike, size: int) -> Array:
-    """Return numbers, column by column; a lone one in every entry."""
+    """Return numbers as a vector, column by column; a single one fills all entries."""
     flat = np.array(values, dtype=np.float64).ravel(order="F")
     return np.broadcast_to(flat, (size,)).copy() if flat.size != size else flat
 
@@ -309,14 +309,14 @@ def _vector(values: ArrayLike, size: int) -> Array:
 def arguments_of(
     nlp: Mapping[str, Any], given: Mapping[str, ArrayLike | None]
 ) -> dict[str, Array]:
-    """Return what a solver is called with; None means what `nlpsol` means by nothing.
+    """Return the arguments of a solver; None means the default of `nlpsol`.
 
     Args:
         nlp: The dictionary.
-        given: Of x0, p, lbg, ubg, lbx, ubx.
+        given: Values of x0, p, lbg, ubg, lbx, ubx.
 
     Raises:
-        InvalidProblemError: If one has another size than its variables.
+        InvalidProblemError: If a value has the wrong size.
     """
     empty = ca.SX(0, 1)
     sizes = {"x0": "x", "p": "p", "lbg": "g", "ubg": "g", "lbx": "x", "ubx": "x"}
@@ -338,7 +338,7 @@ def arguments_of(
 
 
 def _failed(status: str, begin: float) -> Run:
-    """Return a run that raised an error."""
+    """Return the record of a run that raised an error."""
     return Run(
         solution=None,
         x=None,
@@ -350,7 +350,7 @@ def _failed(status: str, begin: float) -> Run:
 
 
 def _opti_status(opti: ca.Opti, error: Exception) -> str:
-    """Return the solver's word for a failure, or CasADi's where it never ran."""
+    """Return the solver's status of a failure, or CasADi's error if it never ran."""
     if "return_status is" in str(error):
         return str(opti.return_status())
     return last_line(error)
@@ -365,6 +365,6 @@ def _tail(error: Exception, mark: str) -> str:
 
 
 def last_line(error: Exception) -> str:
-    """Return the last line of CasADi's message, which says what is wrong."""
+    """Return the last line of CasADi's message, which states the error."""
     lines = [line for line in str(error).splitlines() if line.strip()]
     return lines[-1].strip() if lines else type(error).__name__

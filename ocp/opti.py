@@ -1,9 +1,9 @@
-"""Warm start of an NLP written elsewhere, by one added line.
+"""Warm start of an NLP that is written in CasADi, by one added line.
 
     warm = warm_start(opti, controls=[u], states=[x])
     solution = warm.solve()
 
-Here is read what the user gives; what is done with it stands in warm_started.py.
+This module reads the user's arguments; the work is done in warm_started.py.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,37 +45,40 @@ def warm_start(  # noqa: PLR0913 - one added line says it all
     solver: str = "ipopt",
     options: Mapping[str, Any] | None = None,
 ) -> WarmStartedSolver:
-    """Return what solves an Opti, or an NLP of CasADi, from two starts.
+    """Return a solver for an Opti, or an NLP of CasADi, that uses two starts.
+
+    It solves from the user's own start and from one found by a population search, and
+    keeps the better solution.
 
     Args:
-        nlp: An Opti whose `solver` is set; or a dictionary for `casadi.nlpsol`.
-        controls: Variables, each of shape (rows, intervals) or (intervals, rows); or
-            one for each interval. Of a dictionary: expressions of nlp["x"], or tables
-            (rows, intervals) of indices.
-        states: The same at the nodes.
-        bounds: For the search alone: variable -> (lower, upper), for controls that no
-            constraint bounds. Variables that are neither controls nor states, such as a
-            free end time, are else looked for between a quarter of their initial value
-            and four times that. A dictionary, or pairs of a variable and its bounds.
+        nlp: An Opti whose `solver` is set, or a dictionary for `casadi.nlpsol`.
+        controls: Variables of the controls, each of shape (rows, intervals) or
+            (intervals, rows), or one variable for each interval. For a dictionary:
+            expressions of nlp["x"], or tables (rows, intervals) of indices.
+        states: Variables of the states at the nodes, in the same forms.
+        bounds: Bounds for the search only, for controls that no constraint bounds: a
+            dictionary, or pairs, of a variable and (lower, upper). Other variables
+            without bounds, such as a free end time, are searched between a quarter of
+            their initial value and four times that.
         search: A population search, as in `solve`.
-        budget: What it may cost; an integer is a number of evaluations; None means
-            20,000 of them.
-        seed: Of each `solve`: the same seed gives the same bits.
-        p: Parameters; this and what follows belong to a dictionary.
-        x0: The own start.
+        budget: Budget of the search; an integer is a number of evaluations; None means
+            20,000.
+        seed: Seed of each `solve`; the same seed gives the same bits.
+        p: Values of the parameters; this and the following are for a dictionary only.
+        x0: The user's own start.
         lbg: Lower bounds of g.
         ubg: Upper bounds of g.
         lbx: Lower bounds of x.
         ubx: Upper bounds of x.
-        solver: A plug-in of `nlpsol`.
-        options: Its options.
+        solver: Name of a plug-in of `nlpsol`.
+        options: Options of the plug-in.
 
     Returns:
-        An object with `solve()` and, afterwards, `report`.
+        A `WarmStartedSolver`, with `solve()` and, after it, `report`.
 
     Raises:
         InvalidProblemError: If a state cannot be eliminated, a control has no bounds, a
-            parameter no value, or an argument is of another kind.
+            parameter has no value, or an argument is of the wrong kind.
 
     Example:
         >>> import casadi as ca
@@ -121,7 +124,7 @@ def _source(
     solver: str,
     options: Mapping[str, Any] | None,
 ) -> OptiSource | NlpSource:
-    """Return the owner of an NLP."""
+    """Return the source of an NLP."""
     if isinstance(nlp, ca.Opti):
         named = [name for name, value in given.items() if value is not None]
         if named:
@@ -149,7 +152,7 @@ def _source(
 
 
 def _settings(search: SearchGiven, budget: Budget | int | None) -> SearchSettings:
-    """Return the search; one that is given as settings says all by itself."""
+    """Return the search; search settings stand alone, with their own budget."""
     found = search_settings(search, budget)
     if found is None:
         raise InvalidProblemError("warm_start needs a search, got none")
@@ -166,9 +169,9 @@ def _settings(search: SearchGiven, budget: Budget | int | None) -> SearchSetting
 def _layouts(
     role: str, given: Sequence[Any], source: OptiSource | NlpSource
 ) -> list[Indices]:
-    """Return what the variables' places in time may be, each (rows, times).
+    """Return the possible arrangements of variables in time, each (rows, times).
 
-    Time runs along the columns, along the rows, or along the list itself.
+    Time may run along the columns, along the rows, or along the list itself.
     """
     if isinstance(given, ca.MX | ca.SX):
         given = [given]
@@ -191,7 +194,7 @@ def _layouts(
 
 
 def _readings(tables: Sequence[Indices]) -> list[Indices]:
-    """Return tables as (rows, times), with the times along each axis that may be it."""
+    """Return tables as (rows, times), once for each axis that may be the time."""
     found = []
     for parts in (tables, [table.T for table in tables]):
         if len({part.shape[1] for part in parts}) == 1 and parts[0].shape[1] > 1:
@@ -204,7 +207,7 @@ def _readings(tables: Sequence[Indices]) -> list[Indices]:
 def _asked(
     bounds: BoundsGiven, source: OptiSource | NlpSource
 ) -> list[tuple[Indices, float, float]]:
-    """Return the bounds that the user gave, as (indices in x, lower, upper)."""
+    """Return the bounds given by the user, as (indices in x, lower, upper)."""
     pairs = bounds.items() if isinstance(bounds, Mapping) else bounds
     found = []
     for variable, limits in pairs:

@@ -1,22 +1,24 @@
-"""Is a point of the NLP a local minimum? First and second order, by our own numbers.
+"""Test for a local minimum at a point of the NLP: first and second order.
 
-First order, with the multipliers that a solver gives (CasADi's signs: positive at an
-upper limit):
+First order, with the multipliers of a solver (in CasADi's sign convention: positive at
+an upper limit):
 
     |grad f + J' lam_g + lam_x| small,  |lam| times the distance to its limit small
 
-Second order: the Hessian of the Lagrangian is positive on the directions that keep the
-dynamics and the active constraints. The dynamics are eliminated by the Riccati
-recursion of the linearised problem, interval by interval from the end, with z = (x, u),
-the excesses of soft constraints among the controls; what is collocated follows from z,
+Second order: the Hessian of the Lagrangian must be positive on the directions that keep
+the dynamics and the active constraints. The dynamics are eliminated by the Riccati
+recursion of the linearised problem, backward from the end, interval by interval, with z
+= (x, u). The excesses of soft constraints count as controls; collocation unknowns
+follow from z,
 
     M_k = H_k + [A B]' P_k+1 [A B] + rho C'C,    M_uu > 0 in every interval
     P_k = M_xx - M_xu M_uu^-1 M_ux
 
-over the controls that are not held at a bound; C are the active constraint rows, each
-of length one, rho large. All M_uu positive is sufficient for a minimum: with rho finite
-the form can only be smaller than on the constraints' tangent space. A multiplier below
-the distance to its limit does not hold the constraint active.
+over the controls that are not held at a bound. C are the active constraint rows, each
+scaled to length one, and rho is large. All M_uu positive is sufficient for a minimum:
+with finite rho the form can only be smaller than on the constraints' tangent space. A
+constraint is not counted as active if its multiplier is smaller than the distance to
+its limit.
 
 Source: Nocedal and Wright (2006), Numerical Optimization, theorem 12.6; Debreu (1952),
 Definite and semidefinite quadratic forms; Dunn and Bertsekas (1989), Efficient dynamic
@@ -40,15 +42,15 @@ from swarmstart.ocp.transcription import Limits, NonlinearProgram
 Array = NDArray[np.float64]
 
 STATIONARY_WITHIN = 1e-5
-"""Largest residual of the first-order conditions, in parts of the terms in it."""
+"""Largest residual of the first-order conditions, relative to their terms."""
 _FLAT = 1e-7
-"""Curvature below this part of the largest entry of the Hessian has no sure sign."""
+"""Curvature whose sign is uncertain, relative to the Hessian's largest entry."""
 _HELD = 1e7
-"""Weight of the active rows, in parts of the largest entry of the Hessian."""
+"""Weight of the active rows, relative to the Hessian's largest entry."""
 
 
 class Curvature(Enum):
-    """What the second derivatives say at a stationary point."""
+    """Result of the second-order test at a stationary point."""
 
     POSITIVE = "a strict local minimum"
     FLAT = "flat in some direction, to second order"
@@ -61,7 +63,7 @@ class NlpPoint:
 
     Attributes:
         program: The NLP.
-        cost_size: What the cost is divided by in it.
+        cost_size: Divisor of the cost in the NLP.
         w: Variables, shape (nw,).
         q: Arguments, shape (nq,).
         lam_g: Multipliers of the rows, shape (ng,).
@@ -86,7 +88,7 @@ def is_stationary(point: NlpPoint) -> bool:
 def stationarity(point: NlpPoint) -> float:
     """Return the residual of the first-order conditions; infinity if not finite.
 
-    In parts of the largest sum of terms in it, but at least one: the NLP's own unit.
+    It is relative to the largest sum of its terms, but at least to one, the NLP's unit.
     """
     program = point.program
     slope = program.derivatives["grad_f"](point.w, point.q)[1]
@@ -108,14 +110,14 @@ def stationarity(point: NlpPoint) -> float:
 
 
 def _slack(lam: Array, value: Array, lower: Array, upper: Array) -> float:
-    """Return the largest |multiplier| times the distance to its limit, at most one."""
+    """Return the largest |multiplier| times distance to the limit, capped at one."""
     # A multiplier of a limit that does not exist counts in full.
     lost = np.abs(lam) * np.minimum(_room(lam, value, lower, upper), 1.0)
     return float(np.max(np.where(lam == 0, 0.0, lost), initial=0))
 
 
 def curvature(point: NlpPoint) -> Curvature:
-    """Return what the second derivatives say at a stationary point."""
+    """Return the result of the second-order test at a stationary point."""
     problem = point.program.problem
     stages, N = _Stages(point), problem.intervals
     if problem.ties_controls:
@@ -150,13 +152,13 @@ def curvature(point: NlpPoint) -> Curvature:
 def _with_start(
     stages: "_Stages", P: Array, found: Curvature, sizes: tuple[float, float]
 ) -> Curvature:
-    """Return what the second derivatives say with those by a decided start.
+    """Return the result of the second-order test with a decided start included.
 
     Args:
         stages: The linearised problem.
-        P: Of the cost to go from the start, shape (nx, nx).
-        found: What the intervals say.
-        sizes: What counts as flat, and the weight of the active rows.
+        P: Matrix of the cost to go from the start, shape (nx, nx).
+        found: Result for the intervals.
+        sizes: Threshold of flat curvature, and weight of the active rows.
     """
     flat, held = sizes
     free = np.array(stages.decided, dtype=int)[~stages.held_start]
@@ -171,7 +173,7 @@ def _with_start(
 
 
 class _Stages:
-    """The parts of the linearised problem, interval by interval."""
+    """Parts of the linearised problem, interval by interval."""
 
     def __init__(self, point: NlpPoint) -> None:
         program = point.program
@@ -220,7 +222,7 @@ class _Stages:
         self.largest = float(max(entries))
 
     def _hold(self, point: NlpPoint, inner: int) -> None:
-        """Note which variables are held at a bound; the inner ones come first."""
+        """Mark the variables that are held at a bound; the inner ones come first."""
         problem = point.program.problem
         nx, nu = problem.model.nx, inputs_of(problem)
         room = _room(point.lam_x, point.w, point.limits.lbx, point.limits.ubx)
@@ -232,10 +234,10 @@ class _Stages:
         self.held_start = at_bound[inner:]
 
     def remember_controls(self, problem: OptimalControlProblem) -> None:
-        """Have the controls before each interval among its states, for those tied.
+        """Add the previous controls to the states of each interval, for tied controls.
 
-        z = (x, v, u) with v the controls of the interval before, which within a block
-        take the place of u; of members that share controls, those of the first do.
+        z = (x, v, u), with v the controls of the interval before. Within a block v
+        replaces u; for members that share controls, those of the first member do.
         """
         nx, nu = problem.model.nx, problem.model.nu
         x, v, u = np.split(np.eye(nu + self.dynamics[0].shape[1]), [nx, nx + nu])
@@ -259,9 +261,10 @@ class _Stages:
 
 
 def _without_inner(H: Array, J: Array, nx: int, count: int) -> tuple[Array, Array]:
-    """Return Hessian and Jacobian without what is collocated, and its rows.
+    """Return Hessian and Jacobian without the collocation unknowns and rows.
 
-    Its rows, which follow those of the states, determine these last of the variables.
+    The collocation rows, which follow those of the states, determine these unknowns,
+    which come last.
     """
     if not count:
         return H, J
@@ -281,20 +284,20 @@ def _derivatives(
 
 
 def _distance(point: NlpPoint) -> Array:
-    """Return how far each row is from the limit that its multiplier pulls to."""
+    """Return the distance of each row from the limit on its multiplier's side."""
     g = np.array(point.program.derivatives["jac_g"](point.w, point.q)[0]).ravel()
     lower, upper = point.limits.lbg, point.limits.ubg
     return np.where(lower == upper, -1.0, _room(point.lam_g, g, lower, upper))
 
 
 def _room(lam: Array, value: Array, lower: Array, upper: Array) -> Array:
-    """Return how far values are from the limits that their multipliers pull to."""
+    """Return the distances of values from the limits on their multipliers' sides."""
     with np.errstate(invalid="ignore"):
         return np.abs(np.where(lam > 0, upper - value, value - lower))
 
 
 def _outer(rows: Array) -> Array:
-    """Return the sum of r'r over the rows, each brought to length one."""
+    """Return the sum of r'r over the rows, each scaled to length one."""
     if not rows.size:
         return np.zeros((rows.shape[1], rows.shape[1]))
     length = np.linalg.norm(rows, axis=1, keepdims=True)

@@ -1,11 +1,10 @@
-"""How far an answer is from the optimum at most: the answer beside a bound, in words.
+"""Optimality gap: the distance of an answer from a bound of the optimum, in words.
 
-    gap = (cost - bound) / |cost|,  of a maximised cost (bound - cost) / |cost|
+    gap = (cost - bound) / |cost|,  for a maximised cost (bound - cost) / |cost|
 
-so the optimum is at most `gap` below the answer, in parts of the answer's cost, or
-above it where the cost is maximised. Numbers are printed rounded to the safe side: a
-bound away from the answer, a gap upwards. An estimate from samples is never called a
-bound.
+The optimum is at most `gap` below the answer's cost (above it for a maximised cost),
+relative to that cost. Numbers are rounded to the safe side: a bound away from the
+answer, a gap upwards. An estimate from samples is never called a bound.
 """
 
 from __future__ import annotations
@@ -20,23 +19,23 @@ _DIGITS, _GAP_DIGITS = 6, 2
 _SHORT = Decimal("1e-4"), Decimal("1e7")
 """Numbers between these are written without an exponent."""
 _OF_ROUNDING = 1e-200
-"""Outward rounding moves a 0 by less."""
+"""Outward rounding moves a 0 by less than this."""
 _WHOLE = 1.0
-"""Beyond this part of the cost a gap is told as a difference, not in percent."""
+"""Gap above which the difference is written instead of a percentage."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OptimalityGap:
-    """A bound, or that there is none, beside an answer.
+    """Bound of the optimum, or the reason why there is none, next to an answer.
 
     Attributes:
-        kind: What the bound is worth.
-        value: The bound, as the problem states its cost; None: there is none.
-        reason: How it was found, or why there is none.
-        sense: 1 of a minimised cost, -1 of a maximised one.
-        cost: Of the answer, accurately integrated, as the problem states it; None: no
-            answer is confirmed.
-        tolerance: By how much the answer's cost may be off [cost].
+        kind: Kind of the bound, which says whether it is proven.
+        value: The bound, as the problem states its cost; None without a bound.
+        reason: How the bound was found, or why there is none.
+        sense: 1 for a minimised cost, -1 for a maximised one.
+        cost: Cost of the answer, accurately integrated, as the problem states it; None
+            if no answer is confirmed.
+        tolerance: Largest error of the answer's cost [cost].
     """
 
     kind: BoundKind
@@ -50,7 +49,13 @@ class OptimalityGap:
     def of(
         cls, bound: LowerBound, cost: float | None, *, tolerance: float = 0.0
     ) -> OptimalityGap:
-        """Return a bound beside an answer's cost; None: no answer is confirmed."""
+        """Return the gap between a bound and an answer's cost.
+
+        Args:
+            bound: The bound.
+            cost: The answer's cost; None if no answer is confirmed.
+            tolerance: Largest error of the answer's cost [cost].
+        """
         return cls(
             kind=bound.kind,
             value=_finite(bound.value),
@@ -62,10 +67,10 @@ class OptimalityGap:
 
     @property
     def apart(self) -> float | None:
-        """How much better than the answer the optimum is at most, as a cost.
+        """Largest possible improvement of the answer, as a difference of costs.
 
-        Negative if the answer is better than the bound; None without a bound or a
-        confirmed answer.
+        It is negative if the answer is better than the bound, and None without a bound
+        or a confirmed answer.
         """
         if not self.kind.is_bound or self.value is None or self.cost is None:
             return None
@@ -73,7 +78,7 @@ class OptimalityGap:
 
     @property
     def gap(self) -> float | None:
-        """The same in parts of the answer's cost; None of a cost of 0, too."""
+        """The same relative to the answer's cost; None also for a cost of 0."""
         apart = self.apart
         if apart is None or not (self.cost or apart == 0.0):
             return None
@@ -81,14 +86,14 @@ class OptimalityGap:
 
     @property
     def words(self) -> str:
-        """Value, kind and gap in a line."""
+        """Value, kind and gap in one line."""
         return self.told("the answer")
 
     def told(self, answer: str) -> str:
-        """Return value, kind and gap in a line.
+        """Return value, kind and gap in one line.
 
         Args:
-            answer: What is compared with the bound: a noun.
+            answer: Noun for the quantity compared with the bound.
         """
         if self.value is None or self.kind is BoundKind.NONE:
             return f"{BoundKind.NONE.value}: {self.reason}"
@@ -113,7 +118,7 @@ class OptimalityGap:
         return f"{said}, more than its tolerance: one of the two is wrong"
 
     def _far(self, apart: float) -> str:
-        """Return a difference in percent of the cost; one beyond the cost as it is."""
+        """Return a difference in percent of the cost, as it is if beyond the cost."""
         gap = self.gap
         if gap is None or gap > _WHOLE:
             return _rounded(apart, _GAP_DIGITS, up=True)
@@ -125,7 +130,7 @@ def _finite(value: float | None) -> float | None:
 
 
 def _rounded(value: float, digits: int, *, up: bool) -> str:
-    """Return a number with few digits, never below it if `up`, else never above it.
+    """Return a number with few digits: never below it if `up`, else never above it.
 
     Example:
         >>> _rounded(2.8661287, 6, up=False), _rounded(0.0411, 2, up=True)

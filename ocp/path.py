@@ -1,11 +1,11 @@
-"""The path of an answer: integrated ten times finer, and looked at everywhere.
+"""Path of an answer, integrated ten times finer, with its constraints evaluated.
 
-The nodes of a problem are where its constraints were asked to hold; the path is what
-the model does. It is integrated by the classical Runge-Kutta method, by RODAS4 if the
-problem's own integrator is "stiff", with ten steps to each of the problem's, and all
-constraints are evaluated at all of these, as each step begins with its control and at
-the end of every interval. Where the problem's steps have no fixed length, these are ten
-times as exact as the problem's, and find their own lengths between these points.
+A problem's constraints are required at its nodes only; the path is the actual motion of
+the model. It is integrated by the classical Runge-Kutta method (by RODAS4 if the
+problem's integrator is "stiff") with ten steps for each step of the problem. All
+constraints are evaluated at all of these points: at the start of each step with its
+control, and at the end of every interval. If the problem uses step size control, the
+steps between these points have their own lengths, at a tolerance ten times smaller.
 """
 
 from dataclasses import dataclass
@@ -27,24 +27,24 @@ from swarmstart.ocp.soft import SoftRows
 Array = NDArray[np.float64]
 FINER = 10
 _SHOWN = 5
-"""Broken rows that a summary shows."""
+"""Number of broken rows that a summary shows."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Path:
-    """A finely integrated path and what it breaks.
+    """A finely integrated path with the constraints that it breaks.
 
     Attributes:
-        times: Of the fine steps, shape (n,) [s].
-        states: Shape (nx, n).
-        controls: Held from each to the next, shape (nu, n - 1).
-        cost: Cost along it; times -1 where it is maximised.
+        times: Times of the fine steps, shape (n,) [s].
+        states: States there, shape (nx, n).
+        controls: Controls held from each time to the next, shape (nu, n - 1).
+        cost: Cost along the path; multiplied by -1 if it is maximised.
         magnitude: Integral of |stage cost| plus |terminal cost|.
-        outside: What the start breaks.
+        outside: Constraints that the start breaks.
         broken: The worst excess of each constraint row, the worst first.
-        kinks: Names of the kinks and jumps that it touches.
-        not_finite: (time, name of the state), where the path leaves the finite numbers
-            first; None: nowhere.
+        kinks: Names of the kinks and jumps that the path touches.
+        not_finite: (time, name of the state) of the first state that is not finite;
+            None: all are finite.
     """
 
     times: Array
@@ -58,19 +58,19 @@ class Path:
     not_finite: tuple[float, str] | None
 
     def __repr__(self) -> str:
-        """Return cost and what is broken, in a few lines."""
+        """Return the cost and the broken constraints in a few lines."""
         broken = [f"  {excess}" for excess in self.broken[:_SHOWN]]
         head = f"Path of {self.times.size} points over {self.times[-1]:g} s"
         return "\n".join([f"{head}: cost {self.cost:.9g}", *broken])
 
 
 class Tracer:
-    """Traces the path of control sequences of one problem; compiled once.
+    """Integrates the path of control sequences of one problem; compiled once.
 
     Attributes:
         problem: The problem.
         shooting: Its functions.
-        checker: Measures its constraints.
+        checker: Measures the problem's constraints.
     """
 
     def __init__(
@@ -79,8 +79,8 @@ class Tracer:
         """Compile the fine integration.
 
         Args:
-            problem: The problem, or its functions.
-            checker: Measures its constraints; None: one is made.
+            problem: The problem, or its compiled functions.
+            checker: Measures the problem's constraints; None: a new one.
         """
         self.shooting = shooting = shooting_of(problem)
         self.checker = checker or Checker(shooting)
@@ -111,7 +111,7 @@ class Tracer:
             x0: Initial state, shape (nx,).
             p: Parameters, shape (np,).
             signals: At the nodes, shape (ns, nodes).
-            sizes: The sizes.
+            sizes: The natural sizes.
         """
         problem, m = self.problem, self._steps
         u = np.repeat(controls, m, axis=1)
@@ -165,7 +165,7 @@ class Tracer:
         )
 
     def _shared(self, p: Array, sizes: Sizes) -> Array:
-        """Return what all fine steps share: p, or as in `_adaptive_step`."""
+        """Return the arguments common to all fine steps: p, or as `_adaptive_step`."""
         if not self.problem.is_adaptive:
             return p
         return np.concatenate([p, sizes.states, [sizes.cost, sizes.cost, 1.0]])
@@ -175,7 +175,7 @@ class Tracer:
     ) -> tuple[Array, Array, Array]:
         """Return the states, those before each interval's end changes them, and sums.
 
-        The sums are of the cost and of its size, integrated.
+        The sums are the integrals of the cost and of its absolute value.
 
         Args:
             x0: Initial state, shape (nx,).
@@ -192,7 +192,7 @@ class Tracer:
             part = slice(first, first + at_once)
             many = np.tile(p[:, None], (1, at_once))
             if self.problem.is_adaptive:
-                many[-1, ::m] = FIRST  # Controls jump.
+                many[-1, ::m] = FIRST  # The controls jump.
             after = slice(first + 1, first + at_once + 1)
             both = np.array(self._fine(y, u[:, part], many, s[:, part], s[:, after]))
             y = both[:, -1]
@@ -213,7 +213,7 @@ class Tracer:
         known: tuple[Array, Array, Array],
         p: Array,
     ) -> Array:
-        """Return the cost of what soft constraints are broken by, twice.
+        """Return the cost of broken soft constraints, twice.
 
         Args:
             soft: The soft constraints.
@@ -238,10 +238,10 @@ class Tracer:
     def _touched(
         self, path: Points, before: Array, p: Array, sizes: Sizes
     ) -> tuple[str, ...]:
-        """Return the kinks that the path touches, both ends of each interval seen.
+        """Return the kinks that the path touches, with both ends of each interval.
 
         Args:
-            path: All its points, with one column of controls for each interval.
+            path: All points of the path, with one column of controls for each interval.
             before: States before each interval's end changes them, shape (nx, N).
             p: Parameters, shape (np,).
             sizes: The sizes.
@@ -320,8 +320,8 @@ def _fine_rate(
 def _adaptive_step(shooting: Shooting, h: float) -> ca.Function:
     """Return (z, u, shared, s before, s after) -> z after h; see adaptive.py.
 
-    y of z is (x, cost, |cost|); shared is (p, sizes of y, longest first step in parts
-    of h).
+    The y of z is (x, cost, |cost|); shared is (p, sizes of y, longest first step as a
+    fraction of h).
     """
     model = shooting.problem.model
     shared = ca.SX.sym("shared", model.np + model.nx + 3)
@@ -342,7 +342,7 @@ def _adaptive_step(shooting: Shooting, h: float) -> ca.Function:
 def signals_between(
     problem: OptimalControlProblem, signals: Array, times: Array
 ) -> Array:
-    """Return the signals at some times, shape (ns, n), linear between the nodes.
+    """Return the signals at given times, shape (ns, n), linear between the nodes.
 
     Args:
         problem: The problem.

@@ -1,17 +1,16 @@
-"""Phases flown in closed loop: what is left of them is planned anew every period.
+"""Phases in closed loop: the remaining phases are planned anew every period.
 
-    phase k, now for e seconds:  decide T, the rest of it, and all later phases
+    phase k, for e seconds so far:  decide T, the rest of it, and all later phases
                                  lower <= T + e <= upper of its horizon
 
-A problem for each number of phases that are left is built once. A step flies the plan
-for a period; where the phase ends within about that, it flies the rest of the phase,
-and the linkage makes the next phase's state. The number of intervals stays, so that
-they get shorter towards the end of a phase.
+One problem is built once for each number of remaining phases. A step applies the plan
+for one period. If the phase ends within about that time, the step applies the rest of
+the phase, and the linkage gives the state of the next phase. The number of intervals is
+constant, so they get shorter towards the end of a phase.
 
-The plant knows what a state alone does not say: its phase, and for how long it has
-been in it.
+The plant's state also contains the phase and the time spent in it.
 
-Source: the shrinking horizon of controller.py, phase after phase.
+Source: the shrinking horizon of controller.py, applied to each phase.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -40,25 +39,25 @@ from swarmstart.ocp.search_settings import SearchGiven
 
 Array = NDArray[np.float64]
 PHASE, SINCE, ENDS = "phase", "time in the phase", "phase ends"
-"""States of the plant, and the parameter by which a phase is ended: 1, else 0."""
+"""Extra states of the plant, and the parameter that ends a phase: 1, else 0."""
 NO_PARAMETERS: Mapping[str, float] = MappingProxyType({})
 _REST = "duration of phase 1"
-"""What phases call the length of the first one that is left."""
+"""Name of the duration of the first remaining phase in the joined problem."""
 _SHORTEST = 0.01
-"""Part of a period that a phase may be left with."""
+"""Smallest remaining part of a phase, as a fraction of a period."""
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PhasedHorizon:
-    """A controller that plans what is left of several phases; see `phased_horizon`.
+    """Controller that plans the remaining phases; made by `phased_horizon`.
 
     Attributes:
         stated: The phases.
         period: Time from one plan to the next [s].
-        left: What is left from each phase on, as one problem.
-        planners: Its planner.
-        model: The plant's model: all states by their names, then time, phase, and time
+        left: For each phase, the problem of it and all later ones.
+        planners: Planners of these problems.
+        model: Model of the plant: all states by their names, then time, phase, and time
             in the phase.
         parameters: Values of the known parameters by name.
 
@@ -88,13 +87,16 @@ class PhasedHorizon:
         return self.period
 
     def start(self, x0: ArrayLike) -> Array:
-        """Return the plant's state at the start, of one of the first phase.
+        """Return the plant's initial state from one of the first phase.
 
         Args:
-            x0: State of the first phase, shape (nx of it,).
+            x0: State of the first phase, shape (nx of that phase,).
+
+        Returns:
+            Initial state of the plant, for `simulate`.
 
         Raises:
-            InvalidProblemError: If the shape is another.
+            InvalidProblemError: If the shape is wrong or a number is not finite.
         """
         names = self.stated[0].model.state_names
         given = np.asarray(x0, dtype=np.float64).ravel()
@@ -109,11 +111,11 @@ class PhasedHorizon:
     def plant(
         self, *, substeps: int, parameters: Mapping[str, float] = NO_PARAMETERS
     ) -> Plant:
-        """Return the phases as a plant, which ends each when the controller says so.
+        """Return the phases as a plant, which ends a phase when the controller says so.
 
         Args:
-            substeps: Steps of the integrator in a period.
-            parameters: By name, where they are other than planned with.
+            substeps: Number of integrator steps in a period.
+            parameters: Values by name that differ from the planned ones.
         """
         given = {**self.parameters, **parameters}
         decided = {n: f.first for one in self.stated for n, f in one.decided.items()}
@@ -138,7 +140,7 @@ class PhasedHorizon:
         *,
         rng: np.random.Generator,
     ) -> Decision:
-        """Return what to fly of a new plan; see Controller. The time is the state's."""
+        """Return the decision of a new plan at the state's time; see Controller."""
         del time
         values = dict(zip(self.model.state_names, state.tolist(), strict=True))
         number = min(max(round(values[PHASE]), 0), len(self.stated) - 1)
@@ -166,7 +168,7 @@ class PhasedHorizon:
         previous: Decision | None,
         rng: np.random.Generator,
     ) -> Plan:
-        """Return the plan of the phases that are left."""
+        """Return the plan of the remaining phases."""
         planner, names = self.planners[number], self.stated[number].model.state_names
         x0 = self.left[number].start([values[name] for name in names])
         x0[self.left[number].problem.model.state_names.index(CLOCK)] = values[CLOCK]
@@ -205,10 +207,10 @@ class PhasedHorizon:
     def _shifted(
         self, number: int, previous: Decision
     ) -> tuple[dict[str, float], Array]:
-        """Return guesses of what is decided, and controls, of what is left of a plan.
+        """Return guesses of the decisions and the controls, from the rest of a plan.
 
         Args:
-            number: Of the phase now.
+            number: Number of the present phase.
             previous: The last decision.
         """
         dropped = int(previous.decided.get(ENDS, 0.0) > 0)
@@ -231,14 +233,14 @@ class PhasedHorizon:
         return {**found, _REST: left}, self._of_plan(number, every)
 
     def _in_plant(self, number: int, controls: Array) -> Array:
-        """Return controls of a plan in the plant's order, 0 where it has none."""
+        """Return a plan's controls in the plant's order, 0 for those that it lacks."""
         names = self.left[number].problem.model.control_names
         found = np.zeros((self.model.nu, controls.shape[1]))
         found[[self.model.control_names.index(name) for name in names]] = controls
         return found
 
     def _of_plan(self, number: int, controls: Array) -> Array:
-        """Return controls in the plant's order in that of a plan."""
+        """Return controls in the plant's order as controls of a plan."""
         names = self.left[number].problem.model.control_names
         return controls[[self.model.control_names.index(name) for name in names]]
 
@@ -252,15 +254,18 @@ def phased_horizon(
     polish: PolishOptions | None,
     parameters: Mapping[str, float] = NO_PARAMETERS,
 ) -> PhasedHorizon:
-    """Return a controller that flies phases, planned anew every period.
+    """Return a controller that runs phases and plans them anew every period.
 
     Args:
-        stated: The phases, as for `phases`; none makes jumps at the ends of intervals.
+        stated: The phases, as for `phases`, without jumps at the ends of intervals.
         linkages: As for `phases`.
         period: Time from one plan to the next [s].
-        search: The population search of each plan, as of a Planner; None: none.
-        polish: Options of the polish; None: none.
+        search: The population search of each plan, as for a Planner; None: no search.
+        polish: Options of the polish; None: no polish.
         parameters: Values of the parameters that are not decided, by name.
+
+    Returns:
+        The controller; its `plant` and `start` give the plant and the initial state.
 
     Raises:
         InvalidProblemError: As in `phases`; or if a phase jumps, decides its start or
@@ -324,13 +329,13 @@ def _require(
         wrong = [name for name, found in has.items() if found]
         if wrong:
             raise InvalidProblemError(
-                "phases that are flown in receding horizon must have "
+                "phases that are run in receding horizon must have "
                 f"{' and '.join(wrong)}, phase {number} has"
             )
 
 
 def _rest_of(phase: OptimalControlProblem, period: float) -> OptimalControlProblem:
-    """Return the rest of a phase, in which it has been for a known time."""
+    """Return the rest of a phase, given the time already spent in it."""
     horizon, model = phase.horizon, phase.model
     lower, upper = (
         (horizon.lower, horizon.upper)
@@ -358,7 +363,7 @@ def _rest_of(phase: OptimalControlProblem, period: float) -> OptimalControlProbl
 
 
 def _renumbered(name: str, by: int) -> str:
-    """Return the name of a duration with another number of its phase."""
+    """Return the name of a duration with the number of its phase changed."""
     head, _, number = name.rpartition(" ")
     is_duration = f"{head} 1" == _REST and number.isdigit()
     return f"{head} {int(number) + by}" if is_duration else name
@@ -369,7 +374,7 @@ def _plant_model(
     links: Sequence[Mapping[str, ca.SX]],
     together: Phases,
 ) -> Model:
-    """Return all phases as one model in seconds, with its phase as a state."""
+    """Return all phases as one model in seconds, with the phase as a state."""
     controls = {name: symbol_of(name) for name in together.problem.model.control_names}
     states = {n: symbol_of(n) for one in stated for n in one.model.state_names}
     parameters = {
@@ -407,7 +412,7 @@ def _plant_model(
 def _joined(
     model: Model, every: tuple[Mapping[str, ca.SX], ...], time: ca.SX
 ) -> Callable[[ca.SX], ca.SX]:
-    """Return what writes an expression of a phase in the symbols of all."""
+    """Return a function that writes a phase's expression in the common symbols."""
     states, controls, parameters = every
     own = ca.vertcat(model.states, model.controls, model.parameters, model.time)
     new = ca.vertcat(
@@ -420,7 +425,7 @@ def _joined(
 
 
 def _selected(phase: ca.SX, of_phases: Sequence[ca.SX]) -> ca.SX:
-    """Return what the present phase has."""
+    """Return the entry of the present phase."""
     found = of_phases[-1]
     for number, one in reversed([*enumerate(of_phases)][:-1]):
         found = ca.if_else(phase < number + 0.5, one, found)

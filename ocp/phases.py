@@ -2,13 +2,14 @@
 
     phase 1: x' = f1 over T1 in N1 intervals | linkage | phase 2: x' = f2 over T2 ...
 
-All phases lie on one grid of N1 + N2 + ... intervals. A state counts the intervals, and
-chooses the phase; the end of a phase's last interval makes the next phase's state of
-its own. States and controls of one name are one. What is demanded or paid at the end of
-a phase is kept in a state until the end of the last one.
+All phases share one grid of N1 + N2 + ... intervals. A state counts the intervals and
+selects the phase. The jump at the end of a phase's last interval turns its state into
+the state of the next phase. States and controls with the same name are the same.
+Constraints and costs at the end of a phase are kept in a state until the end of the
+last phase.
 
     ode    T_i N / N_i f_i(x, u)     in phase i, over a horizon of 1
-    time   a state whose rate is T_i N / N_i: the seconds of an answer
+    time   a state with the rate T_i N / N_i: the seconds of an answer
 
 Source: Betts (2010), Practical Methods for Optimal Control and Estimation Using
 Nonlinear Programming, section 4.1, for phases and linkages.
@@ -30,17 +31,17 @@ from swarmstart.ocp.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
 Linkage = Mapping[str, ca.SX]
-"""States of the next phase by name, as expressions of this phase's at its end."""
+"""States of the next phase, by name, as expressions of this phase's end state."""
 CLOCK, COUNTER = "time", "intervals done"
-"""Names of the states that are the time [s], and the number of finished intervals."""
+"""Names of the states for the time [s] and the number of finished intervals."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Phases:
-    """Phases as one problem.
+    """Several phases joined to one problem; made by `phases`.
 
     Attributes:
-        problem: The problem of all of them.
+        problem: The joined problem.
         first: Names of the states of the first phase.
 
     Example:
@@ -60,13 +61,16 @@ class Phases:
     first: tuple[str, ...]
 
     def start(self, x0: ArrayLike) -> Array:
-        """Return the initial state of the problem, of one of the first phase.
+        """Return the initial state of the joined problem from one of the first phase.
 
         Args:
-            x0: State at the start of the first phase, shape (nx of it,).
+            x0: State at the start of the first phase, shape (nx of that phase,).
+
+        Returns:
+            Initial state of the joined problem, shape (nx,).
 
         Raises:
-            InvalidProblemError: If the shape is another.
+            InvalidProblemError: If the shape is wrong.
         """
         given = np.asarray(x0, dtype=np.float64).ravel()
         if given.size != len(self.first):
@@ -83,22 +87,26 @@ class Phases:
 def phases(
     stated: Sequence[OptimalControlProblem], linkages: Sequence[Linkage] = ()
 ) -> Phases:
-    """Return phases, each stated as a problem of its own, as one problem.
+    """Join phases, each stated as a problem of its own, to one problem.
 
     The horizon of a phase may be free; an answer then decides "duration of phase 1" and
-    so on. Integrator, quadrature, substeps, checks and tolerances are those of the
-    first phase. Bounds of states and controls hold in their phase, a free start in the
-    first only.
+    so on. Integrator, quadrature, substeps, checks and tolerances are taken from the
+    first phase. Bounds of states and controls hold in their own phase; only the first
+    phase may have a free start.
 
     Args:
         stated: The phases in order, at least one, without signals, periodic states,
-            previous controls and soft constraints, all minimised or all maximised.
-        linkages: What the end of each phase but the last makes of its state: an entry
-            for each; states that are not named go on under their name.
+            previous controls and soft constraints; all minimised or all maximised.
+        linkages: For each phase except the last, the states of the next phase as
+            expressions of its end state; states that are not named continue under their
+            name.
+
+    Returns:
+        The joined problem, with a function for its initial state.
 
     Raises:
-        InvalidProblemError: If a phase has what phases cannot have, or a state of a
-            phase comes from nowhere.
+        InvalidProblemError: If a phase has a feature that phases do not support, or a
+            state of a phase has no source.
 
     Example:
         >>> import casadi as ca
@@ -171,7 +179,7 @@ def phases(
 
 
 def _largest(stated: Sequence[OptimalControlProblem]) -> dict[str, float]:
-    """Return the sizes that phases are given, by name; of several the largest."""
+    """Return the sizes given in the phases, by name; of several the largest."""
     found: dict[str, float] = {}
     for phase in stated:
         for name, size in phase.scales.items():
@@ -180,7 +188,7 @@ def _largest(stated: Sequence[OptimalControlProblem]) -> dict[str, float]:
 
 
 class _Union:
-    """The symbols of all phases, one for each name, and which phase is when."""
+    """Symbols of all phases, one for each name, and the selection of the phase."""
 
     def __init__(self, stated: Sequence[OptimalControlProblem]) -> None:
         self.stated = stated
@@ -210,20 +218,20 @@ class _Union:
         self.intervals = int(self.ends[-1])
 
     def selected(self, of_phases: Sequence[ca.SX]) -> ca.SX:
-        """Return what the present phase has: by the number of finished intervals."""
+        """Return the present phase's entry, by the number of finished intervals."""
         found = of_phases[-1]
         for end, one in reversed([*zip(self.ends, of_phases, strict=True)][:-1]):
             found = ca.if_else(self.counter < end - 0.5, one, found)
         return found
 
     def at_end_of(self, number: int, then: ca.SX, otherwise: ca.SX) -> ca.SX:
-        """Return one of two, by whether this is the last interval of a phase."""
+        """Return one of two, depending on whether this is a phase's last interval."""
         last = self.ends[number] - 1
         inside = ca.if_else(self.counter < last + 0.5, then, otherwise)
         return ca.if_else(self.counter > last - 0.5, inside, otherwise)
 
     def bounds(self, more: int) -> Bounds:
-        """Return the widest bounds of all phases; each phase's own are constraints.
+        """Return the widest bounds of all phases; tighter ones become constraints.
 
         Args:
             more: Number of further states, which have no bounds.
@@ -294,7 +302,7 @@ class _Joined:
         self.constraints = [self._active(c) for c in _own_constraints(union, number)]
 
     def _active(self, constraint: PathConstraint) -> PathConstraint:
-        """Return a constraint that holds in its phase only."""
+        """Return a constraint that is active in its phase only."""
         lower, upper = np.asarray(constraint.lower), np.asarray(constraint.upper)
         room = np.maximum(1.0, np.abs(np.where(np.isfinite(lower), lower, upper)))
         inside = np.where(
@@ -309,7 +317,7 @@ class _Joined:
 
 
 def _own_constraints(union: _Union, number: int) -> list[PathConstraint]:
-    """Return a phase's path constraints, and its bounds where others' are wider."""
+    """Return a phase's path constraints, and its bounds if others are wider."""
     phase = union.stated[number]
     model, found = phase.model, []
     for what, names, symbols, limits, widest in (
@@ -353,7 +361,7 @@ def _own_constraints(union: _Union, number: int) -> list[PathConstraint]:
 
 
 class _Exits:
-    """What is demanded or paid at the ends of all phases but the last, as states."""
+    """Constraints and costs at the ends of all phases except the last, as states."""
 
     def __init__(self, joined: Sequence[_Joined]) -> None:
         rows: list[tuple[int, ca.SX]] = []
@@ -379,7 +387,7 @@ class _Exits:
         self.symbols = ca.vertcat(ca.SX(0, 1), *names)
 
     def after(self, union: _Union) -> ca.SX:
-        """Return what the states are after an interval."""
+        """Return the states after an interval."""
         return ca.vertcat(
             ca.SX(0, 1),
             *[
@@ -390,7 +398,7 @@ class _Exits:
 
 
 def _rates(one: _Joined) -> ca.SX:
-    """Return the rates of all states in a phase; others stay."""
+    """Return the rates of all states in a phase; other states stay constant."""
     rates = dict(zip(one.phase.model.state_names, ca.vertsplit(one.ode), strict=True))
     return one.speed * ca.vertcat(
         *[rates.get(name, ca.SX(0)) for name in one.union.states]
@@ -398,7 +406,7 @@ def _rates(one: _Joined) -> ca.SX:
 
 
 def _after(union: _Union, joined: Sequence[_Joined], links: Sequence[Linkage]) -> ca.SX:
-    """Return what all states are after an interval, linkages included."""
+    """Return all states after an interval, linkages included."""
     found = []
     for name, state in union.states.items():
         in_phases = []
@@ -452,7 +460,7 @@ def _require(
 def _require_links(
     stated: Sequence[OptimalControlProblem], linkages: Sequence[Linkage]
 ) -> None:
-    """Refuse states that come from nowhere, and linkages that lead nowhere."""
+    """Raise if a state has no source, or a linkage names an unknown state."""
     for number, phase in enumerate(stated[1:]):
         before = stated[number].model.state_names
         given = linkages[number] if linkages else {}

@@ -1,4 +1,4 @@
-"""A plan: controls over one horizon, where they come from, and what they are worth."""
+"""A plan: controls over one horizon, with their origin, cost and violation."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 class Source(Enum):
-    """Where a plan comes from."""
+    """Origin of a plan."""
 
     GUESS = "the guess itself"
     SEARCH = "the search"
@@ -28,18 +28,16 @@ class Source(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchReport:
-    """What a population search found, before any polish.
+    """Result of a population search, before any polish.
 
     Attributes:
-        cost: Cost of its own answer; NaN without a search.
+        cost: Cost of the search's answer; NaN without a search.
         violation: Violation of that answer; NaN without a search.
-        history: Cost of its best point after each generation, shape (generations,);
+        history: Cost of the best point after each generation, shape (generations,);
             empty without a search.
-        evaluations: Evaluations spent until then, same shape.
-        lanes: What local solves in lanes found, of a search that uses them; None: it
-            does not.
-        without_lanes: Why it did not, though it is such a search; empty: it did, or is
-            another.
+        evaluations: Evaluations spent up to each generation, same shape.
+        lanes: Results of local solves in lanes, if the search uses them; else None.
+        without_lanes: Reason why a search that should use lanes did not; else empty.
     """
 
     cost: float = np.nan
@@ -50,10 +48,10 @@ class SearchReport:
     without_lanes: str = ""
 
     def lines(self, sense: float = 1.0) -> list[str]:
-        """Return what local solves in lanes did in the search; empty without any.
+        """Return a line on the local solves in lanes during the search, or no line.
 
         Args:
-            sense: -1 where costs are gains.
+            sense: 1 for a minimised cost, -1 for a maximised one.
         """
         if self.lanes is not None:
             return [f"  searched    {self.lanes.line(sense)}"]
@@ -62,10 +60,10 @@ class SearchReport:
         return []
 
     def told(self, sense: float = 1.0) -> dict[str, Any] | None:
-        """Return the same as JSON has it; None where the search uses no lanes.
+        """Return the same as a dictionary for JSON; None if the search uses no lanes.
 
         Args:
-            sense: -1 where costs are gains.
+            sense: 1 for a minimised cost, -1 for a maximised one.
         """
         if self.lanes is None and not self.without_lanes:
             return None
@@ -78,28 +76,29 @@ NO_SEARCH = SearchReport()
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Plan:
-    """A control sequence over one horizon, and what it is worth.
+    """A control sequence over one horizon, with its cost and violation.
 
     Attributes:
-        controls: Shape (nu, N).
-        states: At the nodes, shape (nx, nodes).
-        cost: Cost on the problem's evaluator, which is minimised.
-        violation: Summed violation there.
+        controls: Controls, shape (nu, N).
+        states: States at the nodes, shape (nx, nodes).
+        cost: Cost on the problem's evaluator; minimised.
+        violation: Sum of the scaled excesses on the problem's evaluator.
         feasible: Whether the violation is within the problem's tolerance.
-        source: Where the plan comes from.
-        search: What the search found; `NO_SEARCH` without one.
-        evaluations: Evaluations spent, those of the polish included.
-        polish_status: How the polish ended; None without one.
-        start_excess: By how much the start breaks bounds of states and path
-            constraints that no control enters, in parts of their scales; 0: inside.
-        point: The stationary point of the NLP that it is; None: not shown to be one.
-        relaxed_cost: Cost with any numbers where controls take whole numbers, from a
-            local solver; NaN: not known.
-        start: Initial state of a plan whose states are not kept; None: they are.
-        starts: Where it comes from and what other starts led to; None: there were not
-            many.
-        duals: Multipliers of a plan whose point is not kept; None: it is, or there are
-            none.
+        source: Origin of the plan.
+        search: Result of the search; `NO_SEARCH` without one.
+        evaluations: Evaluations spent, including those of the polish.
+        polish_status: Status of the polish; None without one.
+        start_excess: Largest excess of the start over bounds of states and path
+            constraints without controls, relative to their scales; 0: the start keeps
+            them.
+        point: The stationary point of the NLP that the plan is; None: not shown to be
+            one.
+        relaxed_cost: Cost of a local optimum without the requirement of whole numbers;
+            NaN: not known.
+        start: Initial state of a plan whose states are not kept; None if they are kept.
+        starts: Account of all starts; None if there was only one.
+        duals: Multipliers of a plan whose point is not kept; None if it is kept or
+            there are no multipliers.
     """
 
     controls: Array
@@ -120,12 +119,12 @@ class Plan:
 
     @property
     def is_searched(self) -> bool:
-        """Whether a population search took part in it, or a warm start was enough."""
+        """True if a population search took part; False if a warm start was enough."""
         return self.search.evaluations.size > 0
 
     @property
     def x0(self) -> Array:
-        """Initial state, with what was decided about it, shape (nx,)."""
+        """Initial state, including the decisions about it, shape (nx,)."""
         if self.start is not None and not self.states.size:
             return self.start
         return self.states[:, 0]
@@ -141,10 +140,10 @@ class Plan:
 
 
 def start_of(problem: OptimalControlProblem, plan: Plan, x0: ArrayLike) -> ArrayLike:
-    """Return where a plan starts: what is decided about it is the plan's.
+    """Return the start of a plan; its decisions about the start are used.
 
     Args:
-        problem: The problem that it is a plan of.
+        problem: The problem of the plan.
         plan: The plan.
         x0: Initial state as given, shape (nx,).
     """
@@ -152,7 +151,7 @@ def start_of(problem: OptimalControlProblem, plan: Plan, x0: ArrayLike) -> Array
 
 
 class Account(TypedDict, total=False):
-    """What a plan took, as in Plan; all of it may be left out."""
+    """Effort of a plan, with the fields of Plan; all of them optional."""
 
     search: SearchReport
     evaluations: int
@@ -163,7 +162,7 @@ class Account(TypedDict, total=False):
 
 
 class PlanningInterrupted(KeyboardInterrupt):
-    """Ctrl-C while planning.
+    """Ctrl-C during planning.
 
     Attributes:
         partial: The best plan so far.

@@ -1,6 +1,6 @@
-"""One planning problem: guess -> search -> polish -> plan.
+"""Planner of one problem: guess -> search -> polish -> plan.
 
-A planner is built once for a problem; planning rebuilds nothing.
+A planner is built once for a problem; planning then rebuilds nothing.
 """
 
 from collections.abc import Sequence
@@ -82,20 +82,20 @@ Array = NDArray[np.float64]
 
 
 _BASINS = 3
-"""Basins that are polished where more than the controls is decided."""
+"""Number of basins to polish if there are decisions besides the controls."""
 
 
 class _Request(NamedTuple):
-    """What is planned; as in `Planner.plan`.
+    """Request for one plan; as in `Planner.plan`.
 
     Attributes:
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
-        guess: Within the bounds.
-        first: Controls that a search looks at first, each (nu, N).
+        guess: Guess, within the bounds.
+        first: Controls that a search evaluates first, each (nu, N).
         near: Whether the guess is an earlier answer.
         rng: Source of all randomness.
-        progress: Told what is done.
+        progress: Callback for the progress.
     """
 
     x0: ArrayLike
@@ -108,7 +108,7 @@ class _Request(NamedTuple):
 
 
 def _turned(search: SearchSettings) -> SearchSettings:
-    """Return a search whose target is of the costs times -1."""
+    """Return a search whose target is multiplied by -1."""
     if search.budget.target is None:
         return search
     return replace(search, budget=replace(search.budget, target=-search.budget.target))
@@ -117,19 +117,20 @@ def _turned(search: SearchSettings) -> SearchSettings:
 class Planner:
     """Search and polish of one problem, compiled once.
 
-    All its methods but `posed` speak of the core of the problem (lowering.py), which is
-    the problem itself unless it decides or remembers more than controls.
+    Except for `posed`, all methods refer to the core of the problem (lowering.py). It
+    is the problem itself unless there are decisions besides the controls, or previous
+    controls.
 
     Attributes:
         stated: The problem as it is stated.
         problem: Its core.
-        lowered: Both, and what is which.
+        lowered: The stated problem with its core.
         fitness: Its evaluator.
-        search: The population search; None: none.
-        polish: Options of the polish; None: none.
-        polisher: Its NLP solver, of the relaxed problem where controls take whole
-            numbers; None without a polish.
-        watch: Told what search and polish do, and may stop them.
+        search: The population search; None without one.
+        polish: Options of the polish; None without one.
+        polisher: Its NLP solver (that of the relaxed problem if controls take whole
+            numbers); None without a polish.
+        watch: Observer of search and polish, which may stop them.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -156,25 +157,25 @@ class Planner:
         lanes: int = 0,
         watch: Watch = UNWATCHED,
     ) -> None:
-        """Compile what planning needs.
+        """Compile the functions for planning.
 
         Args:
             problem: The problem.
             search: The population search, as in `solve`: settings with a budget, or an
-                algorithm, which then has 20,000 evaluations; None means none.
-            polish: Options of the polish; None means none.
-            family: What the search looks for; None means control sequences. A member
-                becomes a plan by its controls, which do not lead exactly where its
-                states are: it wants a polish.
-            backend: What evaluates populations, as in compiled/backend.py.
-            lanes: Number of random starts that are solved at once, beside the others,
-                where there is no earlier answer; see many_starts.py. 0 means none.
-            watch: Told what search and polish do, and may stop them; see watching.py.
+                algorithm with the default budget of 20,000 evaluations; None means no
+                search.
+            polish: Options of the polish; None means no polish.
+            family: Family of trajectories to search; None means control sequences. The
+                controls of a member do not lead exactly along its states, so a family
+                should be combined with a polish.
+            backend: Backend that evaluates populations, as in compiled/backend.py.
+            lanes: Number of additional random starts that are solved at once if there
+                is no earlier answer; see many_starts.py. 0 means none.
+            watch: Observer of search and polish, which may stop them; see watching.py.
 
         Raises:
-            InvalidProblemError: If a search is asked for and a control is unbounded,
-                the family does not fit the problem, or there are lanes without a
-                polish.
+            InvalidProblemError: If there is a search and a control is unbounded, the
+                family does not fit the problem, or there are lanes without a polish.
             InvalidSettingsError: If the search's population does not fit into memory.
         """
         self.fitness = Fitness(Shooting(problem), backend=backend)
@@ -188,7 +189,7 @@ class Planner:
         self._space: SearchSpace | None = None
         if search is not None:
             self._space = space_of(self.fitness, family)
-            # Refused here, not at the first plan.
+            # Raised here, not at the first plan.
             evaluations = search.budget.evaluations
             population = population_of(search.algorithm, evaluations)
             if population is not None:
@@ -211,10 +212,13 @@ class Planner:
             )
 
     def with_budget(self, budget: Budget) -> "Planner":
-        """Return the same planner with another budget of its search; nothing is built.
+        """Return the same planner with another search budget; nothing is rebuilt.
 
         Args:
             budget: The budget; without effect if there is no search.
+
+        Returns:
+            A new planner that shares all compiled functions.
         """
         if self.search is None:
             return self
@@ -225,7 +229,7 @@ class Planner:
         return other
 
     def prepare(self) -> None:
-        """Wait for machine code that is still being made."""
+        """Wait for machine code that is still being compiled."""
         if self._lane_search is not None:
             self._lane_search.prepare()
         if self.many_starts is not None:
@@ -233,12 +237,12 @@ class Planner:
 
     @cached_property
     def tracer(self) -> Tracer:
-        """Traces the paths of plans; compiled when first asked for."""
+        """Tracer of the paths of plans; compiled at its first use."""
         return Tracer(self.fitness.shooting, self._checker)
 
     @cached_property
     def many_starts(self) -> ManyStarts | None:
-        """Local solves from many starts; None: there are none."""
+        """Local solves from many starts; None without them."""
         if not self._lanes or self.polisher is None or self._rounding is not None:
             return None
         return ManyStarts(self.fitness, self.polisher, self._lanes)
@@ -246,12 +250,15 @@ class Planner:
     def posed(
         self, x0: ArrayLike, known: Known = NOTHING, guess: Array | Start | None = None
     ) -> tuple[ArrayLike, Known, Array | Start | None]:
-        """Return initial state, what is known and a guess as the core has them.
+        """Convert initial state, known data and guess to those of the core.
 
         Args:
             x0: Initial state of the stated problem, shape (nx,).
-            known: What the stated problem knows.
+            known: Known data of the stated problem.
             guess: Controls, or a Start with states of the stated problem.
+
+        Returns:
+            Initial state, known data and guess (None without one) of the core.
 
         Raises:
             InvalidProblemError: If a shape is not the problem's.
@@ -275,7 +282,8 @@ class Planner:
         """Return the core's initial state, and a guess with the core's controls.
 
         Raises:
-            InvalidProblemError: If the guess is of no knots, nor of held controls.
+            InvalidProblemError: If the guess has the shape of neither knots nor held
+                controls.
         """
         knots = np.array(guess.controls if isinstance(guess, Start) else guess)
         nu, N = self.problem.model.nu, self.problem.intervals
@@ -317,29 +325,34 @@ class Planner:
         Args:
             x0: Initial state, shape (nx,).
             known: Parameters and signals.
-            guess: Controls to start from, shape (nu, N), clipped to the bounds; None
-                means none is known: the search starts at random, the polish alone at
-                zero controls. A Start has states as well: the polish begins there, too.
-            candidates: Controls that the search looks at besides, shape (nu, N, k),
-                clipped to the bounds; None means none. First in its first population.
+            guess: Controls to start from, shape (nu, N), clipped to the bounds; None:
+                unknown, so that the search starts at random, and a polish alone at zero
+                controls. A Start has states as well, from which the polish then starts.
+            candidates: Further controls that the search evaluates, shape (nu, N, k),
+                clipped to the bounds; None means none. They come first in its first
+                population.
             near: Whether the guess is an earlier answer, which a polish without a
-                search stays near to. It is then made without search and lanes, unless
-                that fails or the search is one for "always"; see warm_steps.py.
-            last_cost: What the earlier answer cost; None: not known.
-            in_loop: Whether plans will follow that begin at this one: then it is made
-                without search and lanes, too, and the better one taken.
-            is_new: Whether nothing of an earlier answer is left, as of a horizon of one
-                interval: then a search is made for it as for a first plan.
+                search stays near. The plan is then made without search and lanes,
+                unless that fails or the search has `when="always"`; see warm_steps.py.
+            last_cost: Cost of the earlier answer; None if not known.
+            in_loop: Whether later plans will start from this one. It is then also made
+                without search and lanes, and the better plan is kept.
+            is_new: Whether nothing of an earlier answer can be used, as for a horizon
+                of one interval; then a search is made as for a first plan.
             rng: Source of all randomness.
-            progress: Told (evaluations, all, "searching") now and then, and
+            progress: Called with (evaluations, all, "searching") now and then, and with
                 "polishing" when that begins.
 
+        Returns:
+            The best plan; it need not be feasible.
+
         Raises:
-            InvalidProblemError: If a shape is not the problem's, or a value not finite.
+            InvalidProblemError: If a shape is not the problem's, or a value is not
+                finite.
             PlanningInterrupted: On Ctrl-C, with the best plan so far, if there is one.
         """
         warm, follows = None, near
-        # Many starts begin with a polish alone themselves.
+        # Many starts include a polish alone.
         follows_on = (near and not is_new) or (in_loop and not self._lanes)
         if follows_on and self._begins_warm:
             warm = self._alone.plan(x0, known=known, guess=guess, near=near, rng=rng)
@@ -393,7 +406,7 @@ class Planner:
         return self._from_one(request)
 
     def _from_one(self, request: "_Request") -> Plan:
-        """Return the best plan from what a search found, or from the guess."""
+        """Return the best plan from the search's points, or from the guess."""
         x0, known, guess, near = request.x0, request.known, request.guess, request.near
         plan, starts = self._searched(request)
         if self.polisher is None:
@@ -431,7 +444,7 @@ class Planner:
         )
 
     def _whole_account(self) -> StartsAccount | None:
-        """Return what is said of many starts where controls take whole numbers."""
+        """Return the account of starts for controls that take whole numbers."""
         if not self._lanes:
             return None
         origin: Origin = "zero controls" if self.search is None else "the search"
@@ -477,7 +490,7 @@ class Planner:
 
         Args:
             answered: The answer.
-            searched: What the search found, and its seconds; empty: it did not.
+            searched: Result of the search and its seconds; empty without a search.
             known: Parameters and signals.
         """
         polished, account = answered.polished, answered.account
@@ -501,7 +514,7 @@ class Planner:
         )
 
     def _with_guess(self, starts: list[Start], guess: Start) -> list[Start]:
-        """Return where to polish from, with a guess that has more than controls."""
+        """Return the starts of the polish, with a guess that has more than controls."""
         if guess.states is not None:
             return [*(starts if self.search is not None else ()), guess]
         alone = guess.carried is not None and self.search is None
@@ -516,11 +529,11 @@ class Planner:
         *,
         near: bool,
     ) -> tuple[Polished, int]:
-        """Return the best that polishing finds, and the evaluations of all.
+        """Return the best polished answer, and the evaluations of all polishes.
 
         Args:
             polisher: The NLP solver.
-            starts: Where to polish from, at least one.
+            starts: Starts of the polish, at least one.
             x0: Initial state, shape (nx,).
             known: Parameters and signals.
             near: Whether they follow an earlier answer.
@@ -546,10 +559,10 @@ class Planner:
         return found, evaluations
 
     def _straight(self, first: Start, x0: ArrayLike, known: Known) -> list[Start]:
-        """Return starts whose states lead straight to where the end fixes them.
+        """Return starts whose states lead straight to the fixed states at the end.
 
-        With zero controls, and with those of the start, where these are others; none if
-        the end fixes nothing.
+        One has zero controls, another, if it differs, the controls of `first`; empty if
+        the end fixes no state.
         """
         states = straight_states(self.fitness, x0, known)
         if states is None:
@@ -569,15 +582,18 @@ class Planner:
         value: tuple[float, float] | None = None,
         **account: Unpack[Account],
     ) -> Plan:
-        """Return given controls as a plan, evaluated but neither searched nor polished.
+        """Return given controls as a plan: evaluated, neither searched nor polished.
 
         Args:
             controls: Shape (nu, N).
             x0: Initial state, shape (nx,).
             known: Parameters and signals.
-            source: Where the controls come from.
-            value: Their cost and violation; None means that they are to be found.
-            account: What it took to find the controls, as in Plan.
+            source: Origin of the controls.
+            value: Their cost and violation; None: to be computed.
+            account: Effort to find the controls, as in Plan.
+
+        Returns:
+            The plan.
         """
         cost, violation = value or self.fitness.value(controls, x0, known)
         states, outside = self.fitness.followed(controls, x0, known)
@@ -593,9 +609,9 @@ class Planner:
         )
 
     def _searched(self, request: "_Request") -> tuple[Plan, list[Start]]:
-        """Return the search's answer, and where to polish from, the best first.
+        """Return the search's answer and the starts of the polish, the best first.
 
-        Without a search that is the guess, or zero controls.
+        Without a search, these are the guess, or zero controls.
         """
         x0, known, rng = request.x0, request.known, request.rng
         guess = None if request.guess is None else request.guess.controls
@@ -658,7 +674,7 @@ class Planner:
         return plan, starts
 
     def _told_best(self, space: SearchSpace, x0: ArrayLike, known: Known) -> ToldBest:
-        """Return what a search tells of its best point; None: nobody listens."""
+        """Return the callback for a search's best point; None if it is not observed."""
         watch = self.watch
         if watch is UNWATCHED:
             return None
@@ -671,7 +687,9 @@ class Planner:
         return lambda evaluations, best: watch.advanced(evaluations, best, answer)
 
     def outside(self, x0: ArrayLike, known: Known = NOTHING) -> list[Excess]:
-        """Return what an initial state breaks that no control can keep, worst first.
+        """Return the constraints that an initial state breaks for any control.
+
+        The worst comes first.
 
         Args:
             x0: Initial state, shape (nx,).

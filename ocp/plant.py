@@ -1,9 +1,9 @@
 """Plants: a model integrated finely, or any object that makes a step.
 
-A `Plant` is integrated by classical Runge-Kutta, or, if it is stiff, by RODAS4 with
-each step in eight parts, as its parameters may jump from one to the next. An object
-with `step(x, u, dt)` is known at the control instants only: a flight of it has no path
-between them, so nothing is checked, interpolated or measured there.
+A `Plant` is integrated by the classical Runge-Kutta method, or, if it is stiff, by
+RODAS4 with each step divided into eight parts, since its parameters may jump between
+steps. An object with `step(x, u, dt)` is known at the control instants only, so nothing
+is checked, interpolated or measured between them.
 """
 
 import copy
@@ -27,13 +27,13 @@ NOTHING_DECIDED: Mapping[str, float] = MappingProxyType({})
 
 
 class Plant:
-    """A model integrated finely over a control interval with held controls.
+    """A model, integrated finely over control intervals with held controls.
 
     Attributes:
         model: The model.
         dt: Length of a control interval [s].
-        substeps: Steps of the integrator in it.
-        clock: Name of the state that is the time of a flight; empty: none is.
+        substeps: Number of integrator steps in a control interval.
+        clock: Name of the state that is the time of the run; empty: no such state.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -65,20 +65,21 @@ class Plant:
         Args:
             model: The model.
             dt: Length of a control interval [s].
-            substeps: Steps of the integrator in it, at least 1.
-            parameters: Times (n,) [s] -> the model's parameters (np, n) that are not
-                decided, each held over one step of the integrator; None where there are
-                none.
-            signals: Times (n,) [s] -> the model's signals (ns, n), linear over one step
-                of the integrator; None where the model has none.
+            substeps: Number of integrator steps in a control interval, at least 1.
+            parameters: Times (n,) [s] -> the model's parameters (np, n), except those
+                that are decided; each value is held over one integrator step. None: no
+                such parameters.
+            signals: Times (n,) [s] -> the model's signals (ns, n), linear over one
+                integrator step. None: the model has no signals.
             integrator: A key of INTEGRATORS; "stiff" for a stiff model.
-            decided: Name of a parameter that plans decide -> its value until one does.
-            clock: Name of the state that is the time of a flight [s], as of phases;
-                empty: intervals of dt after one another.
+            decided: Name of a parameter that plans decide -> its value before the first
+                plan.
+            clock: Name of the state that is the time of the run [s], as for phases;
+                empty: the time follows from the intervals of length dt.
 
         Raises:
             InvalidProblemError: If the model has parameters or signals that are not
-                given, or not those that are decided, or a number is out of range.
+                given, `decided` names unknown parameters, or a number is out of range.
         """
         if model.ns and signals is None:
             raise InvalidProblemError(
@@ -105,7 +106,7 @@ class Plant:
         if not dt > 0:
             raise InvalidProblemError(f"dt must be positive, got {dt}")
         self.model, self.dt, self.substeps = model, dt, substeps
-        # Signals of costs and constraints alone are not the model's.
+        # Signals that only costs and constraints use are not the model's.
         self._parameters, self._signals = parameters, signals if model.ns else None
         self._decided, self._integrator = dict(decided), integrator
         self.clock = clock
@@ -119,10 +120,11 @@ class Plant:
         """Return the states after each step of the interval, shape (nx, substeps).
 
         Args:
-            state: At its beginning, shape (nx,).
-            control: Held over it, shape (nu,); or several, held one after another over
-                equal parts of it, shape (nu, m), m a divisor of the steps.
-            time: Of its beginning [s].
+            state: State at the start of the interval, shape (nx,).
+            control: Control held over the interval, shape (nu,); or several, held one
+                after another over equal parts of it, shape (nu, m), with m a divisor of
+                the number of steps.
+            time: Time at the start of the interval [s].
 
         Raises:
             DivergedError: If algebraic equations of the model are not solved.
@@ -136,9 +138,9 @@ class Plant:
         """Return the states after each step, with controls linear over each of them.
 
         Args:
-            state: At the beginning of the interval, shape (nx,).
-            controls: At both ends of the steps, shape (nu, substeps + 1).
-            time: Of its beginning [s].
+            state: State at the start of the interval, shape (nx,).
+            controls: Controls at both ends of the steps, shape (nu, substeps + 1).
+            time: Time at the start of the interval [s].
         """
         states = self.along_until_end(state, controls, time)
         return self._ended(states, controls[:, -1], time)
@@ -146,12 +148,12 @@ class Plant:
     def along_until_end(
         self, state: Array, controls: Array, time: float = 0.0
     ) -> Array:
-        """Return the same, but for what the end of the interval changes.
+        """Return the states of `along`, without the jump at the end of the interval.
 
         Args:
-            state: At the beginning of the interval, shape (nx,).
-            controls: At both ends of the steps, shape (nu, substeps + 1).
-            time: Of its beginning [s].
+            state: State at the start of the interval, shape (nx,).
+            controls: Controls at both ends of the steps, shape (nu, substeps + 1).
+            time: Time at the start of the interval [s].
         """
         if self._linear is None:
             step = linear_step(
@@ -163,7 +165,7 @@ class Plant:
         return self._solved(state, states, (controls[:, :-1], controls[:, 1:]), time)
 
     def _ended(self, states: Array, last: Array, time: float) -> Array:
-        """Return states with what the end of the interval changes, in place."""
+        """Return the states with the jump at the interval's end applied, in place."""
         if not self.model.jumps:
             return states
         end = np.array([time + self.dt])
@@ -178,12 +180,12 @@ class Plant:
         return states
 
     def until_end(self, state: Array, control: Array, time: float = 0.0) -> Array:
-        """Return the same, but for what the end of the interval changes.
+        """Return the states of a call, without the jump at the end of the interval.
 
         Args:
-            state: At its beginning, shape (nx,).
-            control: Held over it, shape (nu,); or several, as above.
-            time: Of its beginning [s].
+            state: State at the start of the interval, shape (nx,).
+            control: Control held over it, shape (nu,); or several, as in a call.
+            time: Time at the start of the interval [s].
 
         Raises:
             DivergedError: If algebraic equations of the model are not solved.
@@ -194,7 +196,7 @@ class Plant:
         return self._solved(state, states, (held, held), time)
 
     def _known(self, time: float) -> list[Array]:
-        """Return parameters of each step, and what varies, at its ends."""
+        """Return the parameters of each step, and the signals and time at its ends."""
         begins = time + self.dt * (np.arange(self.substeps) / self.substeps)
         arguments = [self.parameters(begins)]
         if self.model.varying.numel():
@@ -206,16 +208,17 @@ class Plant:
     def _solved(
         self, state: Array, states: Array, controls: tuple[Array, Array], time: float
     ) -> Array:
-        """Return states, or refuse to go on with algebraic equations not solved.
+        """Return the states; raise if the algebraic equations are not solved.
 
         Args:
-            state: Before the first step, shape (nx,).
-            states: After each step, shape (nx, substeps).
-            controls: As each step begins and as it ends, each (nu, substeps).
-            time: Before the first step [s].
+            state: State before the first step, shape (nx,).
+            states: States after each step, shape (nx, substeps).
+            controls: Controls at the start and the end of each step, each
+                (nu, substeps).
+            time: Time before the first step [s].
 
         Raises:
-            DivergedError: With when, and how far they are from being solved.
+            DivergedError: With the time and the residual.
         """
         if not self.model.elimination.unsolved.numel():
             return states
@@ -239,7 +242,7 @@ class Plant:
         return states
 
     def with_interval(self, dt: float) -> "Plant":
-        """Return the same plant with control intervals of another length.
+        """Return the same plant with another length of the control intervals.
 
         Args:
             dt: Length of a control interval [s].
@@ -256,17 +259,17 @@ class Plant:
         )
 
     def with_decided(self, values: Mapping[str, float]) -> "Plant":
-        """Return the same plant with what a plan decides about its parameters.
+        """Return the same plant with the parameters that a plan decided.
 
         Args:
-            values: By name; what the plant does not leave to plans is ignored.
+            values: Values by name; names that the plant does not expect are ignored.
         """
         again = copy.copy(self)
         again._decided = {n: values.get(n, old) for n, old in self._decided.items()}
         return again
 
     def varying(self, times: Array) -> Array:
-        """Return the model's signals and time at some times, shape (ns, n).
+        """Return the model's signals and time at given times, shape (ns, n).
 
         Args:
             times: Shape (n,) [s].
@@ -309,29 +312,29 @@ class Plant:
 
 @runtime_checkable
 class Steps(Protocol):
-    """Any plant: what it does in one control interval.
+    """Interface of any plant: its step over one control interval.
 
-    It may have `state_names` and `control_names` besides, which a flight then has.
+    It may also have `state_names` and `control_names`, which a run then takes over.
     """
 
     def step(self, x: Array, u: Array, dt: float, /) -> ArrayLike:
         """Return the state after an interval, shape (nx,).
 
         Args:
-            x: State at its beginning, shape (nx,).
+            x: State at the start of the interval, shape (nx,).
             u: Control held over it, shape (nu,).
-            dt: Its length [s].
+            dt: Length of the interval [s].
         """
 
 
 class SteppedPlant:
-    """An object with `step(x, u, dt)` as a plant of one step an interval.
+    """An object with `step(x, u, dt)` as a plant with one step per interval.
 
     Attributes:
         dt: Length of a control interval [s].
-        substeps: 1.
-        state_names: The object's, if it has any.
-        control_names: The same.
+        substeps: Always 1.
+        state_names: The object's names of the states, if it has any.
+        control_names: The object's names of the controls, if it has any.
 
     Example:
         >>> import numpy as np
@@ -347,7 +350,12 @@ class SteppedPlant:
     substeps = 1
 
     def __init__(self, steps: Steps, *, dt: float) -> None:
-        """Keep the object."""
+        """Keep the object.
+
+        Args:
+            steps: The object.
+            dt: Length of a control interval [s].
+        """
         self.dt, self._steps = dt, steps
         self.state_names: tuple[str, ...] = tuple(getattr(steps, "state_names", ()))
         self.control_names: tuple[str, ...] = tuple(getattr(steps, "control_names", ()))
@@ -373,10 +381,10 @@ AnyPlant = Plant | SteppedPlant | Steps
 
 
 def plant_of(plant: AnyPlant, dt: float) -> Plant | SteppedPlant:
-    """Return a plant as it is flown.
+    """Return a plant in the form that a closed loop uses.
 
     Raises:
-        InvalidProblemError: If it is none.
+        InvalidProblemError: If it is not a plant.
     """
     if isinstance(plant, Plant | SteppedPlant):
         return plant

@@ -1,23 +1,23 @@
-"""An NLP solver from a guess; the better of the two is kept.
+"""Polish: an NLP solver started from a guess; the better of the two is kept.
 
-The NLP (transcription.py) need not measure constraints as the search does: it sees
+The NLP (transcription.py) need not measure constraints as the search does: it uses
 smooth rows at points. So its answer is evaluated like any individual, and returned only
-if it is better by (violation, cost) on that same evaluator. Whether it is a stationary
-point is judged by our own numbers (optimality.py), whatever the solver says of itself,
-before an answer is called a local optimum.
+if it is better by (violation, cost) on the same evaluator. An answer is called a local
+optimum only if the project's own test (optimality.py) finds it stationary, independent
+of the solver's report.
 
-From a good start, one that is feasible to 1e-3 and comes from a search or an earlier
-answer, IPOPT begins with a small barrier and small pushes: with its defaults it moves
-away from what it is given before it comes back, if it does. What does not converge so
-is tried once more with the defaults.
+A good start is feasible to 1e-3 and comes from a search or an earlier answer. From it
+IPOPT starts with a small barrier and small pushes; with its defaults it would first
+move away from the start, and might not return. If this does not converge, the defaults
+are tried once.
 
-Collocation (collocation.py) does not follow the dynamics as the evaluator does. If the
-evaluator finds another cost or a limit broken, the NLP is solved again with its rows of
-motion shifted to where the evaluator gets to (correction.py), until both agree.
+Collocation (collocation.py) does not integrate the dynamics as the evaluator does. If
+the evaluator finds another cost or a broken limit, the NLP is solved again with its
+rows of motion shifted to the evaluator's states (correction.py), until both agree.
 
-A search's best point need not lie in the basin of the best local optimum: the search's
+A search's best point need not lie in the basin of the best local optimum. The search's
 archive (`heuristics/archive.py`) keeps the best points that are apart in the box, and
-each is a guess for the NLP solver.
+each of them is a guess for the NLP solver.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -59,24 +59,25 @@ from swarmstart.ocp.watching import (
 
 Array = NDArray[np.float64]
 SAME_COST = 1e-6
-"""Relative difference below which two costs are those of one local optimum."""
+"""Relative difference below which two costs count as one local optimum."""
 GOOD_START = 1e-3
-"""Largest violation of a start that is near enough to be kept near."""
+"""Largest violation of a start that the solver stays near."""
 _STEPS_OF_ERROR = 10
-"""Allowed errors of a step by which costs may differ."""
+"""Number of allowed step errors by which costs may differ."""
 _STEEP = 1e3
-"""What the cost is at its own size, in the NLP's numbers."""
+"""Value of the NLP's cost when the cost has its natural size."""
 
 
 class _How(NamedTuple):
-    """How the solver goes about it.
+    """Settings of one solve.
 
     Attributes:
-        solvers: The NLP and its solvers.
+        solvers: The NLP with its solvers.
         near: Whether the solver stays near the guess.
-        held: Numbers of the controls that it leaves.
-        is_guess: Whether states are a guess that says how large they get.
-        carried: Multipliers that it begins with; None: none.
+        held: Numbers of the controls that are held.
+        is_guess: Whether the states are a guess that gives the sizes of unbounded
+            states.
+        carried: Multipliers to start from; None without them.
     """
 
     solvers: Solvers
@@ -88,9 +89,9 @@ class _How(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
-    """What a solver is given: where it begins, arguments and limits, and of what.
+    """Input of a solver: start, arguments and limits, with the data they are made from.
 
-    The multipliers, of rows and of bounds, are in the NLP's numbers; None: none.
+    The multipliers, of rows and of bounds, are in the NLP's units; None without them.
     """
 
     first: Array
@@ -105,7 +106,7 @@ class _Asked:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Answer:
-    """A solver's answer in the NLP's numbers, and its statistics."""
+    """A solver's answer in the NLP's units, and its statistics."""
 
     point: NlpPoint
     stats: Mapping[str, Any]
@@ -114,7 +115,7 @@ class _Answer:
 
     @property
     def effort(self) -> tuple[int, int]:
-        """Its iterations, and its evaluations of the objective."""
+        """Iterations of the solver, and its evaluations of the objective."""
         counts = (self.stats.get(name, 0) for name in ("iter_count", "n_call_nlp_f"))
         iterations, evaluations = map(int, counts)
         return iterations, evaluations
@@ -122,7 +123,7 @@ class _Answer:
     def agrees(
         self, value: tuple[float, float], problem: OptimalControlProblem
     ) -> bool:
-        """Return whether the evaluator finds its cost, and no limit broken."""
+        """Return whether the evaluator finds the same cost and no broken limit."""
         point = self.point
         slope = point.program.derivatives["grad_f"](point.w, point.q)
         differs = abs(float(slope[0]) * point.cost_size - value[0])
@@ -132,19 +133,19 @@ class _Answer:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Polished:
-    """The better of a guess and what the NLP solver made of it.
+    """The better of a guess and the NLP solver's answer from it.
 
     Attributes:
-        controls: Shape (nu, N), within the bounds.
-        x0: Initial state, with what is decided about it, shape (nx,).
-        cost: Its cost on the problem's evaluator.
-        violation: Its violation there.
+        controls: Controls, shape (nu, N), within the bounds.
+        x0: Initial state, including the decisions about it, shape (nx,).
+        cost: Cost on the problem's evaluator.
+        violation: Violation on the problem's evaluator.
         improved: False if the guess was kept.
-        status: How the solver ended.
+        status: Status of the solver at its end.
         iterations: The solver's iterations.
         evaluations: Evaluations of the objective by the solver.
-        point: The solver's answer in the NLP's numbers; None if it did not converge.
-        rollouts: What all of it cost, derivatives too, in rollouts; see watching.py.
+        point: The solver's answer in the NLP's units; None if it did not converge.
+        rollouts: Cost of the polish in rollouts, derivatives included; see watching.py.
     """
 
     controls: Array
@@ -169,8 +170,8 @@ class Polished:
 class Polisher:
     """An NLP solver on the multiple-shooting NLP of one problem, built once.
 
-    Where rollouts have steps of their own lengths, the steps of the NLP are chosen for
-    each guess (fixed_steps.py), and there is an NLP for each number of them.
+    With step size control, the steps of the NLP are chosen for each guess
+    (fixed_steps.py), and there is one NLP for each number of them.
     """
 
     def __init__(
@@ -183,9 +184,10 @@ class Polisher:
         """Build the solver.
 
         Args:
-            fitness: The problem's evaluator, which also judges the answer.
-            options: What the solver is told; None means IPOPT's defaults.
-            watch: Told what it does, and may stop it.
+            fitness: Evaluator of the problem, which also judges the answer.
+            options: Options of the solver; None means IPOPT with this package's
+                defaults.
+            watch: Observer of the work, which may stop it.
 
         Raises:
             InvalidProblemError: If the solver refuses an option.
@@ -201,16 +203,16 @@ class Polisher:
 
     @property
     def program(self) -> NonlinearProgram | None:
-        """The NLP; None where its steps are chosen for each guess."""
+        """The NLP; None if its steps are chosen for each guess."""
         return self._solvers.program
 
     @property
     def ratios(self) -> Ratios | None:
-        """What its derivatives cost; None where steps are chosen for each guess."""
+        """Cost of its derivatives; None if steps are chosen for each guess."""
         return None if self._choice is not None else self._solvers(None).ratios
 
     def prepare(self) -> None:
-        """Build what a start near an answer needs, which else waits for the first."""
+        """Build the solver for starts near an answer now, not at the first use."""
         if self._choice is None:
             self._solvers(None).near()
 
@@ -230,21 +232,26 @@ class Polisher:
 
         Args:
             controls: The guess, shape (nu, N), clipped to the bounds; not changed.
-            x0: Initial state, shape (nx,), with the guess of what is decided about it.
+            x0: Initial state, shape (nx,), with the guess of the decisions about it.
             known: Parameters and signals.
-            states: At the nodes, shape (nx, nodes): where the solver starts; they need
-                not be those that the controls lead to. None means they are.
-            is_guess: Whether the states say how large they get where bounds do not.
-            near: Whether the guess is an answer of a search or a solver, worth staying
-                near if it is feasible to 1e-3.
-            held: Numbers of the controls that stay as they are.
-            carried: Multipliers of an earlier answer: the solver begins with them, and
-                without them only if that does not converge. None: there are none.
+            states: Start of the solver for the states at the nodes, shape (nx, nodes);
+                they need not be consistent with the controls. None: the states that the
+                controls lead to.
+            is_guess: Whether the states give the sizes of unbounded states.
+            near: Whether the guess is an answer of a search or a solver that the solver
+                should stay near if it is feasible to 1e-3.
+            held: Numbers of the controls that are held.
+            carried: Multipliers of an earlier answer to start from. If that does not
+                converge, the solver starts without them. None: no multipliers.
+
+        Returns:
+            The better of the guess and the solver's answer.
 
         Raises:
-            InvalidProblemError: If a shape is not the problem's, or a value not finite.
+            InvalidProblemError: If a shape is not the problem's, or a value is not
+                finite.
             SolveError: If the solver cannot be run at all.
-            KeyboardInterrupt: On Ctrl-C, which CasADi would swallow.
+            KeyboardInterrupt: On Ctrl-C, which CasADi would otherwise discard.
         """
         problem, fitness = self._fitness.problem, self._fitness
         controls = bounded_controls(problem, controls)
@@ -283,7 +290,7 @@ class Polisher:
     def _steps(
         self, controls: Array, states: Array, x0: ArrayLike, known: Known
     ) -> FixedSteps | None:
-        """Return the steps that an NLP needs at a guess; None: the problem's."""
+        """Return the steps that an NLP needs at a guess; None: the problem's own."""
         if self._choice is None:
             return None
         arguments = self._fitness.arguments(x0, known)
@@ -297,7 +304,7 @@ class Polisher:
         known: Known,
         held: Sequence[int],
     ) -> Polished:
-        """Return an answer polished again, if it needs more steps than its guess."""
+        """Return an answer, polished again if it needs more steps than its guess."""
         if self._choice is None or steps is None:
             return found
         states = self._fitness.states(found.controls, found.x0, known)
@@ -393,7 +400,7 @@ class Polisher:
         return better, start, self._fitness.value(better, start, known)
 
     def _judged(self, answer: "_Answer") -> PolishStatus:
-        """Return how the solver ended; of a solver other than IPOPT, by its answer."""
+        """Return the status of an answer; of others than IPOPT, from its point."""
         if self._options.plugin == "ipopt":
             return IPOPT_STATUS.get(
                 str(answer.stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
@@ -410,7 +417,7 @@ class Polisher:
         known: Known,
         how: "_How",
     ) -> "_Asked":
-        """Return what the solver is given for a guess."""
+        """Return the input of the solver for a guess."""
         program, problem = how.solvers.program, self._fitness.problem
         nodes = np.hstack([x0[:, None], states[:, 1:]])
         sizes = self._sizes(controls, states, x0, known, is_guess=how.is_guess)
@@ -418,7 +425,7 @@ class Polisher:
         signals = at_nodes(problem, flat)
         q = program.arguments(start, parameters, flat, sizes)
         limits = program.limits(sizes)
-        if program.inner_guess is not None:  # Which needs no rollout to begin from.
+        if program.inner_guess is not None:  # It needs no rollout.
             nodes = np.where(np.isfinite(nodes).all(axis=0), nodes, x0[:, None])
         first = program.variables(controls, nodes[:, :: problem.checks], sizes)
         if program.inner_guess is not None:
@@ -436,9 +443,9 @@ class Polisher:
         """Return the solver's answer.
 
         Args:
-            asked: What it is given.
+            asked: Input of the solver.
             solvers: The NLP with its solvers.
-            near: Whether it stays near where it begins.
+            near: Whether the solver stays near its start.
         """
         begun = {}
         if asked.multipliers is None:
@@ -474,7 +481,7 @@ class Polisher:
         return _Answer(point, stats, asked.sizes, work.evaluations(solvers.ratios))
 
     def _told(self, asked: "_Asked", solvers: Solvers) -> Callable[[Array], bool]:
-        """Return what is done with the iterates of a solve: the watch is told."""
+        """Return the callback for the iterates of a solve, which informs the watch."""
         problem, ratios = self._fitness.problem, solvers.ratios
         each, iterations = Work(1, 1, 1).evaluations(ratios), count()
 
@@ -497,7 +504,7 @@ class Polisher:
         *,
         is_guess: bool,
     ) -> Sizes:
-        """Return the sizes, the cost's so small that IPOPT scales it by itself.
+        """Return the sizes, with the cost's so small that IPOPT does not scale it up.
 
         IPOPT scales an objective down until no slope is above 100, but never up.
         """
@@ -516,15 +523,16 @@ def polish_basins(
     tolerance: float,
     near: bool,
 ) -> tuple[Polished, int]:
-    """Polish from each start; return the best, and the evaluations of all.
+    """Polish from each start; return the best answer, and the evaluations of all.
 
     Args:
         polisher: The polisher.
-        starts: At least one; of equals the first is kept.
+        starts: Starts, at least one; among equal answers the first is kept.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
-        tolerance: Largest violation that counts as none.
-        near: Whether the starts are answers, worth staying near; see Polisher.
+        tolerance: Largest violation that counts as feasible.
+        near: Whether the starts are answers that the solver should stay near; see
+            Polisher.
     """
     best, *others = (
         polisher(
@@ -548,7 +556,10 @@ def polish_basins(
 
 
 def better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
-    """Return the better of two, with the effort of both; of equals one converged."""
+    """Return the better of two answers, with the effort of both.
+
+    Among equal ones, one that converged is preferred.
+    """
     costs = [(p.cost, p.violation) for p in (one, other)]
     takes_other = is_better(costs[1], costs[0], tolerance=tolerance) or (
         other.status is PolishStatus.CONVERGED
@@ -567,7 +578,7 @@ def better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
 def _within(
     problem: OptimalControlProblem, x0: Array, controls: Array, decided: Array
 ) -> tuple[Array, Array]:
-    """Return controls, the same in each block, and the initial state within bounds."""
+    """Return controls, equal in each block, and the initial state within bounds."""
     lower, upper = (limit[:, None] for limit in problem.control_limits)
     start, place = x0.copy(), 0
     for one in problem.nlp_starts:
@@ -582,7 +593,8 @@ def is_better(
 ) -> bool:
     """Return whether (cost, violation) `one` is better, violation first.
 
-    Violations up to the tolerance count as none; what is not finite is never better.
+    Violations up to the tolerance count as zero; a value that is not finite is never
+    better.
     """
     if not np.isfinite(one).all():
         return False
@@ -598,9 +610,9 @@ def _pays_for_violation(
     after: tuple[float, float],
     tolerance: float,
 ) -> bool:
-    """Return whether a dearer answer differs by what the tolerance is worth only.
+    """Return whether a costlier answer is explained by the tolerance of constraints.
 
-    A guess may be cheaper than the optimum by breaking constraints within the
+    A guess may be cheaper than the optimum because it breaks constraints within the
     tolerance: a violation is worth its multiplier.
     """
     if not (
@@ -616,8 +628,8 @@ def _agree(
 ) -> bool:
     """Return whether two (cost, violation) are feasible and of the same cost.
 
-    Costs of steps whose lengths follow from a tolerance, which an NLP does not take,
-    are the same as far as that tells them apart.
+    With step size control, costs count as equal if they differ by less than the
+    tolerance can resolve, since an NLP takes fixed steps.
     """
     feasible, same = max(one[1], other[1]) <= problem.tolerance, SAME_COST
     if problem.is_adaptive:

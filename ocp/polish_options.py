@@ -1,7 +1,7 @@
-"""Options of the NLP solvers that polish.
+"""Options of the NLP solvers for the polish.
 
-From a good start IPOPT begins with a small barrier and small pushes: with its defaults
-it moves away from what it is given before it comes back, if it does.
+From a good start IPOPT begins with a small barrier and small pushes. With its defaults
+it would first move away from the start, and might not return.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ _WARM: Mapping[str, Any] = MappingProxyType(
         for pushed in ("bound_push", "bound_frac", "slack_bound_push",
                        "slack_bound_frac", "mult_bound_push")}}
 )  # fmt: skip
-"""From a point with multipliers: the barrier follows from how well they fit it."""
+"""For a start with multipliers: the barrier follows from their fit to the point."""
 
 
 _SILENT = {"print_header": False, "print_iteration": False, "print_status": False}
@@ -41,19 +41,23 @@ _QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "fatrop": {"fatrop.print_level": 0},
     }
 )
-"""What keeps the other solvers of CasADi from printing."""
+"""Options that keep the other solvers of CasADi from printing."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class IpoptOptions:
-    """What IPOPT is told.
+    """Options of IPOPT.
 
     Attributes:
         max_iterations: Largest number of iterations.
-        tolerance: IPOPT's convergence tolerance `tol`; the NLP's numbers are near one.
-        max_seconds: Wall time after which it stops [s]; None means no limit.
-        options: Any other option of IPOPT by its own name, such as
-            {"mu_strategy": "adaptive"}; it wins over what is set here.
+        tolerance: IPOPT's convergence tolerance `tol`; the NLP's variables are scaled
+            to one.
+        max_seconds: Largest wall time [s]; None means no limit.
+        options: Further options of IPOPT by their own names, such as {"mu_strategy":
+            "adaptive"}; they take precedence over the ones set here.
+
+    Raises:
+        InvalidProblemError: If a number is not positive.
 
     Example:
         >>> import swarmstart as ss
@@ -68,7 +72,7 @@ class IpoptOptions:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Raise for values that IPOPT would refuse later."""
+        """Validate the values that IPOPT would refuse later."""
         require_count("max_iterations", self.max_iterations)
         if not self.tolerance > 0:
             raise InvalidProblemError(
@@ -81,23 +85,23 @@ class IpoptOptions:
 
     @property
     def plugin(self) -> str:
-        """The name of the solver in CasADi."""
+        """Name of the solver in CasADi."""
         return "ipopt"
 
     def settings(self, *, near: bool, warm: bool = False) -> dict[str, Any]:
         """Return the options as CasADi takes them.
 
         Args:
-            near: Whether the start is good and to be kept near.
-            warm: Whether it has multipliers, too.
+            near: Whether the start is good and the solver should stay near it.
+            warm: Whether the start has multipliers, too.
         """
         told: dict[str, Any] = {
             "print_level": 0,
             "sb": "yes",
             "max_iter": self.max_iterations,
             "tol": self.tolerance,
-            # By default IPOPT leaves bounds by 1e-8; brought back into them, its
-            # controls would break path constraints that are active.
+            # By default IPOPT relaxes bounds by 1e-8. Clipping its controls to the
+            # bounds would then break active path constraints.
             "bound_relax_factor": 0.0,
             **(_WARM if warm else _NEAR if near else {}),
         }
@@ -109,11 +113,14 @@ class IpoptOptions:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NlpOptions:
-    """Another NLP solver of CasADi, such as sqpmethod or fatrop.
+    """Options of another NLP solver of CasADi, such as sqpmethod or fatrop.
 
     Attributes:
-        plugin: Its name in CasADi.
+        plugin: Name of the solver in CasADi.
         options: Options of the plug-in, as CasADi's `nlpsol` takes them.
+
+    Raises:
+        InvalidProblemError: If the plug-in is not installed.
 
     Example:
         >>> import swarmstart as ss
@@ -125,7 +132,7 @@ class NlpOptions:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Raise if there is no such plug-in."""
+        """Validate the name of the plug-in."""
         if not isinstance(self.plugin, str) or not ca.has_nlpsol(self.plugin):
             raise InvalidProblemError(
                 "plugin must be an NLP solver of CasADi that is installed, such as "
@@ -133,11 +140,16 @@ class NlpOptions:
             )
 
     def settings(self, *, near: bool, warm: bool = False) -> dict[str, Any]:
-        """Return the options as CasADi takes them."""
+        """Return the options as CasADi takes them.
+
+        Args:
+            near: Not used.
+            warm: Not used.
+        """
         del near, warm
         quiet = dict(_QUIET.get(self.plugin, {}))
         if self.options.get("qpsol", "qpoases") != "qpoases":
-            quiet["qpsol_options"] = {"error_on_fail": False}  # Each has its own names.
+            quiet["qpsol_options"] = {"error_on_fail": False}  # Names differ.
         return {**quiet, **self.options}
 
 
@@ -145,7 +157,7 @@ PolishOptions = IpoptOptions | NlpOptions
 
 
 class PolishStatus(Enum):
-    """How an NLP solver ended."""
+    """Status of an NLP solver at its end."""
 
     CONVERGED = "converged to a local optimum"
     ITERATION_LIMIT = "stopped at the limit of iterations or time"

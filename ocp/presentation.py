@@ -1,7 +1,7 @@
-"""How a result is drawn, written and shown: by functions that `ocp` knows by name only.
+"""Plots, files and tables of results, by functions that `ocp` knows by name only.
 
-`ocp` neither plots nor writes. A result looks its function up in the table below when
-it is asked, and `cases` does the work.
+`ocp` neither plots nor writes. A result looks up the function in the table below when
+it is needed, and `cases` does the work.
 """
 
 from pathlib import Path
@@ -19,16 +19,16 @@ PRESENTATIONS = {
     ("Solution", "to_dataframe"): f"{_RECORD}.tables:dataframe_of",
     ("Trajectory", "to_dataframe"): f"{_RECORD}.tables:dataframe_of",
 }
-"""(class, verb) -> "module:function" that takes the result first."""
+"""(class, verb) -> "module:function"; the function takes the result first."""
 
 
 class Presented:
-    """A result that can be drawn, saved and made a table of."""
+    """Base of results that can be drawn, saved and converted to a table."""
 
     __slots__ = ()
 
     def plot(self) -> Any:
-        """Return a matplotlib Figure: states and controls over time, by their names.
+        """Return a matplotlib Figure: states and controls over time, with their names.
 
         Raises:
             ImportError: If matplotlib is not installed.
@@ -39,9 +39,9 @@ class Presented:
         """Write the result into a folder, for `swarmstart.load`; return the folder.
 
         Args:
-            folder: Made if it is missing; must be empty.
-            force: Whether a result that was saved there before is replaced. Other
-                files are never touched.
+            folder: Created if it is missing; must be empty otherwise.
+            force: Whether to replace a result that was saved there before. Other files
+                are never changed.
 
         Raises:
             OccupiedFolderError: If the folder holds other files.
@@ -51,10 +51,10 @@ class Presented:
         return written
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame: a row a node, a column a state or a control.
+        """Return a pandas DataFrame: one row per node, one column per state or control.
 
         Algebraic variables of a Solution come last. The index is the time [s]. Controls
-        are held from a row to the next, so that the last row has none (NaN).
+        are held from one row to the next, so the last row has none (NaN).
 
         Raises:
             MissingPackageError: If pandas is not installed.
@@ -62,11 +62,11 @@ class Presented:
         return self._presented("to_dataframe")
 
     def _repr_html_(self) -> str:
-        """Return the summary and the figure, as a notebook shows them."""
+        """Return the summary and the figure, for a notebook."""
         shown: str = self._presented("html")
         return shown
 
     def _presented(self, verb: str, *arguments: Any, **options: Any) -> Any:
-        """Call the function that the table has for this class and a verb."""
+        """Call the function that the table lists for this class and a verb."""
         present = resolve_name(PRESENTATIONS[type(self).__name__, verb])
         return present(self, *arguments, **options)

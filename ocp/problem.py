@@ -10,18 +10,18 @@
     |.|.|.|.|                                           `substeps` of the integrator
                                                         to a check
 
-The initial state, the parameters p and the signals are arguments of whatever is made
-from the problem, not part of it. Signals are what is known to change over the horizon
-(a reference, the plans of others): a value at each of the N * checks + 1 nodes, linear
-in between.
+The initial state, the parameters p and the signals are arguments of the functions made
+from the problem, not part of it. Signals are known functions of time (a reference, the
+plans of others), given by their values at the N * checks + 1 nodes and linear in
+between.
 
-The stage cost is integrated with the model (`quadrature="integral"`), or summed, as the
-chapter does, at the beginning of each interval, dt * L(x_k, u_k) (`quadrature="left"`,
-5.2), or at its end, dt * L(x_k+1, u_k) (`quadrature="right"`, 5.3).
+The stage cost is integrated with the model (`quadrature="integral"`), or summed as in
+the chapter: at the start of each interval, dt * L(x_k, u_k) (`quadrature="left"`, 5.2),
+or at its end, dt * L(x_k+1, u_k) (`quadrature="right"`, 5.3).
 
-Nothing is judged by a number that a change of units would change. Each row of a
-constraint has a scale (row_scales): the one given, the width of a range, or one found
-for an initial state from the problem's own numbers (scaling.py).
+No decision depends on the units of the problem. Each row of a constraint has a scale
+(row_scales): the one given, the width of a range, or one found for an initial state
+from the problem's own numbers (scaling.py).
 """
 
 from collections.abc import Mapping, Sequence
@@ -83,13 +83,13 @@ from swarmstart.ocp.whole_numbers import integer_numbers
 
 Array = NDArray[np.float64]
 STATE_BOUNDS = "bounds of the states"
-"""Name of the path constraint that bounds of the states are."""
+"""Name of the path constraint that represents bounds of the states."""
 Quadrature = Literal["integral", "left", "right"]
 _WITHOUT_CONTROLS = (
     "initial_cost", "terminal_cost", "a terminal constraint", "a weight",
 )  # fmt: skip
 _LARGEST_POWER = 1000
-"""Of two: what is taken out of costs must itself be a number."""
+"""Power of two: the factor taken out of costs must itself be finite."""
 
 
 class Costs(NamedTuple):
@@ -106,61 +106,66 @@ class OptimalControlProblem:
     """An optimal-control problem over a horizon; the initial state is an argument.
 
     Attributes:
-        model: The model whose symbols all expressions are written in.
-        horizon: Length of the prediction [s]; a `Free` where it is decided.
-        intervals: Number N of control intervals in it.
+        model: The model; all expressions are written in its symbols.
+        horizon: Length of the prediction [s]; a `Free` if it is decided.
+        intervals: Number N of control intervals in the horizon.
         stage_cost: Scalar in states, controls, parameters, signals [cost / s].
-        step_cost: The same, but [cost], added as each interval begins; it may depend
-            on the previous controls, too.
-        initial_cost: Scalar in states, parameters, signals, at the start.
-        terminal_cost: The same at the end.
-        maximize: Whether the costs are maximised: they are turned round on the way in,
-            and a `Solution` tells them as they are stated. Plans have what is
-            minimised.
+        step_cost: Scalar in the same symbols and the previous controls [cost], added at
+            the start of each interval.
+        initial_cost: Scalar in states, parameters and signals, at the start of the
+            horizon.
+        terminal_cost: Scalar in states, parameters and signals, at the end of the
+            horizon.
+        maximize: Whether the costs are maximised. They are then negated internally; a
+            `Solution` reports them as stated, whereas plans hold the minimised costs.
         bounds: Bounds on controls and states.
-        constraints: Path constraints: those of constraints.py, relations such as
-            `x[0] <= 1`, or bare expressions, which mean expression = 0.
-        terminal: Terminal constraints, relations, bare expressions (= 0), or pairs
-            (expression, value).
-        start: Names of the states whose value at the start is decided, each with its
-            bounds; several names in a tuple start at one value. What an initial state
-            says of them is the guess.
-        periodic: Names of states that end where they start.
+        constraints: Path constraints: objects of constraints.py and separation.py,
+            relations such as `x[0] <= 1`, or expressions alone, which mean expression =
+            0.
+        terminal: Terminal constraints: objects, relations, expressions alone (= 0), or
+            pairs (expression, value).
+        start: Names of the states whose initial value is decided, each with its bounds;
+            several names in a tuple share one value. Their entries in the initial state
+            are the guess.
+        periodic: Names of states whose final value equals their initial value.
         decided: Names of the model's parameters that are decided, with their bounds.
-        previous: Symbols of the controls of the interval before, shape (nu, 1), which
-            the step cost and the path constraints may depend on.
-        clock: Name of the state that is the time of an answer [s]; empty: the time goes
-            evenly over the horizon.
-        blocks: Lengths of blocks of intervals that have one control each, in order
+        previous: Symbols of the controls of the interval before, shape (nu, 1), for the
+            step cost and the path constraints.
+        clock: Name of the state that is the time of an answer [s]; empty: the time is
+            uniform over the horizon.
+        blocks: Lengths of blocks of intervals that share one control, in order
             (blocks.py); empty: each interval has its own.
-        control_shape: "constant", "linear" or "continuous": whether controls are held
-            over an interval or linear between knots, whose first is decided or, of
-            "continuous", that of Known(previous=...); see control_shape.py. A step cost
-            has the controls at the end of an interval, and the previous ones are those
-            at its beginning.
-        scales: Sizes of states and controls by name, in their units, that take the
-            place of the natural ones (scaling.py); of the others these are found.
+        control_shape: "constant" (controls held over an interval), "linear" (linear
+            between knots, the first of which is decided) or "continuous" (linear, with
+            the first knot given by Known(previous=...)); see control_shape.py. With
+            knots, the step cost uses the controls at the end of an interval, and the
+            previous controls are those at its start.
+        scales: Natural sizes of states and controls by name, in their units; sizes that
+            are not given are found (scaling.py).
         signals: Symbols of the known signals, shape (ns, 1); those of the model come
-            first, and are added where they are missing.
+            first, and are added if they are missing.
         quadrature: "integral", "left" or "right".
         integrator: A key of INTEGRATORS.
-        substeps: Steps of the integrator from one check to the next; where their
-            lengths follow from a tolerance, as many as are expected.
-        integrator_tolerance: Allowed error of each step of "stiff", in parts of what
-            the state has been (adaptive.py); None: `substeps` equal steps. The other
-            integrators take equal steps.
-        transcription: How the polish has the states within an interval: "shooting", by
-            the integrator's steps, or "radau", as unknowns; a `Radau` says how many.
+        substeps: Number of integrator steps from one check to the next; with step size
+            control, the expected number.
+        integrator_tolerance: Allowed relative error of each step of "stiff"
+            (adaptive.py); None: `substeps` equal steps. The other integrators always
+            take equal steps.
+        transcription: Treatment of the states within an interval by the polish:
+            "shooting" (integrator steps) or "radau" (collocation, with the states as
+            unknowns); a `Radau` sets its number of points.
         checks: Number of checks in an interval.
-        tolerance: Largest summed violation that counts as feasible, in parts of the
+        tolerance: Largest summed violation that counts as feasible, relative to the
             constraints' scales.
-        path_tolerance: Largest excess of a constraint on the finely integrated path, in
-            parts of its scale, for an answer to be confirmed.
-        risk: The members' costs of an ensemble (ensemble.py); None: not an ensemble.
-        epigraph: How an NLP has a terminal cost with kinks; made by lowering.py.
+        path_tolerance: Largest excess of a constraint on the finely integrated path,
+            relative to its scale, at which an answer is confirmed.
+        risk: Costs of the members of an ensemble (ensemble.py); None: not an ensemble.
+        epigraph: Smooth form of a terminal cost with kinks, for an NLP; made by
+            lowering.py.
 
     Raises:
-        InvalidProblemError: With the name, the value given and what is allowed.
+        InvalidProblemError: If an entry is invalid; with its name, the value given and
+            what is allowed.
 
     Example:
         >>> import casadi as ca
@@ -208,7 +213,7 @@ class OptimalControlProblem:
     epigraph: Epigraph | None = None
 
     def __post_init__(self) -> None:
-        """Check everything; bring sequences to tuples and bounds to arrays."""
+        """Validate all fields; convert sequences to tuples and bounds to arrays."""
         if not isinstance(self.model, Model):
             raise InvalidProblemError(
                 f"model must be a swarmstart.Model, got {shortened(self.model)}"
@@ -247,7 +252,7 @@ class OptimalControlProblem:
         object.__setattr__(self, name, value)
 
     def _bring_symbols_to_sx(self) -> None:
-        """Replace MX symbols of the problem; its model knows them then."""
+        """Replace MX symbols of the problem, and add them to the model's map."""
         columns = {role: getattr(self, role) for role in ("signals", "previous")}
         if any(isinstance(column, ca.MX) for column in columns.values()):
             symbol_map, columns = self.model.symbol_map.extended(columns)
@@ -256,14 +261,14 @@ class OptimalControlProblem:
                 self._set(role, column)
 
     def _with_solved(self) -> tuple[Constraint, ...]:
-        """Return the constraints, with that the model's algebraic equations hold."""
+        """Return the constraints, including that the algebraic equations are solved."""
         stated = tuple(as_path(c) for c in self.constraints)
         names = {constraint.name for constraint in stated}
         solved = self.model.elimination.constraints()
         return (*stated, *[c for c in solved if c.name not in names])
 
     def _listed(self, role: str) -> list[object]:
-        """Return the entries of a list; a bare expression or relation is one."""
+        """Return the entries of a list; a lone expression or relation is one entry."""
         given = in_sx(role, getattr(self, role), self.model.symbol_map.sx)
         if isinstance(given, ca.SX):
             return [given]
@@ -313,12 +318,12 @@ class OptimalControlProblem:
         self._set(role, require_number(role, self.integrator_tolerance))
         if not FINEST <= self.integrator_tolerance <= COARSEST:
             raise InvalidProblemError(
-                f"{role} must be None or from {FINEST:g} to {COARSEST:g}, "
+                f"{role} must be a number from {FINEST:g} to {COARSEST:g}, "
                 f"got {self.integrator_tolerance}"
             )
 
     def _check_constraints(self) -> None:
-        """Refuse constraints that depend on what has no value where they hold."""
+        """Raise if a constraint depends on symbols that have no value at its place."""
         for constraint in (*self.stated, *self.soft):
             self._require_known("a path constraint", constraint.expression)
         for soft in self.soft:
@@ -328,7 +333,7 @@ class OptimalControlProblem:
             self._require_known("a terminal constraint", end.expression)
 
     def _check_decisions(self) -> None:
-        """Refuse names of states and parameters that are unknown or come twice."""
+        """Raise if names of states and parameters are unknown or repeated."""
         free_starts(self.start, self.model.state_names, self.state_limits)
         parameters = symbol_names(self.model.parameters)
         for role, named, names in (
@@ -360,7 +365,7 @@ class OptimalControlProblem:
         return expression
 
     def _require_known(self, role: str, expression: ca.SX) -> None:
-        """Refuse an expression that depends on what has no value where it is used."""
+        """Raise if an expression depends on symbols that have no value at its place."""
         known = self.symbols()
         if role in _WITHOUT_CONTROLS:
             del known["controls"]
@@ -425,12 +430,12 @@ class OptimalControlProblem:
 
     @property
     def sense(self) -> float:
-        """1 of costs that are minimised, -1 of those that are maximised."""
+        """1 for costs that are minimised, -1 for costs that are maximised."""
         return -1.0 if self.maximize else 1.0
 
     @property
     def collocation(self) -> Radau | None:
-        """The collocation of the polish; None: it shoots."""
+        """Collocation of the polish; None: multiple shooting."""
         return as_transcription(self.transcription)
 
     @property
@@ -438,7 +443,7 @@ class OptimalControlProblem:
         """Length of the horizon [s].
 
         Raises:
-            InvalidProblemError: If it is decided, and so no number of the problem.
+            InvalidProblemError: If it is decided, and so not known in advance.
         """
         if isinstance(self.horizon, Free):
             raise InvalidProblemError(
@@ -457,9 +462,9 @@ class OptimalControlProblem:
         return int(self.signals.numel())
 
     def costs(self) -> tuple[float, "Costs"]:
-        """Return (unit, costs / unit), the unit a power of two.
+        """Return (unit, costs / unit), where the unit is a power of two.
 
-        A cost times a power of two differs in the unit only; see units.py.
+        Costs that differ by a power of two differ in the unit only; see units.py.
         """
         given = Costs(
             self.stage_cost, self.step_cost, self.initial_cost, self.terminal_cost
@@ -489,7 +494,7 @@ class OptimalControlProblem:
 
     @property
     def expected_times(self) -> Array:
-        """The same, of a free horizon as far as it is guessed."""
+        """Times of the nodes; for a free horizon, by its guess, shape (nodes,) [s]."""
         if isinstance(self.horizon, Free):
             return np.linspace(0.0, self.horizon.first, self.nodes)
         return self.times
@@ -507,7 +512,7 @@ class OptimalControlProblem:
 
     @property
     def has_knots(self) -> bool:
-        """Whether the controls are linear between knots."""
+        """True if the controls are linear between knots."""
         return self.control_shape != "constant"
 
     @property
@@ -518,10 +523,10 @@ class OptimalControlProblem:
 
     @cached_property
     def control_labels(self) -> NDArray[np.intp]:
-        """A number for each control of each interval, shape (nu, N).
+        """Label of each control of each interval, shape (nu, N).
 
-        Controls that must be the same have the same number: those of a block, and those
-        of the members of an ensemble until these are known apart.
+        Controls that must be equal have the same label: those of a block, and those of
+        the members of an ensemble until these are known apart.
         """
         shared = 0
         if self.risk is not None and self.risk.robust_horizon is not None:
@@ -536,15 +541,12 @@ class OptimalControlProblem:
 
     @property
     def ties_controls(self) -> bool:
-        """Whether some controls must be the same."""
+        """True if some controls must be equal."""
         tied = self.risk is not None and bool(self.risk.robust_horizon)
         return bool(self.blocks) or tied
 
     def averaged(self, controls: Array) -> Array:
-        """Return controls, (nu, N), of which those that must be the same are; a copy.
-
-        They have their mean.
-        """
+        """Return controls (nu, N) with the mean of those that must be equal; a copy."""
         if self.flown_controls == self.model.nu:
             return averaged(controls, self.blocks)
         return same_in_labels(controls, self.control_labels)
@@ -565,12 +567,12 @@ class OptimalControlProblem:
 
     @cached_property
     def terminal_constraints(self) -> tuple[TerminalConstraint, ...]:
-        """The terminal constraints, all as such."""
+        """All terminal constraints, converted to TerminalConstraint."""
         return tuple(as_terminal(c) for c in self.terminal)
 
     @cached_property
     def stated(self) -> tuple[Constraint, ...]:
-        """The path constraints as stated, all as such, but those that are soft."""
+        """All path constraints as stated, except soft ones, as constraint objects."""
         every = map(as_path, self.constraints)
         return tuple(
             c for c in every if not (isinstance(c, PathConstraint) and c.is_soft)
@@ -578,7 +580,7 @@ class OptimalControlProblem:
 
     @cached_property
     def soft(self) -> tuple[PathConstraint, ...]:
-        """The soft constraints, whose excess is a cost; see soft.py."""
+        """Soft constraints, whose excess is a cost; see soft.py."""
         every = map(as_path, self.constraints)
         return tuple(c for c in every if isinstance(c, PathConstraint) and c.is_soft)
 
@@ -589,7 +591,7 @@ class OptimalControlProblem:
 
     @cached_property
     def path_constraints(self) -> tuple[Constraint, ...]:
-        """The path constraints, with the state bounds as the last one."""
+        """Path constraints, with the state bounds as the last one."""
         lower, upper = self.state_limits
         bounded = self.bounded_states
         if not bounded.size:
@@ -611,9 +613,9 @@ class OptimalControlProblem:
         return np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
 
     def row_scales(self) -> list[Array]:
-        """Return the scale of each row of the path, then the terminal constraints.
+        """Return the scale of each row, of the path and then the terminal constraints.
 
-        NaN stands for a scale that depends on the initial state, see scaling.py.
+        NaN stands for a scale that depends on the initial state; see scaling.py.
         """
         return [
             known_scales(c)
@@ -622,38 +624,38 @@ class OptimalControlProblem:
 
     @cached_property
     def free_starts(self) -> tuple[FreeStart, ...]:
-        """The decisions about the state at the start."""
+        """Decisions about the state at the start."""
         return free_starts(self.start, self.model.state_names, self.state_limits)
 
     @property
     def start_decisions(self) -> dict[int, int]:
-        """Of each state whose start is decided: the number of its free start."""
+        """For each state whose start is decided, the number of its free start."""
         return {
             i: number for number, one in enumerate(self.free_starts) for i in one.states
         }
 
     @property
     def nlp_starts(self) -> tuple[FreeStart, ...]:
-        """The same of an NLP, which decides what makes a cost smooth, too."""
+        """Free starts of an NLP, including the decisions that make its cost smooth."""
         more = () if self.epigraph is None else self.epigraph.starts
         return (*self.free_starts, *more)
 
     @property
     def smooth_terminal_cost(self) -> ca.SX:
-        """The terminal cost as an NLP has it."""
+        """Terminal cost in the smooth form for an NLP."""
         return self.terminal_cost if self.epigraph is None else self.epigraph.cost
 
     @property
     def decisions(self) -> int:
-        """Number of what is decided: the controls, and what of the start is free."""
+        """Number of decisions: the controls, and the free starts."""
         return self.model.nu * self.intervals + len(self.free_starts)
 
     @cached_property
     def automatic(self) -> int:
-        """How many numbers of a rollout depend on the initial state.
+        """Number of a rollout's parameters that depend on the initial state.
 
-        They are 1 / scale of rows, and then the sizes of what is integrated where steps
-        have no fixed length.
+        These are 1 / scale of rows and, with step size control, the sizes of the
+        integrated quantities.
         """
         rows = sum(int(np.isnan(scales).sum()) for scales in self.row_scales())
         return rows + (self.model.nx + self.integrals if self.is_adaptive else 0)
@@ -665,7 +667,7 @@ class OptimalControlProblem:
 
     @property
     def is_adaptive(self) -> bool:
-        """Whether the lengths of a rollout's steps follow from their errors."""
+        """True if rollouts use step size control."""
         return (
             self.integrator == "stiff"
             and self.integrator_tolerance is not None
@@ -706,7 +708,7 @@ class OptimalControlProblem:
 
 
 def _with_those_of(model: Model, signals: ca.SX) -> ca.SX:
-    """Return the signals of a problem, the model's first."""
+    """Return the signals of a problem, with the model's first."""
     own = [signals[i] for i in range(signals.numel())]
     first = [model.signals[i] for i in range(model.ns)]
     if len(own) >= len(first) and all(

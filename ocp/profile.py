@@ -10,12 +10,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Profile:
-    """Controls held one after another, or knots with lines between them.
+    """Controls held one after another, or knots joined by lines.
 
     Attributes:
-        controls: Held one after another, or the knots at the ends, shape (nu, m).
-        piece: How long each is held, or the time between knots [s].
-        start: The first knot, shape (nu,); None: controls are held.
+        controls: Controls held one after another, or the knots at the ends, shape
+            (nu, m).
+        piece: Time for which each is held, or between knots [s].
+        start: The first knot, shape (nu,); None: the controls are held.
     """
 
     controls: Array
@@ -24,14 +25,14 @@ class Profile:
 
     @property
     def is_held(self) -> bool:
-        """Whether controls are held, not linear."""
+        """True if the controls are held, not linear."""
         return self.start is None
 
     def at(self, times: Array) -> Array:
         """Return the controls at times (n,) [s], shape (nu, n).
 
-        Those that are held jump, to what comes next; before and after stay the first
-        and the last.
+        Held controls jump to the next value at its start. Before the first and after
+        the last time, the first and the last value hold.
         """
         m = self.controls.shape[1]
         if self.start is None:
@@ -44,7 +45,7 @@ class Profile:
         """Return the controls at both ends of equal steps, shape (nu, steps + 1).
 
         Args:
-            dt: Length of all steps together [s].
+            dt: Total length of all steps [s].
             steps: Number of steps.
         """
         return self.at(dt * (np.arange(steps + 1) / steps))
@@ -53,8 +54,8 @@ class Profile:
         """Return the controls in the middle of equal steps, shape (nu, steps).
 
         Args:
-            begin: Time of the first step's beginning [s].
-            dt: Length of all steps together [s].
+            begin: Start time of the first step [s].
+            dt: Total length of all steps [s].
             steps: Number of steps.
         """
         return self.at(begin + (np.arange(steps) + 0.5) * dt / steps)

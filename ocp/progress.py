@@ -1,4 +1,4 @@
-"""How long work tells the program that asked for it how far it is."""
+"""Progress reports from long work to the program that called it."""
 
 import time as clock
 from collections.abc import Callable
@@ -6,28 +6,29 @@ from collections.abc import Callable
 from swarmstart.heuristics import Budget
 
 ProgressCallback = Callable[[int, int, str], None]
-"""(done, of, what is being done) -> None; `of` is 0 where that cannot be told.
+"""(done, of, description of the work) -> None; `of` is 0 if it is not known.
 
 The library itself prints nothing.
 """
 
 
 def tell_nothing(done: int, of: int, what: str, /) -> None:
-    """Tell nothing: the default."""
+    """Do nothing: the default callback."""
 
 
 def of_budget(
     progress: ProgressCallback, budget: Budget, what: str
 ) -> Callable[[int], None] | None:
-    """Return a function of the evaluations so far that tells the progress.
+    """Return a function of the evaluations so far that reports the progress.
 
     Args:
-        progress: Told evaluations, or whole seconds where the budget has only these.
-        budget: Of the work, which begins now.
-        what: What is being done.
+        progress: Callback; receives evaluations, or whole seconds if the budget has
+            only these.
+        budget: Budget of the work, which starts now.
+        what: Description of the work.
 
     Returns:
-        None where nothing is to be told.
+        The function; None if no progress is to be reported.
     """
     if progress is tell_nothing:
         return None

@@ -1,8 +1,8 @@
-"""Radau IIA collocation: where a polynomial follows a differential equation.
+"""Radau IIA collocation: a polynomial that satisfies a differential equation.
 
 Over an element of length h a state is a polynomial of degree d through its value X_0 at
-the beginning and X_1 ... X_d at the points c_1 < ... < c_d = 1, which are the roots of
-P_d-1 - P_d (Legendre, on [0, 1]); at each of them it follows x' = f(x):
+the start and X_1 ... X_d at the points c_1 < ... < c_d = 1, which are the roots of
+P_d-1 - P_d (Legendre, on [0, 1]). At each of these points it satisfies x' = f(x):
 
     sum_j D_ij X_j = h f(X_i),   D = A^-1 (-1, I),   A_ij = integral_0^c_i l_j
 
@@ -25,18 +25,18 @@ from swarmstart.ocp.limits import require_count
 
 Array = NDArray[np.float64]
 Transcription = Literal["shooting", "radau"]
-"""A name of a transcription, for where names must be known before anything runs."""
+"""Name of a transcription, for modules that must know the names before any import."""
 _MOST_POINTS = 9
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Radau:
-    """Radau IIA collocation in the polish.
+    """Settings of Radau IIA collocation in the polish.
 
     Attributes:
         points: Collocation points d in each element, 1 to 9; the order is 2 d - 1.
-        elements: Elements from one check to the next; None: as many as the integrator
-            has substeps there.
+        elements: Number of elements from one check to the next; None: the integrator's
+            number of substeps.
 
     Raises:
         InvalidProblemError: If a number is not allowed.
@@ -57,7 +57,7 @@ class Radau:
     elements: int | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
+        """Validate the numbers."""
         require_count("points", self.points)
         if self.points > _MOST_POINTS:
             raise InvalidProblemError(
@@ -68,10 +68,10 @@ class Radau:
 
 
 def as_transcription(given: object) -> Radau | None:
-    """Return the collocation that is meant; None: multiple shooting.
+    """Return the collocation for a user's entry; None: multiple shooting.
 
     Raises:
-        InvalidProblemError: If neither is meant.
+        InvalidProblemError: If the entry is neither.
     """
     if isinstance(given, Radau):
         return given
@@ -90,7 +90,7 @@ class Coefficients:
     """Coefficients of collocation at d points.
 
     Attributes:
-        times: c, shape (d,), in parts of the element.
+        times: c, shape (d,), as fractions of the element.
         slopes: D, shape (d, d + 1).
         weights: b, shape (d,).
     """
@@ -104,7 +104,7 @@ def radau_coefficients(points: int) -> Coefficients:
     """Return the coefficients of Radau IIA collocation.
 
     Args:
-        points: Their number d, at least 1.
+        points: Number d of points, at least 1.
     """
     polynomial = np.zeros(points + 1)
     polynomial[-2:] = 1.0, -1.0

@@ -1,8 +1,8 @@
-"""An answer that breaks a constraint between the checks, solved again with a margin.
+"""Repair: an answer that breaks a constraint between checks is solved with a margin.
 
-The constraint is tightened by what was measured, and the problem solved again from the
-answer. What counts as measured: the path's excess (path.py), and, of a separation along
-segments, what its chords cut, since an NLP sees points only.
+The constraint is tightened by the measured excess, and the problem is solved again from
+the answer. The measured excess is that of the path (path.py). For a separation along
+segments it is also the amount by which the chords cut, since an NLP sees points only.
 """
 
 import math
@@ -25,9 +25,9 @@ from swarmstart.ocp.solution import Solution
 Array = NDArray[np.float64]
 ATTEMPTS = 3
 _MORE = 1.05
-"""Margins are this times what was measured: the next path is another one."""
+"""Factor of a margin over the measured excess, since the next path differs."""
 _LEAST_EFFECT, _HASTE = 0.25, 0.25
-"""Least effect of a margin that is believed; what each later attempt takes besides."""
+"""Smallest effect of a margin that is trusted; extra factor for each later attempt."""
 
 
 def needed(
@@ -52,21 +52,21 @@ def needed(
 
 
 Place = tuple[int, int, bool]
-"""Constraint, row, and whether it is the upper limit."""
+"""Number of the constraint, its row, and whether the upper limit is meant."""
 
 
 def hurried(
     excesses: Sequence[Excess], last: Mapping[Place, float], attempt: int
 ) -> list[Excess]:
-    """Return excesses made larger by what the last margin did not achieve.
+    """Return excesses enlarged by the part that the last margin did not remove.
 
-    A margin moves the points that the NLP sees; the path between them follows by a part
-    c of it only. Two measurements of one row give c, and so the margin that is left
-    (the secant method); later attempts take more besides.
+    A margin moves the points that the NLP sees; the path between them follows only by a
+    fraction c. Two measurements of one row give c, and thus the remaining margin (the
+    secant method). Later attempts add an extra factor.
 
     Args:
-        excesses: What the last answer breaks.
-        last: Of each row, what its answer before broke.
+        excesses: Excesses of the last answer.
+        last: Excess of each row in the answer before it.
         attempt: Number of the attempt, from 0.
     """
     found = []
@@ -86,16 +86,19 @@ def slack_at_checks(
     known: Known,
     times: int,
 ) -> dict[tuple[int, int], float]:
-    """Return how far inside each path row is at the checks at least, by its place.
+    """Return the smallest distance of each path row to its limit at the checks.
 
-    A margin below it would change nothing.
+    A margin below this distance would change nothing.
 
     Args:
-        tracer: The problem's.
+        tracer: Tracer of the problem.
         solution: An answer to it.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
-        times: How many times as many checks it was made with.
+        times: Factor for the number of checks of the solution.
+
+    Returns:
+        The distances by the place of the row.
     """
     problem = tracer.problem
     path, checks = solution.path, problem.intervals * problem.checks * times
@@ -117,14 +120,14 @@ def added(
     slack: Mapping[tuple[int, int], float],
     coarser: float,
 ) -> dict[Place, Excess]:
-    """Return the margins of each row, those that were there and what was measured.
+    """Return the margins of each row: the earlier ones plus the measured excesses.
 
     Args:
-        margins: Of the last attempt.
-        excesses: What its answer breaks.
-        slack: How far inside each row is at the checks, by its place.
-        coarser: Its checks to those of the next attempt: what lies between checks
-            falls by the square of their distance.
+        margins: Margins of the last attempt.
+        excesses: Excesses of its answer.
+        slack: Distance of each row to its limit at the checks, by its place.
+        coarser: Ratio of its number of checks to that of the next attempt; an excess
+            between checks falls with the square of their distance.
     """
     found = dict(margins)
     for excess in excesses:
@@ -139,7 +142,7 @@ def added(
 
 
 def place_of(excess: Excess) -> Place:
-    """Return which limit of which row an excess is of."""
+    """Return the limit and the row that an excess belongs to."""
     return excess.constraint, excess.row, excess.above
 
 
@@ -149,13 +152,13 @@ def tightened(
     *,
     for_all: float = 0.0,
 ) -> OptimalControlProblem:
-    """Return a problem whose constraints have margins for what was measured.
+    """Return a problem whose constraints have margins for the measured excesses.
 
     Args:
         problem: The problem.
-        excesses: What its answer breaks, or the margins that are wanted.
-        for_all: Least margin of all distances, in parts of their scales: what one
-            pair gives way, the next may take.
+        excesses: Excesses of its answer, or the margins wanted.
+        for_all: Smallest margin of all distances, relative to their scales, since one
+            pair may take the room that another gives up.
     """
     constraints = list(problem.stated)
     if for_all:
@@ -175,9 +178,9 @@ def tightened(
 
 
 def finer_checks(problem: OptimalControlProblem, attempt: int) -> int:
-    """Return how many times as many checks an attempt has, from 0: 1, 2, 4.
+    """Return the factor for the number of checks of an attempt, from 0: 1, 2, 4.
 
-    The steps of the integrator stay the same if they can be shared out.
+    The integrator's steps stay the same if they can be divided evenly.
     """
     times = 2**attempt
     shared = math.gcd(problem.substeps, times)
@@ -187,12 +190,12 @@ def finer_checks(problem: OptimalControlProblem, attempt: int) -> int:
 def with_more_checks(
     problem: OptimalControlProblem, known: Known, times: int
 ) -> tuple[OptimalControlProblem, Known]:
-    """Return a problem with more checks, on steps of the integrator no longer.
+    """Return a problem with more checks, with integrator steps at most as long.
 
     Args:
         problem: The problem.
-        known: Its parameters and signals, brought to the new nodes.
-        times: How many times as many checks.
+        known: Its parameters and signals, which are interpolated at the new nodes.
+        times: Factor for the number of checks.
     """
     finer = replace(
         problem,
@@ -227,7 +230,7 @@ def has_segments(problem: OptimalControlProblem) -> bool:
 def _shared_by_distances(
     constraints: Sequence[Constraint], excesses: Sequence[Excess], least: float
 ) -> list[Excess]:
-    """Return margins, those of distances at least a part of their scales."""
+    """Return margins, with those of distances at least a part of their scales."""
     own = {excess.constraint: excess for excess in excesses}
     distances = {}
     for number, c in enumerate(constraints):
@@ -242,7 +245,7 @@ def _shared_by_distances(
 
 
 def _with_margin(constraint: Constraint, excess: Excess, margin: float) -> Constraint:
-    """Return a constraint with a larger margin; unknown kinds stay as they are."""
+    """Return a constraint with a larger margin; unknown types stay unchanged."""
     if isinstance(constraint, Separation):
         return replace(
             constraint,
@@ -262,7 +265,7 @@ def _with_margin(constraint: Constraint, excess: Excess, margin: float) -> Const
 def _move_limit(
     lower: Array, upper: Array, row: int, above: bool, margin: float
 ) -> None:
-    """Tighten one limit in place, at most to the middle of what it leaves."""
+    """Tighten one limit in place, at most to the middle of the allowed range."""
     width = upper[row] - lower[row]
     margin = min(margin, width / 2) if np.isfinite(width) else margin
     if above:
@@ -274,7 +277,7 @@ def _move_limit(
 def _cut_by_chords(
     problem: OptimalControlProblem, solution: Solution, x0: ArrayLike, known: Known
 ) -> list[Excess]:
-    """Return what the chords of separations along segments cut, at the worst."""
+    """Return the worst excess of the chords of separations along segments."""
     found = []
     _, p, flat = shared_arguments(problem, x0, known)
     x, s = solution.plan.states, at_nodes(problem, flat)

@@ -1,4 +1,4 @@
-"""The costs of several members of an ensemble, and how they count together.
+"""Costs of the members of an ensemble, combined into one cost.
 
 With the costs J_m of the members and weights w_m that sum to one,
 
@@ -6,14 +6,14 @@ With the costs J_m of the members and weights w_m that sum to one,
     "worst"  max J_m
     "cvar"   min over t of  t + sum w_m max(J_m - t, 0) / (1 - level)
 
-The last is the mean of the worst part, 1 - level, of the distribution. A least t is one
-of the J_m, so that the minimum is a finite one. An NLP is given the same without kinks,
-by numbers that are decided with the controls,
+The last is the mean of the worst part, 1 - level, of the distribution. One of the J_m
+is an optimal t, so the minimum is over finitely many values. For an NLP the same cost
+is written without kinks, by numbers that are decided with the controls,
 
     minimise  t + sum w_m e_m / (1 - level)
     subject to  J_m - t = e_m - r_m,  e_m >= 0,  r_m >= 0
 
-and "worst" is that with e_m = 0 and without the sum.
+and "worst" is the same with e_m = 0 and without the sum.
 
 Source: Rockafellar and Uryasev (2000), Optimization of conditional value-at-risk,
 Journal of Risk 2, theorem 1.
@@ -35,16 +35,16 @@ Measure = Literal["mean", "worst", "cvar"]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Risk:
-    """The members' costs as expressions, and what is made of them.
+    """Costs of the members as expressions, and their combination.
 
     Attributes:
         stage: Stage cost of each member, shape (M, 1).
-        step: Step cost of each.
-        initial: Initial cost of each.
-        terminal: Terminal cost of each.
-        weights: Of the members, positive, of sum one, shape (M,).
+        step: Step cost of each member, shape (M, 1).
+        initial: Initial cost of each member, shape (M, 1).
+        terminal: Terminal cost of each member, shape (M, 1).
+        weights: Weights of the members, positive, with the sum one, shape (M,).
         measure: "mean", "worst" or "cvar".
-        level: Of "cvar": the mean is of the worst part, 1 - level; in [0, 1).
+        level: Level of "cvar", which averages the worst part, 1 - level; in [0, 1).
         robust_horizon: Number of intervals after which each member has controls of its
             own; None: all have the same ones.
     """
@@ -64,7 +64,7 @@ class Risk:
         return int(self.weights.size)
 
     def start(self, x0: Array, nx: int) -> Array:
-        """Return the initial state of all members, of theirs or of one for all.
+        """Return the initial state of all members, from theirs or from one for all.
 
         Args:
             x0: Initial state of a member, or of all of them one after another.
@@ -73,7 +73,7 @@ class Risk:
         return np.tile(x0, self.members) if x0.size * self.members == nx else x0
 
     def negated(self) -> "Risk":
-        """Return the same of the members' costs times -1."""
+        """Return the risk of the members' costs multiplied by -1."""
         return replace(
             self,
             stage=-self.stage,
@@ -83,7 +83,7 @@ class Risk:
         )
 
     def of(self, costs: ca.SX) -> ca.SX:
-        """Return the one cost that counts, of those of the members, shape (M, 1)."""
+        """Return the combined cost of the members' costs, shape (M, 1)."""
         each = ca.vertsplit(costs)
         if len(each) == 1:
             return costs
@@ -98,7 +98,7 @@ class Risk:
         return threshold + ca.dot(ca.DM(self.weights), excess) / (1 - self.level)
 
     def threshold(self, costs: Array) -> float:
-        """Return the t at which the cost has its value, of numbers, shape (M,)."""
+        """Return the t that attains the combined cost, for costs of shape (M,)."""
         if self.measure == "worst":
             return float(costs.max())
         order = np.argsort(costs)
@@ -108,14 +108,14 @@ class Risk:
 
 
 class Epigraph(NamedTuple):
-    """A cost with kinks as an NLP has it: numbers decided besides, and equations.
+    """Smooth form of a cost with kinks, for an NLP: extra decisions and equations.
 
     Attributes:
-        risk: How the members' costs count.
+        risk: The combination of the members' costs.
         costs: Cost of each member at the end of the horizon, shape (M, 1).
-        decided: Symbols t, e, r of the states that are decided for the NLP.
+        decided: Symbols t, e, r of the states that the NLP decides.
         first: Number of the first of these states.
-        accrued: Numbers of the states that sum up the members' costs.
+        accrued: Numbers of the states that accrue the members' costs.
     """
 
     risk: Risk
@@ -131,7 +131,7 @@ class Epigraph(NamedTuple):
 
     @property
     def starts(self) -> tuple[FreeStart, ...]:
-        """The decisions, of which the NLP alone knows."""
+        """Decisions that only the NLP has."""
         bounds = [Free(), *[Free(0.0)] * (self.decided.numel() - 1)]
         return tuple(
             FreeStart(states=(i,), value=value)
@@ -148,7 +148,7 @@ class Epigraph(NamedTuple):
 
     @property
     def equations(self) -> ca.SX:
-        """What is zero at the end, shape (M, 1)."""
+        """Expressions that must be zero at the end, shape (M, 1)."""
         t, e, r = self._parts()
         return self.costs - t + r - (e if e.numel() else 0)
 
@@ -158,7 +158,7 @@ class Epigraph(NamedTuple):
         return t, e, r
 
     def values(self, costs: Array) -> Array:
-        """Return t, e, r of given costs of the members, shape (M,)."""
+        """Return t, e, r for given costs of the members, shape (M,)."""
         costs = np.nan_to_num(costs, nan=0.0, posinf=0.0, neginf=0.0)
         over = costs - self.risk.threshold(costs)
         e = np.maximum(over, 0.0) if self.risk.measure == "cvar" else np.empty(0)
@@ -166,7 +166,7 @@ class Epigraph(NamedTuple):
 
 
 def epigraph_symbols(risk: Risk) -> ca.SX:
-    """Return symbols of t, e, r; nothing for a cost that is smooth."""
+    """Return symbols of t, e, r; empty for a cost that is smooth."""
     M, several = risk.members, range(risk.members)
     if risk.measure == "mean" or M == 1:
         return ca.SX(0, 1)

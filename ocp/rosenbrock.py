@@ -6,14 +6,14 @@ six stages solves one linear system with the same matrix:
     W k_i = h g r(t + c_i h, x + sum_j a_ij k_j) + g sum_j C_ij k_j + h^2 g d_i r_t
 
 The fifth stage ends at a solution of order 3, x_5 = x + sum_j a_5j k_j + k_5, the step
-at one of order 4, x+ = x_5 + k_6, so that k_6 is the error of the former. The method is
-L-stable: fast modes are damped, however long the step, which has to follow the slow
-ones only. Nothing is iterated: a step is an explicit expression, with derivatives.
+at one of order 4, x+ = x_5 + k_6, so k_6 estimates the error of the former. The method
+is L-stable: fast modes are damped by steps of any length, and only the slow ones limit
+the step. Nothing is iterated: a step is an explicit expression with derivatives.
 
-W is factored symbolically: an LU factorisation by the pattern of its nonzeros, pivots
-on the diagonal in the order of least fill, without exchanging rows for their values. A
-diagonal element of W that cancels, h g J_ii = 1, belongs to a mode that grows e^4-fold
-in a step: the step is too long for it in any case, and the result is not finite.
+W is factored symbolically: an LU factorisation by the pattern of its nonzeros, with
+pivots on the diagonal in the order of least fill, without exchanging rows for their
+values. A pivot h g J_ii = 1 cancels; it belongs to a mode that grows e^4-fold in a
+step, so the step is too long in any case, and the result is not finite.
 
 Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.7,
 with IV.10 for the method RODAS; coefficients as in their code rodas.f, method 1.
@@ -33,7 +33,7 @@ A = (
     (3.314825187068521, 2.896124015972201, 0.9986419139977817),
     (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950),
 )
-"""a_ij of the first five stages; the sixth begins where the fifth ends."""
+"""a_ij of the first five stages; the sixth starts at the end of the fifth."""
 C = (
     (),
     (-5.6688,),
@@ -54,7 +54,7 @@ IN_TIME = (0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0)
 """d_i."""
 
 Rate = Callable[[float, ca.SX], ca.SX]
-"""r(t, x): the rate at time t after the step's beginning [s]."""
+"""r(t, x): rate at time t after the start of the step [s]."""
 
 
 def rodas4(rate: Rate, x: ca.SX, t: float, h: float) -> ca.SX:
@@ -65,7 +65,7 @@ def rodas4(rate: Rate, x: ca.SX, t: float, h: float) -> ca.SX:
 def prepared(rate: Rate, size: int) -> Callable[[ca.SX, float, float], ca.SX]:
     """Return (x, t, h) -> x after a step, for many steps of one equation.
 
-    The factorisation, and the search for common parts, is done once.
+    The factorisation and the elimination of common parts are done once.
 
     Args:
         rate: r(t, x).
@@ -85,7 +85,7 @@ def rodas4_with_error(rate: Rate, x: ca.SX, t: float, h: float) -> tuple[ca.SX, 
     Args:
         rate: r(t, x); expressions of t must be differentiable.
         x: State, shape (n, 1).
-        t: Time at the step's beginning [s].
+        t: Time at the start of the step [s].
         h: Length of the step [s].
     """
     J, in_time = _slopes(rate, x, t)
@@ -123,7 +123,7 @@ def _slopes(rate: Rate, x: ca.SX, t: float) -> tuple[ca.SX, ca.SX]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Factors:
-    """L and U of a matrix, in the order in which its rows were eliminated.
+    """LU factors of a matrix, in the order in which its rows were eliminated.
 
     Attributes:
         order: Rows, in the order of elimination.
@@ -154,8 +154,8 @@ class Factors:
 def factored(matrix: ca.SX) -> Factors:
     """Return the LU factors of a square matrix whose diagonal has no zero.
 
-    Pivots are diagonal elements; the next is the one that may fill the fewest places
-    (Markowitz 1957), so a triangular matrix, in whatever order, costs no operation.
+    Pivots are diagonal elements. The next pivot is the one with the smallest possible
+    fill (Markowitz 1957), so a triangular matrix in any order needs no elimination.
 
     Args:
         matrix: Shape (n, n).

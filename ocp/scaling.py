@@ -1,27 +1,28 @@
 """Natural sizes of states, controls, cost and constraints, from a problem's numbers.
 
-No absolute number decides anything, so that metres or kilometres give the same answer.
-With the horizon T, the initial state x0 and f the right-hand side, the size of
+No absolute number enters a decision, so metres and kilometres give the same answer.
+With the horizon T, the initial state x0 and the right-hand side f, the size of
 
     a state       the largest of the width of its bounds, |x0| and its target, and of a
-                  guess where it has no bounds; if all
-                  of these are zero: T max |f_i| at x0 and around it, as far as the
-                  sizes known so far, under the controls' lower, middle and upper
-                  values; else what the rate of a known state needs of it,
-                  s_i / (T |df_i/dx_j|). Of a problem whose integrator is "stiff", a
-                  rate lasts for 1 / |df_i/dx_i| where that is shorter than T
+                  guess if it has no bounds. If all of these are zero: T max |f_i| at x0
+                  and around it, over the range of the sizes known so far, under the
+                  controls' lower, middle and upper values; else the size that the rate
+                  of a known state implies, s_i / (T |df_i/dx_j|). If the problem's
+                  integrator is "stiff", a rate acts for 1 / |df_i/dx_i| if that is
+                  shorter than T
     a control     the width of its bounds; without bounds the guess, else s_i / (T
                   |df_i/du_j|) of the known states
-    a row         its limit, but at least a thousandth of the size of its expression; of
-                  a limit that is zero, the size of the expression: its value at x0, or
-                  if that is nothing beside it, around it
+    a row         its limit, but at least a thousandth of the size of its expression;
+    for
+                  a limit of zero, the size of the expression: its value at x0, or
+                  around
+                  x0 if the value at x0 is negligible
     the cost      T |stage cost| + |terminal cost|, the largest at those points
 
-A size that the problem gives by name (`scales`) takes the place of that of a state or
-control. A start, a target or a guess that is nothing beside what the dynamics say is
-zero.
-All of these are homogeneous: numbers in units that are a power of two larger give sizes
-that are larger by exactly that power.
+A size that the problem gives by name (`scales`) replaces that of the state or control.
+A start, a target or a guess that is negligible beside the sizes from the dynamics
+counts as zero. All sizes are homogeneous: values in units larger by a power of two give
+sizes that are larger by exactly that power.
 """
 
 from dataclasses import dataclass, field
@@ -38,11 +39,11 @@ from swarmstart.ocp.soft import SoftRows
 Array = NDArray[np.float64]
 
 _PARTS = (0.618, -0.382)
-"""Moves around the start, in parts of the sizes: no half turn of an angle by chance."""
+"""Moves around the start, relative to the sizes; irregular, to avoid half turns."""
 _NEGLIGIBLE = 1e-6
-"""Below this part of what the dynamics say, a start, target or guess is no size."""
+"""Relative size below which a start, target or guess is negligible."""
 _LIMIT_SHARE = 1e-3
-"""A limit that is not zero counts with at least this part of its expression's size."""
+"""Smallest scale of a nonzero limit, relative to the size of its expression."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -53,10 +54,9 @@ class Sizes:
         states: Shape (nx,).
         controls: Shape (nu,).
         cost: Of the whole cost.
-        rows: Of the rows of each constraint, the path's, the terminal and the soft
-            ones.
-        weights: 1 / size of the rows whose scale the problem leaves open, but the soft
-            ones.
+        rows: Sizes of the rows of each constraint: path, terminal and soft ones.
+        weights: 1 / size of the rows whose scale the problem leaves open, except the
+            soft ones.
     """
 
     states: Array
@@ -67,10 +67,10 @@ class Sizes:
 
 
 class Sizing:
-    """Finds the sizes of one problem for any initial state; compiled once."""
+    """Natural sizes of one problem for any initial state; compiled once."""
 
     def __init__(self, problem: OptimalControlProblem) -> None:
-        """Compile what is evaluated at points around the initial state."""
+        """Compile the expressions that are evaluated around the initial state."""
         self._problem = problem
         symbols = [*problem.symbols().values()]
         f = _rate(problem)
@@ -117,11 +117,11 @@ class Sizing:
             x0: Initial state, shape (nx,).
             parameters: Shape (np,).
             signals: At the nodes, shape (ns, nodes).
-            guess: Controls, shape (nu, N), which give sizes to unbounded controls.
+            guess: Controls, shape (nu, N), which give the sizes of unbounded controls.
             along: A guess of the states at the nodes, shape (nx, nodes), which gives
-                sizes to unbounded states.
+                the sizes of unbounded states.
         """
-        with np.errstate(over="ignore", invalid="ignore"):  # No size, but no error.
+        with np.errstate(over="ignore", invalid="ignore"):  # Such values give no size.
             return self._found(x0, parameters, signals, guess, along)
 
     def _found(
@@ -144,7 +144,7 @@ class Sizing:
         controls = self._first_controls()
         states = self._without_tiny(at, states, controls, None)
         if controls.all():
-            guess = None  # The bounds, or given sizes, say it all.
+            guess = None  # Bounds or given sizes suffice.
         if guess is not None:
             _, expected = self._filled(at, states, controls, None)
             given = np.asarray(guess, dtype=np.float64)
@@ -181,7 +181,7 @@ class Sizing:
         )
 
     def _cost(self, values: list[Array]) -> float:
-        """Return the size of the cost, of all outputs around a start."""
+        """Return the size of the cost from all outputs around a start."""
         stage, end = (
             float(np.nan_to_num(np.abs(v), nan=0, posinf=0).max()) for v in values[1:3]
         )
@@ -191,20 +191,20 @@ class Sizing:
     def cost_around(
         self, x0: Array, parameters: Array, signals: Array, sizes: Sizes
     ) -> float:
-        """Return the size of the cost around an initial state, of given sizes.
+        """Return the size of the cost around an initial state, for given sizes.
 
         Args:
             x0: Initial state, shape (nx,).
             parameters: Shape (np,).
             signals: At the start, shape (ns,).
-            sizes: Of states and controls.
+            sizes: Sizes of states and controls.
         """
         at = _Point(x0, parameters, signals, np.empty(0))
         with np.errstate(over="ignore", invalid="ignore"):
             return self._cost(self._around(at, sizes.states, sizes.controls, None))
 
     def target(self, parameters: Array, signals: Array) -> Array:
-        """Return the state at the end where an equality fixes it, else NaN.
+        """Return the end state wherever an equality fixes it, else NaN.
 
         Args:
             parameters: Shape (np,).
@@ -246,7 +246,7 @@ class Sizing:
         return float(problem.dt * stage[0, :-1].sum() + end[0, -1])
 
     def _first_states(self, x0: Array, parameters: Array, signals: Array) -> Array:
-        """Return sizes by bounds, start and target; 0 if these say nothing."""
+        """Return sizes from bounds, start and target; 0 if these give none."""
         given, target = self._given[0], self.target(parameters, signals)
         least = np.maximum(self._widths, np.abs(x0))
         found = np.maximum(least, np.abs(np.nan_to_num(target)))
@@ -254,7 +254,7 @@ class Sizing:
 
     @cached_property
     def _widths(self) -> Array:
-        """The widths of the states' bounds, or of their start; 0: no bounds."""
+        """Widths of the states' bounds, or of their free start; 0 without bounds."""
         lower, upper = (limits.copy() for limits in self._problem.state_limits)
         for one in self._problem.free_starts:
             for i in one.states:
@@ -263,7 +263,7 @@ class Sizing:
         return np.where(np.isfinite(upper - lower), upper - lower, 0.0)
 
     def _first_controls(self) -> Array:
-        """Return sizes by bounds; 0 if these say nothing."""
+        """Return sizes from bounds; 0 if these give none."""
         lower, upper = self._problem.control_limits
         size = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
         bound = np.maximum(
@@ -275,7 +275,7 @@ class Sizing:
     def _filled(
         self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
     ) -> tuple[Array, Array]:
-        """Return the sizes with those that are 0 found from the dynamics; 0 if not."""
+        """Return the sizes, with zeros replaced from the dynamics if possible."""
         T, nx = self._lasting(at), states.size
         for _ in range(2 * (nx + controls.size)):
             if states.all() and controls.all():
@@ -294,16 +294,16 @@ class Sizing:
     def _without_tiny(
         self, at: "_Point", direct: Array, known: Array, guess: ArrayLike | None
     ) -> Array:
-        """Return sizes of states, 0 for what is nothing beside what the dynamics say.
+        """Return sizes of states, with negligible ones set to 0.
 
-        A start of 1e-300 is as good as zero.
+        A start of 1e-300 counts as zero.
         """
         T = self._lasting(at)
         states, controls = self._filled(at, direct, known, guess)
         rates = np.abs(self._around(at, states, controls, guess)[0])
         reach = np.nan_to_num(T * rates, nan=0, posinf=0).max(axis=1, initial=0)
         needed = self._by_rate(at, states)[:, : states.size]
-        np.fill_diagonal(needed, np.inf)  # What others need of it.
+        np.fill_diagonal(needed, np.inf)  # Only the other states' needs count.
         need = needed.min(axis=0, initial=np.inf)
         derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
         said = (self._widths > 0) | (self._given[0] > 0)
@@ -311,9 +311,9 @@ class Sizing:
         return np.where(tiny, 0.0, direct)
 
     def _lasting(self, at: "_Point") -> Array:
-        """Return for how long a rate moves its state, at most T, shape (nx, 1).
+        """Return the time for which a rate moves its state, at most T, shape (nx, 1).
 
-        A state of a stiff model is soon where its rate is zero: not at T |f|.
+        A state of a stiff model soon reaches the point of zero rate, not T |f|.
         """
         T, nx = self._problem.length, at.x0.size
         decay = np.diag(at.slopes[:, :nx]) if self._problem.integrator == "stiff" else 0
@@ -326,9 +326,9 @@ class Sizing:
         return np.where((sizes > 0) | ~np.isfinite(least), sizes, least)
 
     def _by_rate(self, at: "_Point", states: Array) -> Array:
-        """Return what the rate of each state needs of each state and control.
+        """Return the size of each state and control that each state's rate implies.
 
-        Shape (nx, nx + nu), infinity where it needs nothing.
+        Shape (nx, nx + nu), infinity if the rate does not depend on it.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             needed = states[:, None] / (self._problem.length * at.slopes)
@@ -385,9 +385,9 @@ class Sizing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Point:
-    """A place to look around: state, parameters, signals, and |df / d(x, u)|.
+    """Point to evaluate around: state, parameters, signals, and |df / d(x, u)|.
 
-    What was seen is kept: mostly the same is asked twice.
+    Results are kept, since the same is often asked twice.
     """
 
     x0: Array
@@ -398,7 +398,7 @@ class _Point:
 
 
 def _rate(problem: OptimalControlProblem) -> ca.SX:
-    """Return the rates of the states, with what an interval's end adds to them."""
+    """Return the rates of the states, with the change at an interval's end added."""
     model = problem.model
     if not model.jumps:
         return model.ode
@@ -414,7 +414,7 @@ def _middle(lower: Array, upper: Array) -> Array:
 
 
 def _target_function(problem: OptimalControlProblem) -> ca.Function:
-    """Return (p, s) -> the state at the end where an equality fixes it, else NaN."""
+    """Return (p, s) -> the end state wherever an equality fixes it, else NaN."""
     x, p, s = problem.model.states, problem.model.parameters, problem.signals
     target = ca.SX(np.full(problem.model.nx, np.nan))
     for constraint in problem.terminal_constraints:

@@ -1,4 +1,4 @@
-"""A population search on one planning problem, and all forms in which it is given."""
+"""Settings of a population search on one planning problem, in all accepted forms."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,31 +33,34 @@ Array = NDArray[np.float64]
 WarmStart = Literal["all", "half", "one", "none"]
 When = Literal["needed", "always"]
 EVALUATIONS = 20_000
-"""Budget of a search that is given none."""
+"""Default budget of a search."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SearchSettings:
-    """A population search on one planning problem.
+    """Settings of a population search on one planning problem.
 
     Attributes:
         algorithm: Settings of an algorithm of `swarmstart.heuristics`, `Multistart` or
             `Memetic`.
-        budget: What one planning problem may cost.
-        order: How two individuals are ordered; None: `heuristics.default_order`, with
-            the problem's tolerance, or `traded_order` before a polish where more than
-            the controls is decided.
-        warm_start: How much of the first population is the guess: "all", "half", "one"
-            individual or "none" of it; the rest is drawn at random.
-        sampling: How it is drawn, as in `heuristics.Initial`.
-        basins: How many of the best distinct basins are kept for the polish, which
-            starts from each of them besides the best point; 0: from that alone, or
-            from three where more than the controls is decided.
-        radius: Least distance of two basins, a fraction of the bounds' widths.
-        when: Whether a plan that follows an earlier one is searched "always", or, where
-            there is a polish, only if "needed": if the polish from the earlier plan
-            fails, or the problem has jumped; see warm_steps.py. Without a polish every
-            plan is searched.
+        budget: Budget of the search for one planning problem.
+        order: Order of two individuals; None: `heuristics.default_order` with the
+            problem's tolerance, or `traded_order` before a polish if there are
+            decisions besides the controls.
+        warm_start: Share of the first population that is the guess: "all", "half",
+            "one" individual or "none"; the rest is drawn at random.
+        sampling: Method of drawing the rest, as in `heuristics.Initial`.
+        basins: Number of additional starting points for the polish (the best distinct
+            basins). 0: polish the best point only, or three basins if there are
+            decisions besides the controls.
+        radius: Smallest distance of two basins, as a fraction of the bounds' widths.
+        when: Whether to search for a plan that follows an earlier one: "always", or
+            only if "needed". With "needed" and a polish, the search runs if the polish
+            from the earlier plan fails or the problem has jumped; see warm_steps.py.
+            Without a polish every plan is searched.
+
+    Raises:
+        InvalidProblemError: If a value is out of its range.
 
     Example:
         >>> import swarmstart as ss
@@ -78,7 +81,7 @@ class SearchSettings:
     when: When = "needed"
 
     def __post_init__(self) -> None:
-        """Refuse an unknown kind of warm start."""
+        """Validate the values."""
         require_choice("when", self.when, get_args(When))
         if self.warm_start not in get_args(WarmStart):
             raise InvalidProblemError(
@@ -87,7 +90,7 @@ class SearchSettings:
             )
         if isinstance(self.algorithm, Multistart) and self.sampling is not None:
             raise InvalidProblemError(
-                "sampling must be None with a Multistart, which draws its own starts, "
+                "sampling must be left out with a Multistart, which draws its own, "
                 f"got {self.sampling!r}"
             )
         if self.basins < 0 or not self.radius > 0:
@@ -106,7 +109,7 @@ SearchGiven = (
     | str
     | None
 )
-"""Settings; an algorithm, its class or its name, which have no budget; None: none."""
+"""Settings; or an algorithm, its class or its name, without a budget; None: none."""
 
 
 def search_settings(
@@ -114,19 +117,22 @@ def search_settings(
     budget: Budget | int | None = None,
     order: Order | None = None,
 ) -> SearchSettings | None:
-    """Return a search as a planner runs it; None means none.
+    """Return a search in the form that a planner uses; None means no search.
 
     Args:
         search: Settings, which have a budget and an order; or an algorithm, its class,
             its name, or "default"; None or "none" means no search.
-        budget: Of an algorithm; an integer is a number of evaluations; None means
-            20,000 of them, and 500,000 of a multistart.
-        order: Of an algorithm; None means `heuristics.default_order`, with the
+        budget: Budget of an algorithm; an integer is a number of evaluations; None
+            means 20,000, or 500,000 for a multistart.
+        order: Order of an algorithm; None means `heuristics.default_order` with the
             problem's tolerance.
 
+    Returns:
+        The settings; None without a search.
+
     Raises:
-        InvalidProblemError: If the budget or the order is of another kind, or stands
-            beside settings.
+        InvalidProblemError: If the budget or the order is of the wrong kind, or is
+            given in addition to settings.
         InvalidSettingsError: If there is no such algorithm.
     """
     if search is None or (isinstance(search, str) and search == "none"):
@@ -159,7 +165,7 @@ def search_settings(
 
 
 def _of_lanes(search: object) -> Multistart | Memetic | None:
-    """Return a search that uses local solves in lanes; None: it is another."""
+    """Return a search that uses local solves in lanes; None: it is another one."""
     if isinstance(search, Multistart | Memetic):
         return search
     kind = NAMED.get(search) if isinstance(search, str) else search
@@ -167,7 +173,7 @@ def _of_lanes(search: object) -> Multistart | Memetic | None:
 
 
 SAMPLE = 256
-"""Individuals of a random sample that says what a violation is worth."""
+"""Size of the random sample that determines the weight of a violation."""
 
 
 def traded_order(
@@ -175,12 +181,12 @@ def traded_order(
 ) -> Order:
     """Return the order by cost + weight * violation, for searches before a polish.
 
-    The weight is set by a random sample, so that it depends on no unit of the cost:
+    A random sample sets the weight, so that it does not depend on the unit of the cost:
 
         weight = (interquartile range of the cost) / (median of the violation)
 
-    A weight that is much larger makes each constraint a wall, and the search ends on
-    the side on which it began (benchmarks/opti_warm_start.py).
+    With a much larger weight each constraint becomes a wall, and the search ends on the
+    side on which it began (benchmarks/opti_warm_start.py).
 
     Args:
         values: Population (dim, size) -> cost and violation, each (size,).

@@ -1,23 +1,23 @@
-"""What a population searches: control sequences, or members of a family.
+"""Search spaces: control sequences, or members of a family of trajectories.
 
-A search knows a box and an objective; a space says which box, and what a point of it
-means for the problem: where a polish starts.
+A search knows only a box and an objective. A space gives the box, and converts a point
+of it to a start of the polish.
 
-Of a differentially flat system whole trajectories follow from a few curves and their
+For a differentially flat system whole trajectories follow from a few curves and their
 derivatives. A family is such a map
 
     coefficients c -> states and controls at the nodes,
 
-which meets the dynamics and the initial state whatever the coefficients are. So a
-search in it neither integrates nor wastes points on where single shooting leads after a
+which satisfies the dynamics and the initial state for all coefficients. So a search in
+it does not integrate, and wastes no points on the divergence of single shooting over a
 long horizon. Cost and violation of a member are the problem's own at the nodes,
 
     cost       sum over the checks of dt (L(x_k, u_k) + L(x_k+1, u_k+1)) / 2 + M(x_N)
     violation  path constraints and bounds of the states at every check, terminal
-               constraints, bounds of the controls at every node, in parts of their
+               constraints, bounds of the controls at every node, relative to their
                ranges
 
-A member is where a polish starts, states included; its controls are means over the
+The polish starts from a member with its states; its controls are means over the
 intervals.
 
 Source: Fliess, Levine, Martin and Rouchon (1995), Flatness and defect of non-linear
@@ -71,17 +71,19 @@ Index = NDArray[np.intp]
 
 
 class Start(NamedTuple):
-    """Where a polish starts.
+    """Start of a polish.
 
     Attributes:
-        controls: Shape (nu, N).
-        states: At the nodes, shape (nx, nodes); None: where the controls lead.
-        x0: Initial state, shape (nx,), with what is decided about it; None: as given.
-        is_guess: Whether the states are a guess of how large they get; see scaling.py.
-        carried: Multipliers of an earlier answer, which a polish begins with; None:
-            there are none.
-        decided: What an earlier answer decides about the start of the core's states,
-            by their names: a free end time, parameters.
+        controls: Controls, shape (nu, N).
+        states: States at the nodes, shape (nx, nodes); None: those that the controls
+            lead to.
+        x0: Initial state, including the decisions about it, shape (nx,); None: as
+            given.
+        is_guess: Whether the states give the sizes of unbounded states; see scaling.py.
+        carried: Multipliers of an earlier answer, from which a polish starts; None
+            without them.
+        decided: Decisions of an earlier answer about the start of the core's states, by
+            their names: a free end time, parameters.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -109,12 +111,12 @@ class Start(NamedTuple):
 def side_by_side(
     problem: OptimalControlProblem, starts: Sequence[Start], x0: Array
 ) -> tuple[Array, Array]:
-    """Return the controls (nu, N, n) of starts, and what is decided about them (ny, n).
+    """Return controls (nu, N, n) and decisions about the start (ny, n) of starts.
 
     Args:
         problem: A core.
-        starts: At least one.
-        x0: Initial state where a start has none of its own, shape (nx,).
+        starts: Starts, at least one.
+        x0: Initial state for starts without one of their own, shape (nx,).
     """
     firsts = [one.states[0] for one in problem.free_starts]
     own = [(x0 if one.x0 is None else one.x0)[firsts] for one in starts]
@@ -122,37 +124,37 @@ def side_by_side(
 
 
 class SearchSpace(Protocol):
-    """What a population searches."""
+    """Search space of a population."""
 
     @property
     def box(self) -> Box:
-        """The box of its points."""
+        """Box of the points."""
 
     def objective(self, x0: ArrayLike, known: Known) -> Objective:
         """Return population -> cost and violation, from an initial state."""
 
     def decoded(self, x: Array, x0: ArrayLike, known: Known) -> Start:
-        """Return what a point, shape (dim,), means."""
+        """Return the start that a point, shape (dim,), represents."""
 
     def encoded(self, controls: Array, x0: ArrayLike) -> Array:
         """Return the point of controls, shape (nu, N), from an initial state.
 
         Raises:
-            InvalidProblemError: If controls have no point here.
+            InvalidProblemError: If the controls have no point in this space.
         """
 
 
 class ControlSpace:
     """All control sequences within the bounds; ca.vec of (nu, blocks).
 
-    What must be the same for several members of an ensemble is there once.
+    Controls that several members of an ensemble share occur once.
 
     Attributes:
         box: The box of all control sequences.
     """
 
     def __init__(self, fitness: Fitness) -> None:
-        """Take the problem's evaluator.
+        """Set up the space for the problem's evaluator.
 
         Raises:
             InvalidProblemError: If a control is unbounded.
@@ -171,7 +173,7 @@ class ControlSpace:
         return self._fitness.objective(x0, known)
 
     def decoded(self, x: Array, x0: ArrayLike, known: Known) -> Start:
-        """Return the controls, and the start where it is decided; see SearchSpace."""
+        """Return the controls, and the start if it is decided; see SearchSpace."""
         del known
         problem = self._fitness.problem
         x = x[self._coordinates]
@@ -192,7 +194,7 @@ class ControlSpace:
 
 
 def _block_coordinates(problem: OptimalControlProblem) -> tuple[Index, Index]:
-    """Return which decisions a search has, and which of these each decision is."""
+    """Return the decisions of a search, and for each decision the one it follows."""
     labels, more = problem.control_labels, np.arange(len(problem.free_starts))
     first = first_of(labels)
     return (
@@ -235,7 +237,7 @@ def _control_box(fitness: Fitness) -> Box:
 
 
 def _searched(problem: OptimalControlProblem, one: FreeStart) -> tuple[float, float]:
-    """Return the bounds of what is decided; a knot has those of its control."""
+    """Return the bounds of a decision about the start; a knot has its control's."""
     model = problem.model
     j = control_of(model.state_names[one.states[0]], model.control_names)
     if j is None:
@@ -246,7 +248,7 @@ def _searched(problem: OptimalControlProblem, one: FreeStart) -> tuple[float, fl
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TrajectoryFamily:
-    """Trajectories that a few coefficients give.
+    """Family of trajectories given by a few coefficients.
 
     Attributes:
         box: The box of the coefficients.
@@ -274,17 +276,17 @@ class TrajectoryFamily:
 
 
 class FamilySpace:
-    """The members of a family as what a population searches; see SearchSpace.
+    """Search space of the members of a family; see SearchSpace.
 
-    CasADi evaluates: a member is all its nodes at once, too much code to be worth
-    compiling for the few thousand members that a search looks at.
+    CasADi evaluates the members. A member contains all its nodes at once, which is too
+    much code to compile for the few thousand members that a search evaluates.
 
     Attributes:
         box: The box of the coefficients.
     """
 
     def __init__(self, fitness: Fitness, family: TrajectoryFamily) -> None:
-        """Put problem and family together.
+        """Combine a problem and a family.
 
         Args:
             fitness: The problem's evaluator.
@@ -318,7 +320,7 @@ class FamilySpace:
         return Start(np.clip(np.mean(parts, axis=0), lower, upper), states)
 
     def encoded(self, controls: Array, x0: ArrayLike) -> Array:
-        """Refuse: controls need not be those of a member; see SearchSpace."""
+        """Raise: controls need not be those of a member; see SearchSpace."""
         del controls, x0
         raise InvalidProblemError(
             "a search in a family of trajectories takes no guess of controls"
@@ -351,7 +353,7 @@ def _member_value(shooting: Shooting, family: TrajectoryFamily) -> ca.Function:
 
 
 def _node_terms(problem: OptimalControlProblem) -> ca.Function:
-    """Return (x, u, p, s) -> stage cost, and how far controls are out of bounds."""
+    """Return (x, u, p, s) -> stage cost, and the scaled excess of control bounds."""
     symbols = problem.symbols()
     u = symbols["controls"]
     lower, upper = problem.control_limits
@@ -405,11 +407,11 @@ def _require_fit(problem: OptimalControlProblem, family: TrajectoryFamily) -> No
 
 
 def space_of(fitness: Fitness, family: TrajectoryFamily | None) -> SearchSpace:
-    """Return what a search of a problem looks for.
+    """Return the search space of a problem.
 
     Args:
         fitness: The problem's evaluator.
-        family: The family whose members are looked for; None means control sequences.
+        family: The family to search; None means control sequences.
 
     Raises:
         InvalidProblemError: If a control is unbounded and there is no family, or the
@@ -427,7 +429,7 @@ def first_population(
     first: Sequence[Array],
     x0: ArrayLike,
 ) -> Initial:
-    """Return how the first population is made: candidates, guesses, the rest drawn."""
+    """Return the first population: candidates, guesses, the rest drawn at random."""
     evaluations = search.budget.evaluations
     population = population_of(search.algorithm, evaluations)
     if population is None:
@@ -446,7 +448,7 @@ def points(result: SearchResult) -> list[Array]:
     """Return a search's best point and its other basins, each (dim,), the best first.
 
     Args:
-        result: What a search found.
+        result: Result of the search.
     """
     others = [
         basin.x for basin in result.basins if not np.array_equal(basin.x, result.x)

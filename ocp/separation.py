@@ -1,16 +1,17 @@
-"""Distances to keep: separation from what must not be hit, connection to what leads.
+"""Distances to keep: separation from obstacles, connection to other agents.
 
-Separation demands |r| >= d of a relative position r. On points, r is taken at the end
-of the check; on the segment, at the nearest point of the straight line between the two
-relative positions, which catches what passes between two samples:
+Separation demands |r| >= d for a relative position r. With "points", r is evaluated at
+the end of each check. With "segments", it is evaluated at the nearest point of the
+straight line between the relative positions at both ends, so that a passage between two
+samples is detected:
 
     t* = clip(-a'(b - a) / |b - a|^2, 0, 1),   distance = |a + t* (b - a)|
 
-Connection demands |r| <= d. Its largest value on a segment is at an end of it, so that
-points and segment are the same.
+Connection demands |r| <= d. On a segment |r| is largest at one of its ends, so points
+are sufficient.
 
 Source: the chapter's (5.15), (5.16) for `measure="indicator"`, which counts 1 for each
-violated check instead of measuring how far, and (5.34); the segment is ours.
+violated check instead of the amount, and (5.34); the segment is an addition.
 """
 
 from dataclasses import dataclass, field
@@ -32,8 +33,8 @@ from swarmstart.ocp.limits import (
 
 Along = Literal["points", "segments"]
 
-# A segment of this squared length, in parts of the squared distance, is a point;
-# avoids 0/0 only.
+# Squared length, relative to the squared distance, below which a segment is a point;
+# only avoids 0/0.
 _SHORTEST_SEGMENT = 1e-24
 
 
@@ -42,13 +43,15 @@ class Separation:
     """Keep a relative position at least `distance` away from the origin.
 
     Attributes:
-        relative: Relative position in the problem's symbols, (2, 1) or (3, 1) [m].
+        relative: Relative position in the problem's symbols, shape (2, 1) or (3, 1)
+            [m].
         distance: Smallest allowed distance [m].
         margin: Added to the distance in the search [m].
-        smooth_margin: Added to it in the NLP, which sees points only [m].
-        along: "points" or "segments" between the ends of a check.
+        smooth_margin: Added to the distance in the NLP, which sees points only [m].
+        along: Where the distance is measured: at "points", the ends of the checks, or
+            along "segments" between them.
         measure: "excess" or "indicator" (1 for each check at or below the limit).
-        scale: The excess is divided by it [m]; None: the distance.
+        scale: Divisor of the excess [m]; None: the distance.
         name: Name in messages; empty: the expression.
 
     Example:
@@ -71,7 +74,7 @@ class Separation:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the distances and the options."""
+        """Validate the distances and the options."""
         object.__setattr__(self, "relative", _position(self.relative))
         require_distance("distance", self.distance, self.margin, self.smooth_margin)
         require_choice("along", self.along, get_args(Along))
@@ -95,7 +98,7 @@ class Separation:
         return Rows(over, np.array([0.0]), np.array([np.inf]))
 
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return how much too near [m]."""
+        """Return the distance by which r is too near [m]."""
         if self.along == "points":
             nearest = end
         else:
@@ -113,10 +116,11 @@ class Connection:
     """Keep a relative position at most `distance` away from the origin.
 
     Attributes:
-        relative: Relative position in the problem's symbols, (2, 1) or (3, 1) [m].
+        relative: Relative position in the problem's symbols, shape (2, 1) or (3, 1)
+            [m].
         distance: Largest allowed distance [m].
-        margin: Taken off the distance, in the search and in the NLP [m].
-        scale: The excess is divided by it [m]; None: the distance.
+        margin: Subtracted from the distance, in the search and in the NLP [m].
+        scale: Divisor of the excess [m]; None: the distance.
         name: Name in messages; empty: the expression.
 
     Source: the chapter's (5.34).
@@ -139,7 +143,7 @@ class Connection:
     measure: Measure = field(default="excess", init=False)
 
     def __post_init__(self) -> None:
-        """Check the distances."""
+        """Validate the distances."""
         object.__setattr__(self, "relative", _position(self.relative))
         require_distance("distance", self.distance, self.margin)
         require_distance("distance less margin", self.distance - self.margin)
@@ -162,7 +166,7 @@ class Connection:
         return Rows(over, np.array([-np.inf]), np.array([0.0]))
 
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return how much too far [m] at the check's end."""
+        """Return the distance by which r is too far at the check's end [m]."""
         return ca.norm_2(end) - (self.distance - self.margin)
 
     def indicated(self, excess: ca.SX) -> ca.SX:
@@ -182,18 +186,24 @@ def disc(  # noqa: PLR0913 - the options of Separation
     scale: Limit | None = None,
     name: str = "",
 ) -> Separation:
-    """Return the constraint to stay outside a disc (or ball) that does not move.
+    """Return the constraint to stay outside a fixed disc (or ball).
 
     Args:
         position: Position in the problem's symbols, shape (2, 1) or (3, 1) [m].
-        centre: Its centre, same shape [m].
-        radius: Its radius [m].
+        centre: Centre of the disc, same shape [m].
+        radius: Radius of the disc [m].
         margin: See Separation.
         smooth_margin: See Separation.
         along: See Separation.
         measure: See Separation.
         scale: See Separation.
         name: See Separation.
+
+    Returns:
+        A Separation from the centre.
+
+    Raises:
+        InvalidProblemError: If a shape does not fit or a number is invalid.
 
     Example:
         >>> import casadi as ca
@@ -233,7 +243,7 @@ def _position(relative: ca.SX) -> ca.SX:
     """Return a relative position as a column.
 
     Raises:
-        InvalidProblemError: If it is none, or empty.
+        InvalidProblemError: If it is not a vector, or is empty.
     """
     column = as_symbolic_column("relative", relative)
     if not column.numel():

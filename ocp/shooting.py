@@ -1,20 +1,20 @@
 """Single shooting: controls -> trajectory, cost and violation.
 
-One stage function covers one control interval; the rollout applies it N times from
-the initial state. Arguments, in this order, of everything made here:
+One stage function covers one control interval; the rollout applies it N times from the
+initial state. All functions here take these arguments, in this order:
 
-    decisions   ca.vec of the controls (nu, N): interval after interval; then what is
-                decided about the start, one number for each of problem.free_starts
-    x0          initial state, shape (nx,); of a state whose start is decided, anything
+    decisions   ca.vec of the controls (nu, N), interval after interval, followed by the
+                decisions about the start, one for each of problem.free_starts
+    x0          initial state, shape (nx,); its decided entries are ignored
     parameters  (p, w): the model's parameters (np,), and 1 / scale of each row whose
-                scale depends on the initial state; where steps have no fixed length
-                (adaptive.py), also the sizes of the states and of the integrated
-                cost / unit (problem.automatic in all)
+                scale depends on the initial state; with step size control (adaptive.py)
+                also the sizes of the states and of the integrated cost / unit
+                (problem.automatic in all)
     signals     ca.vec of (ns, nodes): node after node, shape (ns * nodes,)
 
-A rollout that leaves the finite numbers has violation infinity; what is not finite
-stays so in the sums (violation.py). States, of which one that is not finite never
-becomes finite again, are looked at in the end.
+If a rollout is not finite, its violation is infinity: such values stay in the sums
+(violation.py). A state that is not finite never becomes finite again, so the states are
+checked only at the end.
 """
 
 from collections.abc import Callable
@@ -43,20 +43,21 @@ from swarmstart.ocp.violation import (
 from swarmstart.ocp.whole_numbers import whole_symbols
 
 _UNROLLED = 20_000
-"""Operations up to which a trajectory is one function without calls."""
+"""Largest number of operations for which a trajectory is one function without calls."""
 Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
 ARGUMENTS = ("decisions", "x0", "parameters", "signals")
 
 
 @dataclass(frozen=True, eq=False)
 class Shooting:
-    """The functions of one problem; each is built when first asked for, and then kept.
+    """Functions of one problem; each is built at its first use and then kept.
 
-    Whatever evaluates a problem takes its `Shooting`, so that all share one.
+    All evaluators of a problem share one `Shooting`.
 
     Attributes:
         stated: The problem as it is stated; all functions are of its core.
-        parts: Of the first of equal stiff steps after controls jump (integrators.py).
+        parts: Number of parts of the first equal stiff step after a jump of the
+            controls.
     """
 
     stated: OptimalControlProblem
@@ -74,7 +75,7 @@ class Shooting:
 
     @cached_property
     def sizing(self) -> Sizing:
-        """The sizes for any initial state; see scaling.py."""
+        """Natural sizes for any initial state; see scaling.py."""
         return Sizing(self.problem)
 
     @cached_property
@@ -84,7 +85,7 @@ class Shooting:
 
     @cached_property
     def jump(self) -> ca.Function:
-        """(x, u, p, s) -> the state that the end of an interval leaves."""
+        """(x, u, p, s) -> the state after the end of an interval."""
         return jump_of(self.problem.model)
 
     @cached_property
@@ -115,15 +116,15 @@ class Shooting:
 
     @cached_property
     def rows_with_controls(self) -> tuple[list[int], ...]:
-        """The rows of each path constraint that depend on the controls."""
+        """Rows of each path constraint that depend on the controls."""
         controls = self.problem.model.controls
         return tuple(rows_depending(c, controls) for c in self.problem.path_constraints)
 
     @cached_property
     def rows_of_start(self) -> tuple[list[int], ...]:
-        """The rows of each path constraint that hold of a start that is decided.
+        """Rows of each path constraint that are checked at a decided start.
 
-        No control enters them, and they depend on a state whose start is decided.
+        They depend on a state whose start is decided, and on no control.
         """
         problem = self.problem
         decided = ca.vertcat(ca.SX(0, 1), *[
@@ -138,9 +139,9 @@ class Shooting:
 
     @cached_property
     def rows_that_jump(self) -> tuple[list[int], ...]:
-        """The rows of each path constraint that an interval's end may change.
+        """Rows of each path constraint that the end of an interval may change.
 
-        No control enters them, and they depend on a state that jumps.
+        They depend on a state that jumps, and on no control.
         """
         jumping = self.problem.model.jumping
         return tuple(
@@ -152,11 +153,11 @@ class Shooting:
 
     @cached_property
     def rows_settled(self) -> tuple[list[int], ...]:
-        """The rows of each path constraint that stay as an interval begins with them.
+        """Rows of each path constraint that are constant within an interval.
 
-        They depend on no signal, and on no state but those that have no rate. What
-        controls enter is held as the interval begins; what is decided about the start
-        and does not jump, there.
+        They depend on no signal, and only on states without a rate. If they depend on
+        controls, they are checked at the start of the interval; if they depend on
+        decisions about the start and do not jump, at the start of the horizon.
         """
         problem, model = self.problem, self.problem.model
         if model.is_discrete:
@@ -176,17 +177,17 @@ class Shooting:
 
     @cached_property
     def soft(self) -> SoftRows | None:
-        """The rows of the soft constraints; None: there are none."""
+        """Rows of the soft constraints; None without them."""
         return SoftRows(self.problem) if self.problem.soft else None
 
     @cached_property
     def stage(self) -> ca.Function:
-        """The function of one control interval; whole numbers are rounded in it.
+        """Function of one control interval; whole numbers are rounded in it.
 
-        (x, u, p, S) -> (states, cost, violation), with p as in the module's head, the
-        signals S at the nodes of the interval, shape (ns, checks + 1), and the states
-        after each check, shape (nx, checks). Where steps have no fixed length, it is a
-        function of calls, not of SX.
+        (x, u, p, S) -> (states, cost, violation), with p as in the module's head, S the
+        signals at the nodes of the interval, shape (ns, checks + 1), and the states
+        after each check, shape (nx, checks). With step size control, it is a function
+        of calls, not an SX function.
         """
         if self.problem.is_adaptive:
             return adaptive_stage(self.problem, self.tick, _closing(self))
@@ -194,10 +195,10 @@ class Shooting:
 
     @cached_property
     def stage_without_path(self) -> ca.Function:
-        """The stage as a rollout needs it: (x, u, p, S) -> (x after, cost, violation).
+        """Stage for a rollout: (x, u, p, S) -> (x after, cost, violation).
 
-        Only the last of the states. Where steps have no fixed length, it has the states
-        that the ticks reach at the checks, and the integrals, as more arguments.
+        It returns only the last of the states. With step size control, the states that
+        the ticks reach at the checks, and the integrals, are further arguments.
         """
         whole = _closing(self) if self.problem.is_adaptive else self.stage
         arguments = [
@@ -214,7 +215,7 @@ class Shooting:
         return self.tick_to(self.problem.integrator_tolerance or 0.0)
 
     def tick_to(self, tolerance: float) -> ca.Function:
-        """Return the tick of another tolerance."""
+        """Return the tick for another tolerance."""
         if tolerance not in self._ticks:
             self._ticks[tolerance] = tick_of(
                 self.problem, self.rate, tolerance=tolerance
@@ -230,14 +231,14 @@ class Shooting:
     def begin(self) -> ca.Function:
         """(x, p, s) -> (cost, violation) at the start of the horizon.
 
-        p is as in the module's head. The violation is of the rows that hold of a start
-        that is decided.
+        p is as in the module's head. The violation is that of the rows that are checked
+        at a decided start.
         """
         return _begin(self)
 
     @cached_property
     def has_begin(self) -> bool:
-        """Whether the start adds a cost or a violation to a rollout."""
+        """True if the start adds a cost or a violation to a rollout."""
         return any(self.rows_of_start) or not self.problem.initial_cost.is_zero()
 
     @cached_property
@@ -262,13 +263,13 @@ class Shooting:
     def trajectory(self) -> ca.Function:
         """(decisions, x0, parameters, signals) -> (states, outside).
 
-        States are at the nodes, shape (nx, nodes); outside is by how much the start
-        breaks rows that no control enters, at the worst and in parts of their scales.
+        The states are at the nodes, shape (nx, nodes). `outside` is the largest scaled
+        excess at the start of rows without controls.
         """
         return _trajectory(self)
 
     def cost_at_begin(self, x: ca.SX, u: ca.SX, p: ca.SX, s: ca.SX) -> ca.SX:
-        """Return the cost / unit that an interval has as it begins."""
+        """Return the cost / unit at the start of an interval."""
         problem, cost = self.problem, ca.SX(0)
         if problem.quadrature == "left":
             cost = problem.dt * self.stage_cost(x, u, p, s)
@@ -288,13 +289,14 @@ class Shooting:
         """Return the state after one check, and the integral of cost / unit over it.
 
         Args:
-            x: State as it begins.
-            u: Controls, held.
+            x: State at the start of the check.
+            u: Controls, which are held.
             p: Parameters.
-            ends: Signals at both of its ends.
-            after_jump: Whether an interval begins with it, so that controls jump.
+            ends: Signals at both ends of the check.
+            after_jump: Whether the check is the first of an interval, so that controls
+                jump.
 
-        The steps are `substeps` equal ones, whatever the problem's tolerance.
+        The steps are `substeps` equal ones, regardless of the problem's tolerance.
         """
         problem, duration = self.problem, self.problem.dt / self.problem.checks
         if problem.model.is_discrete and problem.quadrature != "integral":
@@ -318,9 +320,9 @@ class Shooting:
         """Return r(t, y) over a check: of the state, and of cost / unit if integrated.
 
         Args:
-            u: Controls, held.
+            u: Controls, which are held.
             p: Parameters, shape (np, 1).
-            ends: Signals at both of its ends.
+            ends: Signals at both ends of the check.
         """
         problem, f = self.problem, self.dynamics
         duration, (start, end) = problem.dt / problem.checks, ends
@@ -339,7 +341,7 @@ class Shooting:
 
 
 def shooting_of(problem: OptimalControlProblem | Shooting) -> Shooting:
-    """Return the functions of a problem's core, or those that are given."""
+    """Return the functions of a problem's core; given functions are returned."""
     return problem if isinstance(problem, Shooting) else Shooting(problem)
 
 
@@ -353,7 +355,7 @@ def _stage(shooting: Shooting) -> ca.Function:
 
 
 def _closing(shooting: Shooting) -> ca.Function:
-    """Return the stage of which other steps reach the states at the checks.
+    """Return the stage for states that other steps reach at the checks.
 
     These states, shape (nx, checks), and the integrals over the interval are its last
     arguments.
@@ -377,12 +379,12 @@ Steps = Callable[[int, ca.SX, ca.SX, ca.SX, tuple[ca.SX, ca.SX]], tuple[ca.SX, c
 
 
 def _closed(shooting: Shooting, steps: Steps, more: list[ca.SX]) -> ca.Function:
-    """Return the stage of given steps.
+    """Return the stage for given steps.
 
     Args:
         shooting: The problem's functions.
-        steps: From check to check.
-        more: Arguments besides those of the stage.
+        steps: Steps from check to check.
+        more: Further arguments of the stage.
     """
     problem = shooting.problem
     model = problem.model
@@ -437,10 +439,10 @@ def _check_violation(
 
     Args:
         shooting: The problem's functions.
-        states: As it begins, as it ends, and as the interval's end leaves it.
-        known: Controls, parameters, signals at its begin and end.
+        states: States at the start and end of the check, and after the interval's end.
+        known: Controls, parameters, signals at the start and at the end.
         weights: 1 / scale of each constraint's rows.
-        k: Its number in the interval.
+        k: Number of the check in the interval.
     """
     problem, (before, reached, after), (u, p, s0, s1) = shooting.problem, states, known
     violation = ca.SX(0)
@@ -540,7 +542,7 @@ def _trajectory(shooting: Shooting) -> ca.Function:
     whole = ca.Function("trajectory", arguments, outputs, list(ARGUMENTS), names)
     if problem.is_adaptive or step.n_instructions() * N > _UNROLLED:
         return whole
-    return whole.expand()  # Quicker to call, but it grows with N.
+    return whole.expand()  # Faster calls, but a size that grows with N.
 
 
 def _followed(interval: ca.Function, kind: type[Symbolic]) -> ca.Function:
@@ -551,7 +553,7 @@ def _followed(interval: ca.Function, kind: type[Symbolic]) -> ca.Function:
 
 
 def _started(shooting: Shooting, x0: Symbolic, decisions: Symbolic) -> Symbolic:
-    """Return the state at the start, with what is decided about it."""
+    """Return the state at the start, including the decisions about it."""
     problem, decided = shooting.problem, shooting.problem.start_decisions
     if not decided:
         return x0
@@ -563,7 +565,7 @@ def _started(shooting: Shooting, x0: Symbolic, decisions: Symbolic) -> Symbolic:
 
 
 def _outside(shooting: Shooting) -> ca.Function:
-    """Return (x, p, s) -> the worst scaled excess of rows that nothing decides."""
+    """Return (x, p, s) -> largest scaled excess of rows without any decision."""
     problem = shooting.problem
     symbols, automatic = problem.symbols(), ca.SX.sym("w", problem.automatic)
     worst = ca.SX(0)
@@ -614,7 +616,7 @@ def _rolled(
     Args:
         shooting: The problem's functions.
         interval: The stage.
-        kind: Of the expressions.
+        kind: Type of the expressions.
     """
     problem = shooting.problem
     model, checks = problem.model, problem.checks

@@ -1,10 +1,10 @@
-"""Comparisons across which expressions stay smooth, such as those of a spline table.
+"""Detection of comparisons across which expressions stay smooth, as in spline tables.
 
 A comparison x < k with a number k is smooth in an expression if its value, slope and
 curvature in x are the same at k on both sides. The functions of x alone that use the
-comparison are looked at one by one, at x = k with the comparison held true and false:
-where one agrees, all that uses it is smooth, too. If one that does not agree is used by
-a function of something else, or is a result, the comparison stays a kink.
+comparison are tested one by one, at x = k with the comparison held true and false. If
+one agrees on both sides, all that uses it is smooth, too. If one that does not agree is
+used by a function of other variables, or is a result, the comparison stays a kink.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,9 +19,9 @@ Flags = NDArray[np.bool_]
 
 _ORDERED = (ca.OP_LT, ca.OP_LE)
 _TIGHT, _LOOSE = 1e-9, 1e-6
-"""Parts of its size by which a value, and its derivatives, may differ."""
+"""Relative differences allowed for a value, and for its derivatives."""
 _ROUNDING = 1e-11
-"""Error of a value in parts of its size, seen in its derivatives."""
+"""Relative rounding error of a value, which its derivatives amplify."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +31,8 @@ class _Comparison:
     Attributes:
         node: Hash of the comparison.
         of: Hash of the value.
-        at: The number.
-        below: Whether it is true below the number.
+        at: The number compared with.
+        below: Whether the comparison is true below the number.
     """
 
     node: int
@@ -45,8 +45,8 @@ def smooth_comparisons(nodes: Sequence[ca.SX], results: Sequence[ca.SX]) -> set[
     """Return the hashes of the comparisons across which all results stay smooth.
 
     Args:
-        nodes: All different scalar expressions, each after those it is computed from.
-        results: Those of them that are used outside.
+        nodes: All different scalar expressions, each after its dependencies.
+        results: The expressions among them that are used outside.
     """
     by_value: dict[int, list[_Comparison]] = {}
     for comparison in filter(None, map(_comparison, nodes)):
@@ -82,7 +82,7 @@ def _dependencies(node: ca.SX) -> tuple[int, ...]:
 
 
 def _comparison(node: ca.SX) -> _Comparison | None:
-    """Return the comparison of a value with a number; None: it is something else."""
+    """Return the comparison of a value with a number; None for any other node."""
     if node.is_leaf() or node.op() not in _ORDERED:
         return None
     for number, value, below in ((1, 0, True), (0, 1, False)):
@@ -118,7 +118,7 @@ def _rough(
     row: Mapping[int, int],
     dependencies: Mapping[int, tuple[int, ...]],
 ) -> Flags:
-    """Return which functions are not smooth at which places, (functions, places)."""
+    """Return whether each function is not smooth at each place, (functions, places)."""
     at = _places(comparisons)
     agree = _agreeing(functions, comparisons, at)
     switches = {c.node: at.index(c.at) for c in comparisons}
@@ -169,9 +169,10 @@ def _agreeing(
 
 
 def _around(functions: Sequence[ca.SX], comparisons: Sequence[_Comparison]) -> Array:
-    """Return points at which the size of the functions is seen.
+    """Return points at which the size of the functions is evaluated.
 
-    They span the numbers that the value is compared with or that are taken from it.
+    They span the numbers that the value is compared with, or that are subtracted from
+    it.
     """
     of, numbers = comparisons[0].of, {c.at for c in comparisons}
     for node in functions:
@@ -191,7 +192,7 @@ def _values(
     x: ca.SX,
     flags: ca.SX,
 ) -> ca.SX:
-    """Return the functions of x, the comparisons' outcomes as given."""
+    """Return the functions of x, with given outcomes of the comparisons."""
     made = {c.of: x for c in comparisons}
     made |= {c.node: flags[i] for i, c in enumerate(comparisons)}
     for node in functions:

@@ -1,11 +1,11 @@
-"""Problems with kinks made smooth, so that an NLP solver can come near the optimum.
+"""Smooth versions of problems with kinks, which bring an NLP solver near the optimum.
 
     |a|  ->  sqrt(a^2 + (delta s)^2),   fmin, fmax(a, b)  ->  (a + b -+ |a - b|) / 2
 
-with s the size of a around the start and delta falling. Where a kink is active, as |u|
-at a control that is zero, an NLP solver stops wherever it meets it; followed down in
-delta it ends within about delta of the optimum. Jumps (floor, sign, if_else) stay as
-they are.
+with s the size of a around the start, and a falling delta. At an active kink, such as
+|u| at a zero control, an NLP solver stops at a random place. If delta is reduced step
+by step, it ends within about delta of the optimum. Jumps (floor, sign, if_else) are not
+changed.
 
 Source: Charbonnier, Blanc-Feraud, Aubert and Barlaud (1997), Deterministic edge-
 preserving regularization in computed imaging, IEEE Transactions on Image Processing 6,
@@ -26,7 +26,7 @@ from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.shooting import Shooting, shooting_of
 
 PARTS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
-"""The falling delta."""
+"""Decreasing values of delta."""
 _SMOOTHED = (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX)
 
 
@@ -37,7 +37,7 @@ def smoothed(
 
     Args:
         problem: The problem.
-        sizes: Of each kink, as `kink_sizes` returns them.
+        sizes: Size of each kink, as `kink_sizes` returns them.
         part: delta.
     """
     kinked = _Kinked(problem)
@@ -66,7 +66,8 @@ def kink_sizes(
     """Return the size of each kink around a start, one if it is zero there.
 
     Args:
-        problem: The problem, or its functions; without any kink the list is empty.
+        problem: The problem, or its compiled functions. The list is empty without
+            kinks.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
     """
@@ -94,10 +95,10 @@ def kink_sizes(
 
 
 class _Kinked:
-    """The expressions of a problem with the places of their kinks.
+    """Expressions of a problem, with the places of their kinks.
 
     Attributes:
-        path: The path constraints whose expressions are among them.
+        path: The path constraints whose expressions are included.
         sides: (x, u, p, s) -> the argument of each kink, shape (n, 1).
     """
 
@@ -125,7 +126,8 @@ class _Kinked:
         """Return the expressions, operation by operation, with their kinks rounded.
 
         Args:
-            widths: Of each kink; None: kinks stay, and their arguments are noted.
+            widths: Width of each kink; None: kinks stay, and their arguments are
+                recorded.
         """
         f = without_interpolants(
             ca.Function("kinked", self._symbols, self._expressions)

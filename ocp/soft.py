@@ -1,17 +1,19 @@
-"""Soft constraints: limits that may be broken, at a cost.
+"""Soft constraints: limits that may be broken at a cost.
 
     cost of an interval   sum over the rows of dt (w e + q e^2)
-    e >= 0                the largest excess of a row over its limits, in its units: as
-                          the interval begins, at every check, and as its end leaves
-                          the state, where that jumps
+    e >= 0                the largest excess of a row over its limits, in its units: at
+    the
+                          start of the interval, at every check, and after the jump at
+                          the
+                          interval's end, if there is one
 
 In a rollout and along a finer path e is computed. In the NLP it is a variable of each
-row and interval, so that all is smooth:
+row and interval, so that all functions are smooth:
 
     value - e <= upper,    lower <= value + e    at each of these points
 
-Both are the same at an optimum, where no e is larger than it must be. With w above the
-multiplier that the limit would have, the limit is kept exactly if it can be.
+Both are equal at an optimum, since no e is larger than necessary. If w exceeds the
+multiplier that a hard limit would have, the limit is kept exactly, if that is possible.
 
 Source: Kerrigan and Maciejowski (2000), Soft constraints and exact penalty functions in
 model predictive control.
@@ -31,18 +33,18 @@ Array = NDArray[np.float64]
 
 
 class SoftRows:
-    """The rows of all soft constraints of a problem, one below the other.
+    """Rows of all soft constraints of a problem, stacked.
 
     Attributes:
         problem: The problem.
         lower: Lower limits, shape (m,).
         upper: Upper limits, shape (m,).
-        places: Of each row: number of its constraint, after those of the path and the
-            end, and its row there.
+        places: For each row: number of its constraint, counted after those of the path
+            and the end, and its row there.
     """
 
     def __init__(self, problem: OptimalControlProblem) -> None:
-        """Take the rows of a problem.
+        """Collect the rows of a problem.
 
         Args:
             problem: The problem.
@@ -86,16 +88,16 @@ class SoftRows:
 
     @cached_property
     def that_jump(self) -> list[int]:
-        """The rows that an interval's end may change, and no control enters."""
+        """Rows that the end of an interval may change and that contain no control."""
         model, column = self.problem.model, self._expression
         controlled = rows_that_depend(column, model.controls)
         jump = rows_that_depend(column, model.jumping)
         return [row for row in jump if row not in controlled]
 
     def excess(self, values: ca.SX) -> ca.SX:
-        """Return how far each value is beyond its limits, at least 0, (m, 1).
+        """Return the excess of each value over its limits, at least 0, (m, 1).
 
-        What is not finite stays so, which fmax would lose.
+        A value that is not finite stays so; fmax would lose it.
         """
         beyond = row_excess(Rows(values, self.lower, self.upper))
         return (beyond + ca.fabs(beyond)) / 2
@@ -103,16 +105,16 @@ class SoftRows:
     def grown(
         self, e: ca.SX, states: tuple[ca.SX, ca.SX], known: tuple[ca.SX, ca.SX, ca.SX]
     ) -> ca.SX:
-        """Return the largest excesses so far, with those at the end of a check, (m, 1).
+        """Return the largest excesses so far, including the end of a check, (m, 1).
 
         Args:
-            e: The largest so far.
-            states: As the check ends, and as the end of an interval leaves it.
+            e: The largest excesses so far.
+            states: States at the end of the check, and after the end of an interval.
             known: Controls, parameters and signals there.
         """
         reached, left = states
         found = self.excess(self.values(reached, *known))
-        e = (e + found + ca.fabs(e - found)) / 2  # Unlike fmax it does not lose NaN.
+        e = (e + found + ca.fabs(e - found)) / 2  # Unlike fmax, it keeps NaN.
         rows = self.that_jump if left is not reached else []
         if rows:
             found, most = self.excess(self.values(left, *known))[rows], e[rows]
@@ -131,10 +133,10 @@ class SoftRows:
         """Return the largest excess of each row in each interval, shape (m, N).
 
         Args:
-            begins: States, controls, parameters and signals as fine steps begin, the
-                same number in each interval, a column each.
-            ends: The same as intervals end.
-            left: States that the intervals' ends leave, shape (nx, N).
+            begins: States, controls, parameters and signals at the start of fine steps,
+                the same number in each interval, one column each.
+            ends: The same at the end of the intervals.
+            left: States after the jumps at the intervals' ends, shape (nx, N).
         """
         N = self.problem.intervals
         e = self._beyond(*begins).reshape(self.size, N, -1).max(axis=2)

@@ -1,18 +1,19 @@
-"""The answer to one optimal-control problem: traced along its path, never trusted.
+"""Answer to one optimal-control problem, verified along its path.
 
 A coarse integrator lets solvers find optima that do not exist, and constraints that
-hold at the checks can be broken between them. So every answer is integrated again with
+hold at the checks may be broken between them. So every answer is integrated again with
 a step ten times finer, and
 
     cost        may differ by `tolerance` of the integral of |stage cost| plus
                 |terminal cost|
-    end state   each by `tolerance` of its scale: the largest of its range along the
-                path, the width of its bounds, its start and its target
+    end state   each may differ by `tolerance` of its scale: the largest of its range
+    along
+                the path, the width of its bounds, its start and its target
     constraints may be broken by `path_tolerance` of their scale, anywhere on the path
 
 or the answer is not confirmed. A confirmed answer is called a local optimum if an NLP
-solver ended at a stationary point, the second derivatives say that it is a minimum, and
-the path touches no kink or jump of the problem's expressions.
+solver ended at a stationary point, the second derivatives show a minimum, and the path
+touches no kink or jump of the problem's expressions.
 """
 
 from collections.abc import Iterator, Mapping
@@ -44,41 +45,41 @@ from swarmstart.ocp.travelling import guess_of
 Array = NDArray[np.float64]
 TOLERANCE = 1e-3
 _BESIDE = 1e-8
-"""How far neighbours are moved, in parts of the sizes."""
+"""Distance to neighbours, relative to the sizes."""
 _STEADY = 100
-"""Times as far, in parts of the cost's size, a cost may move that does not jump."""
+"""Largest change of a cost without a jump, relative to size and distance."""
 _NOTHING_MOVES = 1e-9
-"""Of the natural size: below this part of it, a difference is no difference."""
+"""Part of the natural size below which a difference counts as zero."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Solution(Presented):
-    """The best answer found, and what a finer integration says of it.
+    """The best answer found, with its verification by a finer integration.
 
     Attributes:
-        status: What can be said of the answer.
-        reason: What was found and what differs, with numbers: sentences.
-        advice: What to change; empty if there is nothing.
+        status: Status of the answer.
+        reason: Reason for the status, in sentences with numbers.
+        advice: Advice on what to change; empty if there is none.
         problem: The problem.
-        times: At the nodes, shape (nodes,) [s].
-        states: At the nodes, finely integrated, shape (nx, nodes).
-        controls: Shape (nu, N); of linear controls their knots, (nu, N + 1).
-        decided: What is decided besides controls and start: parameters by their names,
-            a free end time as "end time" [s].
+        times: Times of the nodes, shape (nodes,) [s].
+        states: States at the nodes, finely integrated, shape (nx, nodes).
+        controls: Controls, shape (nu, N); linear controls by their knots, (nu, N + 1).
+        decided: Decisions besides controls and start: parameters by their names, a free
+            end time as "end time" [s].
         cost: Cost on the problem's own grid, as the problem states it.
         violation: Summed violation on the problem's own grid, in parts of the scales.
         verified_cost: Cost on the finer path.
         verified_violation: Sum of the worst excess of each constraint row on the finer
             path, in parts of the scales.
-        path: The finer path, with what it breaks.
-        plan: The plan, with its source and what it took.
-        compile_seconds: Wall time of `solve` spent on loading and compiling machine
-            code [s].
-        algebraic: Algebraic variables of the model at the nodes, each with the control
-            that follows, shape (nz, nodes); empty of a model without such.
+        path: The finer path, with the constraints that it breaks.
+        plan: The plan, with its source and its effort.
+        compile_seconds: Wall time of `solve` for loading and compiling machine code
+            [s].
+        algebraic: Algebraic variables of the model at the nodes, with the control of
+            the following interval, shape (nz, nodes); empty if the model has none.
         member_costs: Costs of the members of an ensemble on the problem's own grid,
-            shape (M,); empty of any other problem.
-        bound: How good any answer can be, at most, if `solve` was asked for it.
+            shape (M,); empty for any other problem.
+        bound: Bound of the optimal cost, if `solve` was asked for one.
     """
 
     status: SolutionStatus
@@ -102,14 +103,18 @@ class Solution(Presented):
 
     @property
     def gap(self) -> OptimalityGap | None:
-        """How far the answer is from the optimum at most; None: no bound was asked for.
+        """Gap between the answer and its bound; None if no bound was asked for.
 
-        The answer's cost is that of the finer path, and only if it is confirmed.
+        The cost is that of the finer path, and is used only if the answer is confirmed.
         """
         return None if self.bound is None else self.beside(self.bound)
 
     def beside(self, bound: LowerBound) -> OptimalityGap:
-        """Return how far the answer is from the optimum at most, by a bound."""
+        """Return the gap between the answer and a bound.
+
+        Args:
+            bound: A bound of the optimal cost, as of `lower_bound`.
+        """
         return OptimalityGap.of(
             bound,
             self.verified_cost if self.status.is_confirmed else None,
@@ -126,17 +131,20 @@ class Solution(Presented):
         return None if point is None else multipliers_of(point, self.problem)
 
     def as_guess(self, problem: OptimalControlProblem | None = None) -> Start:
-        """Return the answer as a start: of another grid, horizon or initial state.
+        """Return the answer as a start for another grid, horizon or initial state.
 
-        States, controls, what is decided and, of a polished answer, its multipliers go
-        to the grid of the problem; a polish begins with all of them.
+        States, controls, decisions and, for a polished answer, its multipliers are
+        transferred to the grid of the problem; a polish starts from all of them.
 
         Args:
-            problem: The problem to be solved, with the same names of states, controls
-                and constraints; None: the same problem.
+            problem: The problem to solve, with the same names of states, controls and
+                constraints; None: the same problem.
+
+        Returns:
+            A start, for `solve(..., guess=...)`.
 
         Raises:
-            InvalidProblemError: If it is another problem.
+            InvalidProblemError: If the names of the problem differ.
 
         Example:
             >>> import casadi as ca, swarmstart as ss
@@ -211,7 +219,7 @@ SHOWN = 6
 
 
 def _spread(costs: Array) -> str:
-    """Return how the costs of the members of an ensemble are spread."""
+    """Return the spread of the costs of an ensemble's members."""
     return (
         f"{costs.size}, costs from {costs.min():.6g} (number {costs.argmin()}) to "
         f"{costs.max():.6g} (number {costs.argmax()})"
@@ -219,7 +227,7 @@ def _spread(costs: Array) -> str:
 
 
 def _ranges(names: tuple[str, ...], rows: Array) -> str:
-    """Return names with the first and last value and the range, of the first rows."""
+    """Return name, first and last value and range of the first rows."""
     parts = []
     for name, row in zip(names[:SHOWN], rows, strict=False):
         finite = row[np.isfinite(row)]
@@ -239,18 +247,21 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
     settled: bool = False,
     advised: bool = True,
 ) -> Solution:
-    """Return a plan as a solution, integrated ten times finer.
+    """Verify a plan by an integration ten times finer, and return it as a solution.
 
     Args:
-        problem: The problem the plan was made for, or what traces its paths.
+        problem: The problem of the plan, or the tracer of its paths.
         plan: The plan.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
-        tolerance: What counts as agreement; see the module's head.
-        settled: Whether perturbed starts have led to nothing better: then a stationary
-            point that is flat to second order is a local optimum, too.
-        advised: Whether the fastest mode along a path that is not confirmed is sought,
-            for advice: that is most of the time of a small problem.
+        tolerance: Tolerance of the comparison; see the module's head.
+        settled: Whether perturbed starts found nothing better; then a stationary point
+            that is flat to second order is a local optimum, too.
+        advised: Whether to look for the fastest mode along a path that is not
+            confirmed, for advice; this takes most of the time for a small problem.
+
+    Returns:
+        The solution with its status.
     """
     trace = problem if isinstance(problem, Tracer) else Tracer(problem)
     problem = trace.problem
@@ -332,7 +343,7 @@ def _judged(
     *,
     tolerance: float,
 ) -> Found:
-    """Return the status of a plan by its path: FEASIBLE if all agrees."""
+    """Return the status of a plan by its path: FEASIBLE if everything agrees."""
     problem = shooting.problem
     lost = path.not_finite or first_not_finite(problem, problem.times, plan.states)
     if lost is not None and not plan.feasible:
@@ -369,10 +380,10 @@ def _judged(
 def _beside(
     problem: OptimalControlProblem, controls: Array, x0: Array, sizes: Sizes
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield controls and starts that differ by next to nothing from those given.
+    """Yield controls and starts that differ slightly from those given.
 
-    Where a cost or a constraint jumps, such neighbours show whether the answer stands
-    on the edge, so that rounding decides what it is worth.
+    If a cost or a constraint jumps, such neighbours show whether the answer is at the
+    edge of the jump, so that rounding decides its value.
     """
     lower, upper = (limit[:, None] for limit in problem.control_limits)
     pattern = np.where(np.arange(controls.shape[1]) % 2, 1.0, -1.0)
@@ -391,7 +402,7 @@ def _same_beside(
     sizes: Sizes,
     tolerance: float,
 ) -> Found:
-    """Return MISMATCH if a neighbour's path is worth something else."""
+    """Return MISMATCH if a neighbour's path has another value."""
     problem, sense = shooting.problem, shooting.stated.sense
     allowed = tolerance * path.magnitude + _STEADY * _BESIDE * sizes.cost
     changes = not abs(moved.cost - path.cost) <= allowed
@@ -410,7 +421,7 @@ def _same_beside(
 
 
 def _infeasible(plan: Plan, path: Path) -> Found:
-    """Return why a plan is infeasible."""
+    """Return the reason why a plan is infeasible."""
     if not np.isfinite(plan.cost) or not np.isfinite(plan.violation):
         bad = next((e for e in path.broken if not np.isfinite(e.amount)), None)
         what = (
@@ -434,7 +445,7 @@ def _differences(
     sizes: Sizes,
     tolerance: float,
 ) -> str:
-    """Return what the finer path gives otherwise; empty if it agrees."""
+    """Return the differences of the finer path; empty if it agrees."""
     problem, sense = shooting.problem, shooting.stated.sense
     if not np.isfinite(path.cost):
         return "the cost of the finer path is not a finite number"
@@ -473,7 +484,7 @@ def _differences(
 
 
 def _whole(plan: Plan, sense: float) -> str:
-    """Return how far whole numbers are from the relaxed problem."""
+    """Return the gap between whole numbers and the relaxed problem."""
     cost, relaxed = sense * plan.cost, sense * plan.relaxed_cost
     if not np.isfinite(relaxed):
         why = "the relaxed problem was not solved"
@@ -488,7 +499,7 @@ def _whole(plan: Plan, sense: float) -> str:
 
 
 def _ranked(plan: Plan, path: Path, settled: bool) -> Found:
-    """Return whether a confirmed answer is a local optimum, and why not."""
+    """Return whether a confirmed answer is a local optimum, with the reason."""
     touched = path.kinks
     if touched and plan.polish_status is not None:
         return Found(

@@ -1,4 +1,4 @@
-"""The one-call way through: search, polish, verify, and repair if that is asked for."""
+"""Solution of a problem in one call: search, polish, verification, and repair."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -39,8 +39,8 @@ class SolveInterrupted(KeyboardInterrupt):
     """Ctrl-C during `solve`.
 
     Attributes:
-        partial: The best answer so far, verified; if only its bound was interrupted,
-            the answer, with the best bound until then if there is one.
+        partial: The best answer so far, verified. If only the computation of its bound
+            was interrupted, it has the best bound so far.
     """
 
     def __init__(self, partial: Solution) -> None:
@@ -72,43 +72,45 @@ def solve(  # noqa: PLR0913 - the whole way in one call
 
     Args:
         problem: The problem.
-        x0: Initial state, shape (nx,); of what is decided about it the guess, or NaN.
-        search: A population search, as everywhere: a name such as "lshade", an
-            algorithm or its class, or `SearchSettings`, which have a budget and an
-            order; "default" means what `heuristics.default_algorithm` takes for the
-            budget; None or "none" means no search.
-        budget: What the search may cost; an integer is a number of evaluations; None
-            means 20,000 of them.
-        order: How individuals are ordered; None means `heuristics.default_order`, with
-            the problem's tolerance.
-        polish: "ipopt" or True, the name of another NLP solver of CasADi, options of
+        x0: Initial state, shape (nx,); entries that are decided are a guess, or NaN.
+        search: The population search: a name such as "lshade", an algorithm or its
+            class, or `SearchSettings`, which have a budget and an order. "default" is
+            the choice of `heuristics.default_algorithm` for the budget. None or "none":
+            no search.
+        budget: Budget of the search; an integer is a number of evaluations; None means
+            20,000 evaluations.
+        order: Order of individuals in the search; None means `heuristics.default_order`
+            with the problem's tolerance.
+        polish: "ipopt" or True, the name of another NLP solver of CasADi, or options of
             one; None, False or "none" means no polish.
-        guess: Controls to start from, shape (nu, N), of linear ones (nu, N + 1), or a
-            Start, which has states for the polish as well; None means none is known.
-        known: Parameters and signals, where the problem has any.
-        start: Whether x0 must be inside the bounds of the states and the path
-            constraints ("must hold"), or "may violate" them, which the status says.
-        repair: Whether an answer that breaks a constraint between the checks is solved
+        guess: Controls to start from, shape (nu, N), or (nu, N + 1) for linear ones; or
+            a Start, which has states for the polish as well. None: no guess.
+        known: Parameters and signals, if the problem has any.
+        start: "must hold": x0 must satisfy the bounds of the states and the path
+            constraints. "may violate": it need not, and the status reports it.
+        repair: Whether an answer that breaks a constraint between checks is solved
             again with a margin, at most three times.
-        lanes: Number of random starts that are solved at once, in SIMD lanes; with them
-            the polish begins at zero controls, the middle of the bounds, the guess,
-            the search's best and guesses of states as well, and the answer says what
-            each led to. None means 64, if there is a polish; 0 means one start alone.
-        backend: What evaluates populations, as in compiled/backend.py.
-        bound: Seconds for a lower bound of what any answer costs, which is sought when
-            the answer is there, by `lower_bound`; None means that none is sought.
+        lanes: Number of random starts that are solved at once, in SIMD lanes. With them
+            the polish also starts from zero controls, the middle of the bounds, the
+            guess, the search's best points and guesses of states, and the answer
+            reports the result of each. None means 64 if there is a polish; 0 means a
+            single start.
+        backend: Backend that evaluates populations, as in compiled/backend.py.
+        bound: Time [s] to compute a lower bound of the optimal cost with `lower_bound`,
+            after the answer is found; None: no bound.
         rng: Source of all randomness; either this or a seed.
         seed: Seed of a new generator.
-        progress: Told (evaluations, all, "searching") now and then, and what follows:
-            "polishing", "verifying", "improving", of a length that cannot be told (0).
+        progress: Called with (evaluations, all, "searching") now and then, and at the
+            start of "polishing", "verifying" and "improving", whose length is not known
+            (0).
 
     Returns:
         The best answer found, verified along its path.
 
     Raises:
         InvalidProblemError: If there is neither a search nor a polish, a shape is not
-            the problem's, the start is outside and must not be, or the seconds of the
-            bound are no positive number.
+            the problem's, the start violates its constraints and must not, or the time
+            for the bound is not a positive number.
         SolveInterrupted: On Ctrl-C, with the best answer so far; a plain
             KeyboardInterrupt if there is none yet.
 
@@ -177,7 +179,7 @@ def _with_bound(
     seconds: float,
     progress: ProgressCallback,
 ) -> Solution:
-    """Return an answer with its bound; on Ctrl-C the answer is not lost."""
+    """Return an answer with its bound; on Ctrl-C the answer is kept."""
     try:
         found = bounded(
             solution, solution.problem, x0, known, seconds=seconds, progress=progress
@@ -197,7 +199,7 @@ def _solved(  # noqa: PLR0913 - what solve was given, checked
     rng: np.random.Generator,
     progress: ProgressCallback,
 ) -> Solution:
-    """Plan, verify, and improve what is found."""
+    """Plan, verify, and improve the answer."""
     try:
         with heeded():
             plan = planner.plan(
@@ -223,7 +225,7 @@ def _solved(  # noqa: PLR0913 - what solve was given, checked
 
 
 def polish_options(polish: PolishGiven) -> PolishOptions | None:
-    """Return a polish as a planner takes it; None means none.
+    """Return the polish in the form that a planner uses; None means no polish.
 
     Raises:
         InvalidProblemError: If there is no such solver.
@@ -246,7 +248,7 @@ def _start(guess: ArrayLike | Start) -> Array | Start:
     """Return a guess with its controls as an array; a vector is one row.
 
     Raises:
-        InvalidProblemError: If it holds no numbers.
+        InvalidProblemError: If it does not consist of numbers.
     """
     if isinstance(guess, Start):
         return guess

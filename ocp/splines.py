@@ -2,12 +2,12 @@
 
     s(x) = sum_i c_i B_i(x),   s(x, y) = sum_ij c_ij B_i(x) B_j(y)
 
-with B-splines B_i on given knots. The piece is chosen by comparisons with all knots, so
-that a whole population runs through the same machine code:
+with B-splines B_i on given knots. The piece is selected by comparisons with all knots,
+so that a whole population runs through the same machine code:
 
-- degree 1: the increments of all intervals, each up to where x is,
-  s(x) = y_0 + sum_i s_i (min(x, x_i+1) - min(x, x_i)); min is a kink, as a knot is;
-- other degrees, one argument: the polynomial whose numbers x < knot choose;
+- degree 1: the increments of all intervals, each up to the position of x,
+  s(x) = y_0 + sum_i s_i (min(x, x_i+1) - min(x, x_i)); min has a kink, as a knot has;
+- other degrees, one argument: the polynomial whose coefficients x < knot selects;
 - other degrees, two arguments: the recursion of Cox and de Boor.
 
 Source: de Boor (2001), A Practical Guide to Splines, chapters IX, X and XVII.
@@ -30,7 +30,7 @@ Outside = Literal["extrapolate", "hold", "zero"]
 
 
 _ROUNDING = 2e-15
-"""Of a difference of two values, in parts of the largest."""
+"""Relative rounding error of a difference of two values."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -38,11 +38,11 @@ class Spline:
     """A tensor product of B-splines in one or two arguments.
 
     Attributes:
-        knots: For each argument its knots, not decreasing, shape (k,).
-        degrees: For each argument the degree of its B-splines.
+        knots: Knots of each argument, not decreasing, shape (k,).
+        degrees: Degree of the B-splines of each argument.
         coefficients: Shape (k - degree - 1,) in each argument.
-        outside: Beyond the first and the last knot: the end pieces go on, the value at
-            the end is held, or the value is zero.
+        outside: Value beyond the first and the last knot: the end pieces are extended,
+            the value at the end is held, or the value is zero.
     """
 
     knots: tuple[Array, ...]
@@ -54,7 +54,7 @@ class Spline:
         """Return the value, entry by entry of the arguments; NaN for NaN.
 
         Args:
-            arguments: One for each of the knots, of one shape or scalar.
+            arguments: One for each argument of the spline, of one shape or scalar.
         """
         given = [ca.densify(ca.SX(a)) for a in arguments]
         ends = [(float(k[0]), float(k[-1])) for k in self.knots]
@@ -80,7 +80,7 @@ class Spline:
         return _sum((_product(r, of_y) for r in self.coefficients), of_x)
 
     def _pieces(self) -> tuple[Array, Array]:
-        """Return where each piece begins, and its polynomial there, (degree + 1, n)."""
+        """Return the start of each piece, and its polynomial there, (degree + 1, n)."""
         from scipy.interpolate import PPoly  # noqa: PLC0415 - slow
 
         (knots,), (degree,) = self.knots, self.degrees
@@ -90,12 +90,12 @@ class Spline:
 
 
 def _held(x: ca.SX, first: float, last: float) -> ca.SX:
-    """Return x within its limits; by comparisons, which leave NaN what it is."""
+    """Return x clipped to its limits; by comparisons, which keep NaN."""
     return ca.if_else(x < first, first, ca.if_else(x > last, last, x))
 
 
 def _sum(factors: Iterable[ca.SX | float], of: Sequence[ca.SX]) -> ca.SX:
-    """Return the sum of products, the first first."""
+    """Return the sum of products, in the given order."""
     return reduce(add, (f * b for f, b in zip(factors, of, strict=True)))
 
 
@@ -104,9 +104,9 @@ def _product(numbers: Array, of: Sequence[ca.SX]) -> ca.SX:
 
 
 def _chosen_piece(x: ca.SX, begins: Array, polynomials: Array) -> ca.SX:
-    """Return the polynomial of the piece where x is; the end pieces go on for ever.
+    """Return the polynomial of the piece that contains x; the end pieces are extended.
 
-    Its numbers are chosen, not its value: so no derivative needs the other pieces.
+    Its coefficients are selected, not its value, so no derivative needs other pieces.
     """
     below = [ca.SX.zeros(*x.shape), *(x < float(b) for b in begins[1:])]
     below.append(ca.SX.ones(*x.shape))
@@ -118,7 +118,7 @@ def _chosen_piece(x: ca.SX, begins: Array, polynomials: Array) -> ca.SX:
 
 
 def _bases(x: ca.SX, knots: Array, degree: int) -> list[ca.SX]:
-    """Return the B-splines at x, those of the end pieces beyond the ends."""
+    """Return the B-splines at x, with the end pieces extended beyond the ends."""
     last = len(knots) - degree - 1
     below = [ca.SX.zeros(*x.shape)] * len(knots)
     for i in range(degree + 1, last):
@@ -143,7 +143,7 @@ def _bases(x: ca.SX, knots: Array, degree: int) -> list[ca.SX]:
 def _piecewise_linear(
     given: Sequence[ca.SX], knots: Sequence[Array], values: Array, *, held: bool
 ) -> ca.SX:
-    """Return the linear or bilinear interpolation; the end pieces go on unless held."""
+    """Return the (bi)linear interpolation; end pieces are extended unless held."""
     bent = [_bends(k[1:-1], values, axis) for axis, k in enumerate(knots)]
     slopes, pieces = values[np.ix_(*bent)], []
     for axis, (x, known) in enumerate(zip(given, knots, strict=True)):
@@ -160,29 +160,29 @@ def _piecewise_linear(
 
 
 def _bends(at: Array, values: Array, axis: int) -> Flags:
-    """Return the ends, and where the slope changes by more than rounding."""
+    """Return the ends, and the points at which the slope changes beyond rounding."""
     rows = np.moveaxis(values, axis, 0).reshape(at.size, -1)
     widths = np.diff(at)[:, None]
     turns = np.abs(np.diff(np.diff(rows, axis=0) / widths, axis=0))
     rounding = _ROUNDING * np.abs(rows).max() / np.minimum(widths[1:], widths[:-1])
-    # What overflows is left to be refused.
+    # Values that overflow are refused elsewhere.
     changes = (turns > rounding) | ~np.isfinite(turns)
     return np.concatenate([[True], changes.any(axis=1), [True]])
 
 
 def _passed(x: ca.SX, at: Array, counts: Flags, *, held: bool) -> list[ca.SX]:
-    """Return 1, and how much of each interval lies before x.
+    """Return 1, and the length of each interval that lies before x.
 
     Args:
-        x: Where.
-        at: The ends of the intervals, increasing.
-        counts: Of what is returned, whether it counts for anything.
-        held: Whether nothing lies before the first end, and after the last.
+        x: The position.
+        at: Ends of the intervals, increasing.
+        counts: Whether each returned entry is used.
+        held: Whether the value is held outside the ends.
     """
     before = [ca.fmin(x, float(k)) for k in at]
     if not held:
         before[0], before[-1] = ca.SX(float(at[0])), x
-    # The minimum of NaN and a number is the number: the last that counts keeps NaN.
+    # The minimum of NaN and a number is the number: the last used entry keeps NaN.
     last = int(np.flatnonzero(counts)[-1]) if counts[1:].any() else 0
     if 0 < last < at.size - 1 or (last and held):
         before[last] = ca.if_else(x > float(at[last]), float(at[last]), x)

@@ -1,8 +1,8 @@
-"""Guesses of states that lead to where the end fixes them: lines with sine modes.
+"""Guesses of states that lead to the fixed end states: lines with sine modes.
 
-Where the controls of a start lead far from the end, an NLP solver may not find back;
-from states that reach it, it often does. Such guesses are drawn, not optimised: which
-of them leads to a good optimum shows only in the NLP solver's answer.
+If the controls of a start lead far from the end, an NLP solver may not recover; from
+states that reach the end, it often does. Such guesses are drawn, not optimised: only
+the NLP solver's answer shows which of them leads to a good optimum.
 """
 
 import numpy as np
@@ -15,15 +15,15 @@ from swarmstart.ocp.search_space import Start
 Array = NDArray[np.float64]
 
 MODES = (1, 3)
-"""Sine modes of a guess, in turn."""
+"""Numbers of the sine modes, used in turn."""
 _AMPLITUDE = 0.5
-"""Standard deviation of the first mode, in parts of the way; of mode k its k-th."""
+"""Standard deviation of the first mode, relative to the way; mode k has 1/k of it."""
 
 
 def straight_states(fitness: Fitness, x0: ArrayLike, known: Known) -> Array | None:
-    """Return states that lead straight to where the end fixes them, (nx, nodes).
+    """Return states that lead straight to the fixed end states, (nx, nodes).
 
-    Those that it does not fix stay; None: it fixes none.
+    Other states stay at their initial value. None if the end fixes no state.
 
     Args:
         fitness: The problem's evaluator.
@@ -37,16 +37,16 @@ def straight_states(fitness: Fitness, x0: ArrayLike, known: Known) -> Array | No
 def state_guesses(
     fitness: Fitness, x0: ArrayLike, known: Known, n: int, rng: np.random.Generator
 ) -> list[Start]:
-    """Return guesses whose states begin at x0 and end where the end fixes them.
+    """Return guesses whose states start at x0 and reach the fixed end states.
 
-    The first is the line itself, the others have sine modes on it; all have zero
-    controls. None where the end fixes no state.
+    The first is the straight line, the others add sine modes to it; all have zero
+    controls. The list is empty if the end fixes no state.
 
     Args:
         fitness: The problem's evaluator.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
-        n: How many.
+        n: Number of guesses.
         rng: Source of all randomness.
     """
     way = _way(fitness, x0, known)
@@ -56,7 +56,7 @@ def state_guesses(
     problem = fitness.problem
     controls = zero_controls(problem)
     reach = np.abs(line[:, -1] - line[:, 0])
-    # A state that ends where it begins has its natural size to go away and come back.
+    # A state whose end equals its start gets its natural size as amplitude.
     sizes = fitness.arguments.sizes(x0, known).states
     reach = np.where(fixed, np.where(reach > 0, reach, sizes), 0.0)
     part = np.linspace(0.0, 1.0, problem.nodes)
@@ -76,7 +76,7 @@ def state_guesses(
 def _way(
     fitness: Fitness, x0: ArrayLike, known: Known
 ) -> tuple[Array, NDArray[np.bool_]] | None:
-    """Return the line at the nodes, and which states the end fixes."""
+    """Return the line at the nodes, and a mask of the states that the end fixes."""
     problem = fitness.problem
     state, p, flat = shared_arguments(problem, x0, known)
     signals = at_nodes(problem, flat)

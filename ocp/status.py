@@ -1,4 +1,4 @@
-"""Status of an answer, and advice: what to change in the problem, or in the call."""
+"""Status of an answer, and advice on what to change in the problem or the call."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -9,11 +9,11 @@ from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.stiffness import FastMode
 
 _MANY = 1000
-"""Substeps that are no alternative."""
+"""Number of substeps above which they are no alternative."""
 
 
 class SolutionStatus(Enum):
-    """What can be said of an answer."""
+    """Status of an answer."""
 
     CONVERGED = "a local optimum, confirmed on the finer grid"
     FEASIBLE = "feasible, confirmed on the finer grid, not shown to be a local optimum"
@@ -24,17 +24,17 @@ class SolutionStatus(Enum):
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether the answer is feasible, and confirmed on the finer grid."""
+        """True if the answer is feasible and confirmed on the finer grid."""
         return self in (SolutionStatus.CONVERGED, SolutionStatus.FEASIBLE)
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A status and why.
+    """A status with its reason.
 
     Attributes:
         status: The status.
-        reason: Why, with numbers.
+        reason: Reason, with numbers.
         excess: The worst excess, if constraints are the reason.
         unpolished: Whether no polish was asked for.
     """
@@ -48,12 +48,12 @@ class Found:
 def advice_for(
     problem: OptimalControlProblem, found: Found, fast: FastMode | None
 ) -> str:
-    """Return what to change for a status; empty if there is nothing.
+    """Return advice on what to change for a status; empty if there is none.
 
     Args:
         problem: The problem.
-        found: Its status, and why it has that.
-        fast: A mode that is too fast for the step; None: there is none.
+        found: Its status, with the reason.
+        fast: A mode that is too fast for the step; None without one.
     """
     if fast is not None:
         return _shorter_or_implicit(problem, fast)
@@ -79,7 +79,7 @@ _WEAKER = (
 
 
 def _too_fast(problem: OptimalControlProblem) -> str:
-    """Return what else may be the cause where steps find their own lengths."""
+    """Return another possible cause of a failure with step size control."""
     if not problem.is_adaptive:
         return ""
     return (
@@ -89,7 +89,7 @@ def _too_fast(problem: OptimalControlProblem) -> str:
 
 
 def _shorter_or_implicit(problem: OptimalControlProblem, fast: FastMode) -> str:
-    """Return what helps against a mode that makes the steps unstable."""
+    """Return the remedy for a mode that makes the steps unstable."""
     step = problem.dt / problem.checks / problem.substeps
     unstable = f"which makes steps of {step:.3g} s of {problem.integrator} unstable"
     if not fast.is_stiff:
@@ -107,7 +107,7 @@ def _shorter_or_implicit(problem: OptimalControlProblem, fast: FastMode) -> str:
 
 
 def _finer(problem: OptimalControlProblem) -> str:
-    """Return how to integrate more finely."""
+    """Return the advice to integrate more finely."""
     if problem.integrator == "euler":
         return "integrate more finely: integrator='rk4'"
     if problem.is_adaptive:
@@ -123,7 +123,7 @@ def _finer(problem: OptimalControlProblem) -> str:
 
 
 def _between_checks(problem: OptimalControlProblem, excess: Excess | None) -> str:
-    """Return what helps against a constraint broken between the checks."""
+    """Return the remedy for a constraint broken between the checks."""
     more = f"checks={2 * problem.checks}"
     if excess is None:
         return more

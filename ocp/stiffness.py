@@ -1,14 +1,14 @@
-"""Whether a model has modes too fast for the steps of an explicit integrator.
+"""Detection of modes that are too fast for the steps of an explicit integrator.
 
-A step of length h multiplies a mode of the linearised model, e^(lambda t), by R(h
-lambda), where the mode itself is multiplied by e^(h lambda):
+A step of length h multiplies a mode e^(lambda t) of the linearised model by
+R(h lambda), whereas the exact factor is e^(h lambda):
 
     rk4    R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24     stable from -2.785 on, if real
     euler  R(z) = 1 + z                              from -2 on
 
-A mode that decays, Re lambda < 0, but grows from step to step, |R(h lambda)| > 1, makes
-what is computed explode. The model is stiff if such a mode decays faster than it
-swings; if it swings faster, only a shorter step follows it.
+If a mode decays, Re lambda < 0, but grows from step to step, |R(h lambda)| > 1, the
+computed states explode. The model is stiff if such a mode decays faster than it
+oscillates. If it oscillates faster, only a shorter step resolves it.
 
 Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.2.
 """
@@ -31,19 +31,19 @@ GROWTH = {
 }
 """R(z) of the explicit integrators."""
 _STABLE = {"rk4": 2.5, "euler": 1.4}
-"""|h lambda| that is advised: within the stable region, with a reserve."""
+"""Recommended |h lambda|: within the stable region, with a reserve."""
 _OFTEN = 0.25
-"""Part of the points at which a mode is too fast, from which on it is the cause."""
+"""Share of points with a mode that is too fast from which it counts as the cause."""
 _MUCH = np.log(1e6)
-"""Growth over all points, as a logarithm, from which on it is the cause as well: an
-explosion in one of many intervals."""
+"""Logarithm of the growth over all points from which the mode also counts as the
+cause: an explosion in one of many intervals."""
 _A_STEP = np.log(4.0)
-"""Growth that one step counts for at most: at the edge of a model's domain, as of a
-root, few steps meet modes of any rate."""
+"""Largest logarithm of growth that one step counts for: at the edge of a model's
+domain, as of a root, a few steps see modes of any rate."""
 _IMPLICIT = 16
-"""Implicit steps from check to check, where the explicit ones explode."""
+"""Number of implicit steps between checks, if the explicit steps explode."""
 _LOOKED_AT = 100
-"""Points of a path at which eigenvalues are computed."""
+"""Number of points of a path at which eigenvalues are computed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +51,11 @@ class FastMode:
     """A mode of the model that is too fast for the integrator's step.
 
     Attributes:
-        time: When [s].
-        rate: Size of the eigenvalue [1/s].
-        growth: Logarithm of what a step multiplies it by, instead of damping it.
-        substeps: Substeps that would be stable.
-        is_stiff: Whether it decays faster than it swings.
+        time: Time of the point [s].
+        rate: Absolute value of the eigenvalue [1/s].
+        growth: Logarithm of the factor by which a step multiplies the mode.
+        substeps: Number of substeps that would be stable.
+        is_stiff: Whether it decays faster than it oscillates.
     """
 
     time: float
@@ -68,7 +68,7 @@ class FastMode:
 def fastest_mode(
     shooting: Shooting, path: Path, x0: Array, known: Known
 ) -> FastMode | None:
-    """Return the fastest mode that an explicit step is too long for; None if none is.
+    """Return the fastest mode for which an explicit step is too long; None without one.
 
     Args:
         shooting: The problem's functions.
@@ -94,16 +94,16 @@ def fastest_mode(
         return None
     if np.isfinite(path.states).all():
         return max(fast, key=lambda mode: mode.rate)
-    return fast[0]  # What comes later may be an explosion's.
+    return fast[0]  # Later ones may come from an explosion.
 
 
 def _points(
     problem: OptimalControlProblem, path: Path, x0: Array, known: Known
 ) -> tuple[Array, Array, Array]:
-    """Return times, states and controls to look at, a column each.
+    """Return times, states and controls of the test points, one column each.
 
-    States that explode, because the finer steps are too long as well, say nothing of
-    the model: a method that is stable for any decaying mode finds where it really is.
+    States that explode because the finer steps are too long as well say nothing of the
+    model. A method that is stable for any decaying mode then finds the true states.
     """
     times, states, controls = path.times[:-1], path.states[:, :-1], path.controls
     if not np.isfinite(path.states).all():

@@ -1,4 +1,4 @@
-"""Symbols of a model given as CasADi MX, and the SX symbols that stand for them.
+"""Map from a model's CasADi MX symbols to the SX symbols that replace them.
 
 The right-hand side is compiled from SX expressions, whose operations are scalar. A
 model in MX symbols gets an SX symbol of the same name and shape for each of them, and
@@ -6,10 +6,10 @@ every expression in them is expanded:
 
     e(x, u, p) in MX  ->  Function([x, u, p], [e]).expand()  called with the SX symbols
 
-A function whose body CasADi cannot write in scalar operations (an integrator, a root
-finder, a callback) stays as a call in the expanded expression, without an error (CasADi
-3.8.2). Such a call is refused here. Tables (`casadi.interpolant`) stay as calls, too,
-and are allowed: what compiles the expression reads them (interpolants.py).
+If CasADi cannot write a function's body in scalar operations (an integrator, a root
+finder, a callback), the function stays in the expanded expression as a call, without an
+error (CasADi 3.8.2). Such a call is refused here. Tables (`casadi.interpolant`) stay as
+calls, too, but are allowed: the compiler reads them (interpolants.py).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -28,7 +28,7 @@ _TABLES = ("LinearInterpolant", "BSplineInterpolant")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SymbolMap:
-    """MX symbols, each with the SX symbol that stands for it.
+    """MX symbols, each with the SX symbol that replaces it.
 
     Attributes:
         given: The MX symbols of the user.
@@ -42,8 +42,8 @@ class SymbolMap:
         """Return an expression in MX symbols as one in SX symbols.
 
         Args:
-            role: What the expression is, for the message.
-            expression: MX in the symbols given; anything else is returned as it is.
+            role: Description of the expression, for the message.
+            expression: MX in the given symbols; anything else is returned unchanged.
 
         Raises:
             InvalidProblemError: If it has other MX symbols, or a call that cannot be
@@ -72,11 +72,12 @@ class SymbolMap:
         """Return the map with further symbols, and the columns as SX.
 
         Args:
-            columns: Columns of symbols by role; those that are not MX are returned as
-                they are.
+            columns: Columns of symbols by role; those that are not MX are returned
+                unchanged.
 
         Raises:
-            InvalidProblemError: If an MX column is no symbol or a column of symbols.
+            InvalidProblemError: If an MX column is neither a symbol nor a column of
+                symbols.
         """
         given, symbols = list(self.given), list(self.symbols)
         for role, column in columns.items():
@@ -92,7 +93,7 @@ class SymbolMap:
 
 
 def _primitives(role: str, column: ca.SX | ca.MX) -> list[ca.MX]:
-    """Return the MX symbols that a column is made of."""
+    """Return the MX symbols that a column consists of."""
     if not isinstance(column, ca.MX):
         return []
     if not column.is_valid_input():
@@ -103,10 +104,10 @@ def _primitives(role: str, column: ca.SX | ca.MX) -> list[ca.MX]:
 
 
 def require_scalar_operations(role: str, expression: ca.SX) -> None:
-    """Refuse an expression that calls a function other than a table.
+    """Raise if an expression calls a function other than a table.
 
     Raises:
-        InvalidProblemError: Naming the functions called.
+        InvalidProblemError: With the names of the called functions.
     """
     called = sorted({
         f"{function.name()} ({function.class_name()})"
@@ -144,13 +145,13 @@ def _called(expression: ca.SX) -> Iterator[ca.Function]:
 
 
 def in_sx(role: str, entry: T, sx: Callable[[str, ca.SX | ca.MX], ca.SX]) -> T:
-    """Return what a user stated with every expression in it brought to SX.
+    """Return a user's entry with every expression in it converted to SX.
 
     Args:
-        role: What it is, for messages.
-        entry: An expression, a constraint of this package with one, or a list or
-            tuple of these; anything else is returned as it is.
-        sx: Returns an expression, given with its role, in SX.
+        role: Description of the entry, for messages.
+        entry: An expression, a constraint of this package, or a list or tuple of these;
+            anything else is returned unchanged.
+        sx: Converts an expression, given its role, to SX.
     """
     stated: object = entry
     if isinstance(stated, ca.SX | ca.MX):

@@ -1,15 +1,15 @@
-"""Linear equations A z = b solved in symbols: smooth, and without a choice of pivots.
+"""Symbolic solution of linear equations A z = b: smooth, and without choice of pivots.
 
-A is brought to lower block triangular form by its structure. Each block is solved by
-modified Gram-Schmidt without square roots, columns a_k of the block in order, b as the
-last one:
+A is permuted to lower block triangular form by its structure. Each block is solved by
+modified Gram-Schmidt without square roots, with the columns a_k of the block in order
+and b as the last one:
 
     q_j = a_j - sum_i<j r_ij q_i,   r_jk = q_j' a_k / q_j' q_j,   R z = r_b,
 
-each r_jk taken from what is left of a_k. An expression cannot choose a pivot by its
-size, and a zero pivot may occur in any order; here only a singular block divides by
-zero. Treating b as a column makes it as accurate as Householder's method; CasADi's
-`solve` for SX forms Q'b instead, and loses the square of the condition number.
+where each r_jk is computed from the remainder of a_k. An expression cannot choose a
+pivot by its size, and a zero pivot may occur in any order; here only a singular block
+divides by zero. Treating b as a column makes the method as accurate as Householder's;
+CasADi's `solve` for SX forms Q'b instead, and loses the square of the condition number.
 
 Source: Bjorck (1967), Solving linear least squares problems by Gram-Schmidt
 orthogonalization, BIT 7, 1-21.
@@ -28,7 +28,7 @@ def solve_in_symbols(matrix: ca.SX, right: ca.SX) -> ca.SX:
         right: Shape (n, 1).
 
     Returns:
-        Shape (n, 1); NaN or infinite where the matrix is singular.
+        Shape (n, 1); NaN or infinite if the matrix is singular.
     """
     _, rows, columns, block_rows, _, _, _ = matrix.sparsity().btf()
     found: dict[int, ca.SX] = {}

@@ -2,10 +2,10 @@
 
     thrust = table(mach, newton, "bspline");   ode = thrust(v / 340) / mass - drag
 
-A table is an expression like any other: it runs in machine code, has derivatives, and a
-linear one has a kink at each breakpoint. Methods are those of `casadi.interpolant`:
+A table is an expression like any other: it runs in machine code and has derivatives; a
+linear one has a kink at each breakpoint. The methods are those of `casadi.interpolant`:
 
-- "linear": straight between neighbours; bilinear with two inputs;
+- "linear": straight lines between neighbours; bilinear with two inputs;
 - "bspline": the cubic spline through all values, twice continuously differentiable,
   with the not-a-knot condition at the ends; its tensor product with two inputs.
 
@@ -28,23 +28,23 @@ Array = NDArray[np.float64]
 Method = Literal["linear", "bspline"]
 Beyond = Literal["extrapolate", "hold"]
 Argument: TypeAlias = Any
-"""ca.SX, ca.MX, ca.DM or float: CasADi's own types leave some of these out."""
+"""ca.SX, ca.MX, ca.DM or float: CasADi's own types omit some of these."""
 
 FEWEST = {"linear": 2, "bspline": 4}
-"""Breakpoints of each input."""
+"""Smallest number of breakpoints of each input."""
 _MOST_INPUTS = 2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Table:
-    """Values over one or two inputs, called with CasADi expressions; see `table`.
+    """Table of values over one or two inputs, called with expressions; see `table`.
 
     Attributes:
-        breakpoints: For each input where it is known, increasing; shape (n,).
+        breakpoints: Breakpoints of each input, increasing; shape (n,).
         values: Shape (n,), or (n, m) with two inputs, the first along the rows.
         method: "linear" or "bspline".
-        outside: Beyond the breakpoints: "extrapolate" or "hold".
-        name: For messages.
+        outside: Value beyond the breakpoints: "extrapolate" or "hold".
+        name: Name in messages.
 
     Raises:
         InvalidProblemError: If a shape does not fit, breakpoints do not increase, there
@@ -70,7 +70,7 @@ class Table:
     _spline: Spline = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check, copy and lock the numbers; find the spline."""
+        """Validate, copy and lock the numbers; compute the spline."""
         for role, choices in (("method", Method), ("outside", Beyond)):
             if getattr(self, role) not in (allowed := get_args(choices)):
                 raise InvalidProblemError(
@@ -101,14 +101,14 @@ class Table:
         """Return the table as an expression, entry by entry of its arguments.
 
         Args:
-            arguments: One for each input, of one shape or scalar; CasADi symbols,
+            arguments: One for each input, of one shape or scalar: CasADi symbols,
                 expressions or numbers.
 
         Returns:
             An SX expression; MX if an argument is one.
 
         Raises:
-            InvalidProblemError: If their number or a type is wrong.
+            InvalidProblemError: If the number or the type of the arguments is wrong.
         """
         self._require_inputs(len(arguments))
         if any(isinstance(a, ca.MX) for a in arguments):
@@ -116,7 +116,7 @@ class Table:
             symbols = [ca.SX.sym("x", *a.shape) for a in given]
             called = ca.Function("table", symbols, [self(*symbols)])
             matrix: Any = called(*given)
-            return cast("ca.SX", matrix)  # MX, as is said above.
+            return cast("ca.SX", matrix)  # MX; see Argument.
         try:
             expressions = [ca.SX(a) for a in arguments]
         except (NotImplementedError, TypeError) as error:
@@ -137,8 +137,11 @@ class Table:
         Args:
             arguments: One for each input, of shapes that NumPy can broadcast.
 
+        Returns:
+            The values, in the broadcast shape.
+
         Raises:
-            InvalidProblemError: If their number is wrong.
+            InvalidProblemError: If the number of arguments is wrong.
         """
         self._require_inputs(len(arguments))
         given = np.broadcast_arrays(*[np.asarray(a, dtype=float) for a in arguments])
@@ -208,7 +211,7 @@ class Table:
         )
 
     def _require_finite(self) -> None:
-        """Refuse numbers so far apart, or so near, that slopes overflow."""
+        """Raise if slopes overflow, for breakpoints too close or values too large."""
         with np.errstate(all="ignore"):
             middles = [np.convolve(b, [0.5, 0.5], "valid") for b in self.breakpoints]
             found = self.at(*np.meshgrid(*middles, indexing="ij"))
@@ -229,22 +232,24 @@ def table(
 ) -> Table:
     """Return a table that can be used in expressions of a problem.
 
-    With "extrapolate" the end pieces go on beyond the breakpoints: the last straight
-    line, or the last cubic, which grows fast. With "hold" the value at the end stays,
-    and the end is a kink. `casadi.interpolant` extrapolates where it is linear; its
-    B-spline is zero outside.
+    With "extrapolate" the end pieces are extended beyond the breakpoints: the last
+    straight line, or the last cubic, which grows fast. With "hold" the value at the end
+    is held, and the end is a kink. `casadi.interpolant` extrapolates if it is linear;
+    its B-spline is zero outside.
 
-    Args:
-        x: Breakpoints, increasing, shape (n,); for two inputs a pair of such. At least
-            2 for "linear", 4 for "bspline".
+    x: Breakpoints, increasing, shape (n,); for two inputs a pair of such arrays. At
+    least 2 for "linear", 4 for "bspline".
         y: Values, shape (n,); for two inputs (n, m), the first input along the rows.
         method: "linear" (continuous) or "bspline" (cubic, not-a-knot, twice
             continuously differentiable).
         outside: "extrapolate" or "hold".
-        name: For messages.
+        name: Name in messages.
+
+    Returns:
+        A `Table`, to be called with expressions.
 
     Raises:
-        InvalidProblemError: If the numbers make no table; see `Table`.
+        InvalidProblemError: If the numbers do not form a table; see `Table`.
 
     Example:
         >>> import casadi as ca
@@ -258,7 +263,7 @@ def table(
     breakpoints: Any = (x,)
     if isinstance(x, list | tuple) and any(np.ndim(one) for one in x):
         breakpoints = tuple(x)
-    values: Any = y  # Made numbers, and checked, there.
+    values: Any = y  # Converted and validated there.
     return Table(
         breakpoints=breakpoints,
         values=values,

@@ -1,8 +1,8 @@
-"""Agents that plan in priority order, each seeing the plans of those before it.
+"""Agents that plan in priority order; each sees the plans of those before it.
 
-All plan at the same instant, one after the other; an agent receives the fresh plans of
-those it watches as time-varying signals, below its own reference (5.2.3.2: the higher
-index plans first, the lower avoids it).
+All plan at the same instant, one after the other. An agent receives the new plans of
+the agents that it watches as time-varying signals, after the rows of its own reference
+(5.2.3.2: the agent with the higher index plans first, the lower one avoids it).
 """
 
 from collections.abc import Callable, Sequence
@@ -18,17 +18,18 @@ from swarmstart.ocp.plan import Plan
 
 Array = NDArray[np.float64]
 MakePlan = Callable[[int, Array, tuple[Array, ...]], Plan]
-"""(agent's number, its state, rows it sees) -> its plan."""
+"""(agent's number, its state, signal rows that it sees) -> its plan."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Agent:
-    """A member of a team.
+    """Member of a team.
 
     Attributes:
-        controller: Its planner and reference.
-        watches: Numbers of the agents whose plans it sees; each plans before it.
-        shows: Rows of its own states that others see: its position.
+        controller: Controller with its planner and reference.
+        watches: Numbers of the agents whose plans it sees; each of them plans before
+            it.
+        shows: Rows of its own states that others see, such as its position.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -52,7 +53,7 @@ class Agent:
 
 
 class Team:
-    """A controller of agents whose states and controls are stacked.
+    """Controller of agents whose states and controls are stacked.
 
     Attributes:
         agents: The agents, in the order of their states and controls.
@@ -80,14 +81,14 @@ class Team:
     """
 
     def __init__(self, agents: Sequence[Agent], *, order: Sequence[int]) -> None:
-        """Put a team together.
+        """Set up a team.
 
         Args:
             agents: At least one agent.
             order: A permutation of 0..len(agents) - 1.
 
         Raises:
-            InvalidProblemError: If the order is no permutation, an agent watches one
+            InvalidProblemError: If the order is not a permutation, an agent watches one
                 that plans later or whose plans have other nodes, or control intervals
                 differ.
         """
@@ -135,7 +136,7 @@ class Team:
         return self.agents[0].controller.dt
 
     def split(self, state: Array) -> list[Array]:
-        """Return the state of each agent, views of the stacked state (nx,)."""
+        """Return the state of each agent, as views of the stacked state (nx,)."""
         return np.split(state, self._splits)
 
     def decide(
@@ -157,11 +158,11 @@ class Team:
         return Decision(control=first_controls(plans), plans=plans)
 
     def plans(self, state: Array, make: MakePlan) -> tuple[Plan, ...]:
-        """Return each agent's plan, made in order, in the order of the agents.
+        """Return the agents' plans, made in planning order, returned in agents' order.
 
         Args:
             state: Stacked state, shape (nx,).
-            make: Makes one plan; called once an agent.
+            make: Makes one plan; called once for each agent.
         """
         states = self.split(state)
         made: dict[int, Plan] = {}

@@ -1,4 +1,4 @@
-"""The terminal set of a problem: where a linear law may take over from planning."""
+"""Terminal set of a problem, in which a linear law may replace planning."""
 
 from __future__ import annotations
 
@@ -31,30 +31,30 @@ def terminal_set_of(
     options: ProofOptions | None = None,
     rng: np.random.Generator,
 ) -> TerminalSet:
-    """Design a linear law for a problem at a reference, and certify where it holds.
+    """Design a linear law for a problem at a reference, and certify its terminal set.
 
-    Dynamics, the bounds of controls and states and dt are those of the problem; inputs
-    are held over its control intervals, and integrated in as many steps as the problem
-    takes, if `options` says nothing else. The input at the reference is the one within
-    the bounds that leaves it where it is; of several, one near their middle. Other
-    constraints and the costs do not enter: a constraint that cuts the set has to be
-    checked by who uses it.
+    Dynamics, bounds of controls and states, and dt are those of the problem. Inputs are
+    held over its control intervals. They are integrated in as many steps as the problem
+    takes, unless `options` says otherwise. The input at the reference is the one within
+    the bounds that keeps the reference at rest; if there are several, one near the
+    middle of the bounds. Costs and other constraints are ignored: the user must check
+    any constraint that cuts the set.
 
     Args:
         problem: The problem.
         at: Reference state, shape (nx,), SI units.
-        weights: Q and R per step, and kappa.
+        weights: Weights Q and R per step, and kappa.
         parameters: Values of the model's parameters, shape (np,).
-        options: Of the proof; None: any decrease.
-        rng: Of the samples and of the rays that look for counterexamples.
+        options: Options of the proof; None: any decrease.
+        rng: Source of the samples and of the rays that look for counterexamples.
 
     Returns:
         K, P, the largest level that was proven, and the certificate.
 
     Raises:
-        InvalidProblemError: A shape is not the problem's.
-        NotAnEquilibriumError: No input leaves the reference where it is.
-        SwarmstartError: As `certified_terminal_set` says.
+        InvalidProblemError: If a shape is not the problem's.
+        NotAnEquilibriumError: If no input keeps the reference at rest.
+        SwarmstartError: As in `certified_terminal_set`.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -115,7 +115,7 @@ def _resting_input(
     rows: NDArray[np.bool_],
     limits: tuple[Array, Array],
 ) -> Array:
-    """Return the input that leaves the states at rest that should be, or nearly so."""
+    """Return the input that keeps the given states at rest, or nearly so."""
     lower, upper = limits
     middle = np.where(np.isfinite(lower + upper), (lower + upper) / 2, 0.0)
     start = np.clip(middle, lower, upper)

@@ -2,22 +2,22 @@
 
     minimise  f(w, q)   subject to  lbg <= g(w, q) <= ubg,  lbw <= w <= ubw
     w = (u_0, x_1, u_1, x_2, ... u_N-1, x_N, decided states of x_0), divided by sizes;
-        after each u_k the excesses e_k >= 0 of soft constraints (soft.py), and what is
-        collocated within the interval, if anything is (collocation.py)
+        after each u_k the excesses e_k >= 0 of soft constraints (soft.py), and the
+        collocation unknowns of the interval, if there are any (collocation.py)
     g = (defects and rows of interval 0, of interval 1, ..., terminal rows, rows of x_0,
-         differences of controls that are the same)
+         differences of controls that must be equal)
     q = (x0, shared, weights of an interval's, the end's and the start's rows, ca.vec of
     signals)
 
 The states after each interval are variables, tied by continuity (defects = 0). Path
-constraints hold, in smooth form, at every check; rows that a control enters hold as an
-interval begins, too. Terminal constraints hold at the end. A range or an equality is
-one row with two limits.
+constraints hold, in smooth form, at every check; rows that depend on a control also
+hold at the start of each interval. Terminal constraints hold at the end. A range or an
+equality is one row with two limits.
 
-The sizes (scaling.py) are arguments, the cost's in its unit (`Shooting.costs`): so a
-solver built once sees numbers near one, whatever the units and the initial state.
-Derivatives are those of one interval, mapped and put in their places (nlp_assembly.py):
-the time to build them does not grow with N.
+The sizes (scaling.py) are arguments, the cost's in its unit (`Shooting.costs`). So a
+solver is built once and sees numbers near one for all units and initial states. The
+derivatives are those of one interval, mapped and put in their places (nlp_assembly.py),
+so the build time does not grow with N.
 
 Source: Bock and Plitt (1984), A multiple shooting algorithm for direct solution of
 optimal control problems.
@@ -60,8 +60,9 @@ Array = NDArray[np.float64]
 
 
 _UNROLLED = 100_000
-"""Operations of an NLP with its derivatives up to which it is written out, which makes
-short horizons quicker to iterate; longer ones would take too long to build."""
+"""Largest number of operations, with derivatives, of an NLP that is written out. This
+speeds up the iterations over short horizons; longer ones would take too long to
+build."""
 
 
 class Limits(NamedTuple):
@@ -75,21 +76,21 @@ class Limits(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NonlinearProgram:
-    """An NLP in the form CasADi's `nlpsol` takes; its numbers follow from sizes.
+    """An NLP in the form that CasADi's `nlpsol` takes, with sizes as arguments.
 
     Attributes:
         problem: The problem.
         nlp: The expressions "x", "p", "f", "g".
         derivatives: "grad_f", "jac_g" and "hess_lag", as nlpsol's IPOPT takes them.
         parts: One interval, the end and the start.
-        unit: Of the cost, as `OptimalControlProblem.costs` gives it.
-        slack_rows: Of each soft row, which rows of an interval hold its excess; counted
-            among those with a limit.
-        inner_guess: Finds where what is collocated begins; None in multiple shooting.
+        unit: Unit of the cost, as in `OptimalControlProblem.costs`.
+        slack_rows: For each soft row, the rows of an interval that bound its excess;
+            counted among the rows with a limit.
+        inner_guess: Guess of the collocation unknowns; None in multiple shooting.
     """
 
     problem: OptimalControlProblem
-    nlp: dict[str, Any]  # Of CasADi's MX or, written out, SX.
+    nlp: dict[str, Any]  # MX, or SX if written out.
     derivatives: dict[str, ca.Function]
     parts: Parts
     unit: float
@@ -99,13 +100,13 @@ class NonlinearProgram:
     def arguments(
         self, x0: Array, parameters: Array, signals: Array, sizes: Sizes
     ) -> Array:
-        """Return q.
+        """Return the arguments q.
 
         Args:
             x0: Initial state, shape (nx,).
             parameters: Shape (np,).
             signals: ca.vec of the signals.
-            sizes: The sizes.
+            sizes: The natural sizes.
         """
         cost = [sizes.cost / self.unit]
         soft = _sizes_of_slacks(self.problem, sizes)
@@ -122,8 +123,8 @@ class NonlinearProgram:
     def limits(self, sizes: Sizes) -> Limits:
         """Return the bounds of variables and constraints, divided by the sizes.
 
-        Of controls that are the same the first has the bounds, which would else be
-        there several times.
+        Of controls that must be equal only the first has the bounds, to avoid repeated
+        constraints.
         """
         problem, N = self.problem, self.problem.intervals
         free, empty = decided_states(problem), np.empty(0, dtype=np.intp)
@@ -170,9 +171,9 @@ class NonlinearProgram:
         return Limits(bounds[0], bounds[1], g[0], g[1])
 
     def variables(self, controls: Array, states: Array, sizes: Sizes) -> Array:
-        """Return w of controls (nu, N) and the states between intervals (nx, N + 1).
+        """Return w for controls (nu, N) and the states between intervals (nx, N + 1).
 
-        Excesses of soft constraints and what is collocated are 0.
+        Excesses of soft constraints and collocation unknowns are 0.
         """
         scaled = states / sizes.states[:, None]
         more = inputs_of(self.problem) - self.problem.model.nu
@@ -182,7 +183,7 @@ class NonlinearProgram:
         return np.concatenate([inner.ravel(order="F"), scaled[free, 0]])
 
     def hold(self, limits: Limits, w: Array, controls: Sequence[int]) -> None:
-        """Bring the bounds of some controls to their values in w."""
+        """Fix some controls at their values in w, by their bounds."""
         if not controls:
             return
         problem = self.problem
@@ -194,12 +195,12 @@ class NonlinearProgram:
         limits.lbx[row] = limits.ubx[row] = w[row]
 
     def with_slacks(self, w: Array, q: Array, limits: Limits) -> Array:
-        """Return w with the excesses that soft constraints have there.
+        """Return w with the excesses of soft constraints at this point.
 
         Args:
             w: Variables whose excesses are 0.
             q: Arguments.
-            limits: Of its variables and rows.
+            limits: Limits of its variables and rows.
         """
         problem = self.problem
         if not problem.slacks:
@@ -218,12 +219,12 @@ class NonlinearProgram:
         return found
 
     def with_points(self, w: Array, given: "Given", sizes: Sizes) -> Array:
-        """Return w with a guess of what is collocated.
+        """Return w with a guess of the collocation unknowns.
 
         Args:
             w: Variables.
-            given: What they are made of.
-            sizes: The sizes.
+            given: Values that the variables are made from.
+            sizes: The natural sizes.
         """
         if self.inner_guess is None:
             return w
@@ -238,7 +239,7 @@ class NonlinearProgram:
         return found
 
     def split(self, w: Array, sizes: Sizes) -> tuple[Array, Array]:
-        """Return controls (nu, N), and the decided states at the start, of w."""
+        """Return controls (nu, N), and the decided states at the start, from w."""
         problem = self.problem
         nu, N, free = problem.model.nu, problem.intervals, decided_states(problem)
         inner = w[: w.size - len(free)].reshape((-1, N), order="F")
@@ -248,7 +249,7 @@ class NonlinearProgram:
 
 
 def _sizes_of_slacks(problem: OptimalControlProblem, sizes: Sizes) -> Array:
-    """Return the size of each soft row, as it is that of its excess."""
+    """Return the size of each soft row, which is that of its excess, too."""
     hard = len(sizes.rows) - len(problem.soft)
     return np.concatenate([np.empty(0), *sizes.rows[hard:]])
 
@@ -263,7 +264,7 @@ def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearPro
     """Return the multiple-shooting NLP of a problem, with its derivatives.
 
     Args:
-        problem: The problem, or its functions.
+        problem: The problem, or its compiled functions.
     """
     shooting = shooting_of(problem)
     problem = shooting.problem
@@ -311,7 +312,7 @@ def _without_calls(nlp: dict[str, Any]) -> dict[str, Any]:
 
 
 class Given(NamedTuple):
-    """What an NLP solver begins with, in the units of the problem.
+    """Start of an NLP solver, in the units of the problem.
 
     Attributes:
         controls: Shape (nu, N).
@@ -327,7 +328,7 @@ class Given(NamedTuple):
 
 
 class _Shared(NamedTuple):
-    """Arguments that all parts share, one column: see `_shared_symbols`."""
+    """Arguments that all parts share, as one column: see `_shared_symbols`."""
 
     parameters: ca.SX
     states: ca.SX
@@ -336,7 +337,7 @@ class _Shared(NamedTuple):
     cost: ca.SX
 
     def column(self) -> ca.SX:
-        """Return all in one column."""
+        """Return all of them in one column."""
         return ca.vertcat(*self)
 
 
@@ -355,7 +356,7 @@ def _shared_symbols(problem: OptimalControlProblem) -> _Shared:
 def _interval_part(shooting: Shooting) -> Part:
     """Return an interval: z = (x, u, e, c), g = (x after, rows of c, constraint rows).
 
-    c is what is collocated, see collocation.py.
+    c are the collocation unknowns, see collocation.py.
 
     Args:
         shooting: The problem's functions.
@@ -407,11 +408,11 @@ def _soft_rows(
     points: Sequence[tuple[ca.SX, ca.SX, bool]],
     held: tuple[ca.SX, ca.SX, ca.SX],
 ) -> list[LimitedRows]:
-    """Return the rows that hold the excesses of soft constraints up.
+    """Return the rows that bound the excesses of soft constraints from below.
 
     Args:
         soft: The soft constraints.
-        points: States and signals, and whether the end of the interval left them.
+        points: States and signals, and whether they are after the interval's end.
         held: Controls, excesses and parameters.
     """
     u, e, p = held
@@ -431,11 +432,11 @@ def _soft_rows(
 
 
 def _rows_of_check(shooting: Shooting, *, last: bool) -> list[list[int]]:
-    """Return the rows of each constraint that are held as a check ends.
+    """Return the rows of each constraint that hold at the end of a check.
 
-    Where they can still change: an equality that stood at each check again would leave
-    the NLP more equations than variables. States after an interval are variables, with
-    bounds of their own; before its end changes them, they are not.
+    Only rows that can still change are included: repeated equalities would give the NLP
+    more equations than variables. States after an interval are variables with bounds of
+    their own; states before the jump at its end are not.
     """
     problem, chosen = shooting.problem, []
     for number, constraint in enumerate(problem.path_constraints):
@@ -462,7 +463,7 @@ def _rows_at(
         shooting: The problem's functions.
         at: State, controls, parameters and signals.
         chosen: The rows of each constraint.
-        check: Where that is, as in LimitedRows.
+        check: Number of the check, as in LimitedRows.
         without_bounds: Whether the bounds of the states are left out.
     """
     problem, found = shooting.problem, []
@@ -470,7 +471,7 @@ def _rows_at(
         if without_bounds and number == len(problem.stated):
             continue
         if lifts(problem) and constraint.name == UNSOLVED:
-            continue  # The equations are rows of their own.
+            continue  # These equations are separate rows.
         rows = constraint.smooth(shooting.path_values[number](*at))
         found.append(_limited(rows, number, chosen[number], check))
     return found
@@ -528,7 +529,7 @@ def _begin_part(shooting: Shooting) -> Part:
         [
             _limited(c.smooth(c.expression), number, shooting.rows_of_start[number])
             for number, c in enumerate(problem.path_constraints)
-            if number < len(problem.stated)  # The start has the bounds of its states.
+            if number < len(problem.stated)  # State bounds apply to the start anyway.
             and not (lifts(problem) and c.name == UNSOLVED)
         ]
     )

@@ -1,12 +1,12 @@
-"""An answer as a start of the same problem on another grid, or from another state.
+"""Transfer of an answer to a start on another grid, or from another initial state.
 
     states       interpolated over the time
     controls     means over the new intervals; knots are interpolated
-    decided      as they are: parameters, a free end time, a free start
+    decided      unchanged: parameters, a free end time, a free start
     multipliers  as in carried.py
 
-Of another horizon all is stretched: the beginning stays the beginning, and the end the
-end. States of joined phases, which count their intervals, are left out on another grid.
+If the horizon differs, everything is stretched: start maps to start, end to end. States
+of joined phases, which count their intervals, are omitted on another grid.
 """
 
 from collections.abc import Sequence
@@ -35,11 +35,11 @@ def guess_of(
     Args:
         plan: The plan, with its states.
         stated: The problem that it answers.
-        problem: The problem to be solved.
+        problem: The problem to solve.
 
     Raises:
-        InvalidProblemError: If states, controls, constraints or what is decided have
-            other names, or controls another shape.
+        InvalidProblemError: If states, controls, constraints or decisions have other
+            names, or controls another shape.
     """
     _require_same(stated, problem)
     before, after = lowered(stated), lowered(problem)
@@ -67,7 +67,7 @@ def guess_of(
 
 
 def _length(after: Lowered, decided: dict[str, float]) -> float:
-    """Return the length of the new horizon [s]; of a free one as it was, in bounds."""
+    """Return the length of the new horizon [s]; a free one keeps it, in bounds."""
     horizon = after.stated.horizon
     if not isinstance(horizon, Free):
         return after.stated.length
@@ -103,7 +103,7 @@ def _states(plan: Plan, before: Lowered, after: Lowered, controls: Array) -> Arr
         if name in names:
             found[i] = np.interp(new, old, plan.states[names.index(name)])
     places = after.places["previous"]
-    if places:  # They jump.
+    if places:  # These states jump.
         nodes = np.arange(new.size) // after.core.checks
         held = np.hstack([found[places, :1], controls[: len(places)]])
         found[places] = held[:, nodes]

@@ -1,9 +1,9 @@
-"""Powers of two taken out of an expression, so that they round nothing.
+"""Powers of two factored out of an expression, so that they cause no rounding.
 
-A cost times a power of two is the same numbers with other exponents. But 2^k (a b) + c
-is not rounded as a b + c is: sums are fused with products, and derivatives add up in
-another order. With the power taken out of the expression, and multiplied where all is
-done, every answer has the same bits.
+A cost times a power of two has the same digits with other exponents. But 2^k (a b) + c
+is not rounded like a b + c: sums are fused with products, and derivatives add up in
+another order. If the power is factored out of the expression and applied at the very
+end, every answer has the same bits.
 """
 
 import math

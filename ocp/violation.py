@@ -1,7 +1,7 @@
-"""How far constraints are broken, as one number: the sum of scaled excesses.
+"""Violation: one number for all broken constraints, the sum of scaled excesses.
 
-What is not finite stays so in the sums: the positive part of an excess e is
-(e + |e|) / 2, which does not lose NaN as fmax(e, 0) does.
+Values that are not finite stay so in the sums: the positive part of an excess e is
+(e + |e|) / 2, which keeps NaN, unlike fmax(e, 0).
 """
 
 from typing import TypeVar
@@ -17,11 +17,11 @@ Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
 
 
 def row_weights(problem: OptimalControlProblem, automatic: ca.SX) -> list[ca.SX]:
-    """Return 1 / scale of each constraint's rows, the path's and then the terminal.
+    """Return 1 / scale of the rows of each path, then each terminal constraint.
 
     Args:
         problem: The problem.
-        automatic: 1 / scale of the rows whose scale the problem does not fix.
+        automatic: 1 / scale of the rows whose scale the problem leaves open.
     """
     weights, used = [], 0
     for scales in problem.row_scales():
@@ -37,7 +37,7 @@ def row_weights(problem: OptimalControlProblem, automatic: ca.SX) -> list[ca.SX]
 def path_violation(constraint: Constraint, excess: ca.SX, weight: ca.SX) -> ca.SX:
     """Return the violation of a constraint: the sum of its scaled positive excesses.
 
-    It is not finite if an excess is not.
+    It is not finite if an excess is not finite.
     """
     if constraint.measure == "indicator":
         finite = ca.fabs(excess) < ca.inf

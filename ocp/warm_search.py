@@ -1,8 +1,9 @@
-"""A population search for starts of an NLP whose states are eliminated.
+"""Population search for starts of an NLP whose states are eliminated.
 
-Each control is a line through a few knots; all else that is left is searched directly.
-Individuals are compared by cost + weight * violation (`traded_order`); the violation is
-the sum of all excesses over the bounds of the rows that are left.
+Each control is piecewise linear through a few knots; all other remaining variables are
+searched directly. Individuals are compared by cost + weight * violation
+(`traded_order`). The violation is the sum of all excesses over the bounds of the
+remaining rows.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,19 +34,19 @@ Values = Callable[[Array], tuple[Array, Array]]
 Evaluator = Interpreted | CasadiMap
 
 KNOTS = 12
-"""Knots of each control."""
+"""Number of knots of each control."""
 BASINS = 3
-"""Distinct basins that are kept for the NLP solver."""
+"""Number of distinct basins kept for the NLP solver."""
 RADIUS = 0.08
-"""Least distance of two of them, a fraction of the box's widths."""
+"""Smallest distance of two basins, as a fraction of the box's widths."""
 STRETCH = 4.0
-"""A variable without bounds that is no control is looked for between its initial value
-divided by this, and multiplied by this."""
+"""A variable without bounds that is no control is searched between its initial value
+divided by this factor and multiplied by it."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RollOut:
-    """The NLP in the search's variables, z.
+    """NLP in the variables z of the search.
 
     free = clip(spread @ z, lower, upper)
 
@@ -54,8 +55,8 @@ class RollOut:
         evaluate: (z, p, lower of g, limits of the kept rows and of free) -> (cost,
             violation).
         spread: Shape (nf, nz).
-        sequences: Each a control over time, or one variable: its knots' times, the
-            times of its variables that are left, and their indices in x.
+        sequences: Controls over time, or single variables: for each its knots' times,
+            the times of its remaining variables, and their indices in x.
     """
 
     found: Elimination
@@ -66,13 +67,13 @@ class RollOut:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Ranges:
-    """Where is searched.
+    """Ranges of the search.
 
     Attributes:
-        lower: Of each variable that is left, shape (nf,).
-        upper: The same from above.
+        lower: Lower bounds of the remaining variables, shape (nf,).
+        upper: Upper bounds of the remaining variables, shape (nf,).
         box: The search's box.
-        start: The owner's start in the search's variables, shape (nz,).
+        start: The user's own start in the search's variables, shape (nz,).
     """
 
     lower: Array
@@ -86,7 +87,7 @@ def roll_out_of(found: Elimination, controls: Sequence[Indices]) -> RollOut:
 
     Args:
         found: The elimination.
-        controls: Each a control over time, indices in x, shape (times,).
+        controls: Controls over time, each as indices in x, shape (times,).
     """
     place = {int(index): k for k, index in enumerate(found.free)}
     of_controls = {int(i) for control in controls for i in control}
@@ -132,7 +133,7 @@ def _evaluator(found: Elimination, spread: Array) -> Evaluator:
     free = ca.mtimes(ca.sparsify(ca.DM(spread)), z)
     cost, rows = found.value(ca.fmin(ca.fmax(free, free_from), free_to), p, lower)
     excess = ca.sum1(ca.fmax(ca.fmax(least - rows, rows - most), 0))
-    # fmax drops a NaN, and what is infinite may lie within infinite bounds.
+    # fmax drops a NaN, and an infinite value may lie within infinite bounds.
     finite = ca.fabs(cost) + ca.sum1(ca.fabs(rows)) < ca.inf
     violation = ca.if_else(finite, excess, ca.inf)
     arguments = [z, p, lower, *limits]
@@ -147,13 +148,13 @@ def starts(
     search: SearchSettings,
     rng: np.random.Generator,
 ) -> list[Array]:
-    """Search; return the best distinct points, each with its states, shape (nx,).
+    """Search; return the best distinct points with their states, each (nx,).
 
     Args:
         roll_out: The NLP in the search's variables.
-        ranges: Where is searched.
+        ranges: The ranges of the search.
         numbers: The NLP's numbers.
-        search: The search; without an order, by cost + weight * violation.
+        search: The search; if it has no order, that by cost + weight * violation.
         rng: Source of all randomness.
     """
     found = roll_out.found
@@ -200,13 +201,13 @@ def ranges_of(
     numbers: Numbers,
     asked: Sequence[tuple[Indices, float, float]],
 ) -> Ranges:
-    """Return where is searched.
+    """Return the ranges of the search.
 
     Args:
         nlp: The NLP.
         roll_out: The NLP in the search's variables.
         numbers: The NLP's numbers.
-        asked: Bounds that the user gave: (indices in x, lower, upper).
+        asked: Bounds given by the user: (indices in x, lower, upper).
 
     Raises:
         InvalidProblemError: If bounds are missing or empty.
@@ -237,7 +238,7 @@ def ranges_of(
 def _limits(
     nlp: GivenNlp, numbers: Numbers, asked: Sequence[tuple[Indices, float, float]]
 ) -> tuple[Array, Array]:
-    """Return the bounds of each variable by rows of it alone and by the user."""
+    """Return the bounds of each variable from rows of it alone and from the user."""
     lower, upper = (np.full(nlp.x.numel(), side) for side in (-np.inf, np.inf))
     for row, index, slope, offset in _simple_rows(nlp, numbers.p):
         ends = sorted(
@@ -282,7 +283,7 @@ def _fill_missing(
     lower: Array,
     upper: Array,
 ) -> None:
-    """Set missing bounds by the initial value, where that says how large it is."""
+    """Fill in missing bounds from the initial value, if that gives a size."""
     for index in found.free.tolist():
         if np.isfinite([lower[index], upper[index]]).all():
             continue

@@ -1,16 +1,16 @@
-"""An NLP solved from its owner's start and from a searched one; the better is kept.
+"""An NLP solved from the user's start and from a searched one; the better is kept.
 
 The states are eliminated (elimination.py), a population searches the controls by
-roll-outs (warm_search.py), IPOPT polishes the best distinct ones on the expanded NLP,
-and the best of those is the second start of the owner's own solver. It is solved from
-there only if that promises to be better than from the owner's own start.
+roll-outs (warm_search.py), IPOPT polishes the best distinct points on the expanded NLP,
+and the best of those is the second start of the user's own solver. The solver runs from
+there only if that promises a better answer than from the user's own start.
 
-What is better is judged on the NLP's own f and g, not by what a solver says of itself:
-feasible before infeasible, with a row's excess measured by the size of its terms
+Answers are compared by the NLP's own f and g, not by the solver's report: feasible
+before infeasible, with a row's excess relative to the size of its terms
 
     max(1, |bound|, max_j |J_ij x_j|),
 
-then the cost; ties go to the owner's own start.
+then by the cost; ties go to the user's own start.
 """
 
 import math
@@ -34,9 +34,9 @@ Array = NDArray[np.float64]
 Winner = Literal["own start", "searched start"]
 
 FEASIBLE = 1e-6
-"""Largest excess of a row, relative to its terms, that counts as none."""
+"""Largest excess of a row, relative to its terms, that counts as feasible."""
 SAME_COST = 1e-6
-"""Difference of costs, relative to 1 and more, below which two are a tie."""
+"""Relative difference of costs (relative to 1 for small ones) that counts as a tie."""
 _QUIET: dict[str, Any] = {
     "print_time": False,
     "show_eval_warnings": False,
@@ -44,21 +44,21 @@ _QUIET: dict[str, Any] = {
     "calc_lam_p": False,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
-    "ipopt.max_iter": 60,  # Restorations beyond were seen to take half a minute.
+    "ipopt.max_iter": 60,  # More: up to 30 s of restorations.
 }
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StartOutcome:
-    """The outcome of one of the two starts.
+    """Outcome of one of the two starts.
 
     Attributes:
-        cost: f there; infinity if there is no answer.
+        cost: Value of f; infinity if there is no answer.
         violation: Largest excess of a row, relative to its terms; infinity if there is
             no answer.
-        status: The solver's own word, or why it was not run.
-        iterations: Iterations of the owner's solver.
-        seconds: Wall time; of the searched start with all that led to it [s].
+        status: The solver's own status, or the reason why it did not run.
+        iterations: Iterations of the user's solver.
+        seconds: Wall time [s]; for the searched start including the search.
     """
 
     cost: float
@@ -69,11 +69,11 @@ class StartOutcome:
 
     @property
     def feasible(self) -> bool:
-        """Whether every row is kept."""
+        """True if every row is kept."""
         return self.violation <= FEASIBLE and math.isfinite(self.cost)
 
     def __str__(self) -> str:
-        """Return it in one line."""
+        """Return the outcome in one line."""
         if not math.isfinite(self.cost):
             return f"{self.status}, {self.seconds:.2f} s"
         return (
@@ -84,14 +84,14 @@ class StartOutcome:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WarmStartReport:
-    """Which start won, and both outcomes.
+    """Report of a warm start: the winning start, and both outcomes.
 
     Attributes:
         winner: "own start" or "searched start".
-        own: Outcome of the owner's own start.
+        own: Outcome of the user's own start.
         searched: Outcome of the searched start.
-        compile_seconds: Wall time of loading and compiling the search, which is in no
-            other number here [s].
+        compile_seconds: Wall time for loading and compiling the search, which is not
+            included in the other times [s].
     """
 
     winner: Winner
@@ -100,17 +100,17 @@ class WarmStartReport:
     compile_seconds: float
 
     def __repr__(self) -> str:
-        """Return both outcomes, the winner's marked."""
+        """Return both outcomes in three lines."""
         lines = [f"warm start: the {self.winner} won"]
         lines += [f"  own start: {self.own}", f"  searched start: {self.searched}"]
         return "\n".join(lines)
 
 
 class WarmStartedSolver:
-    """An Opti, or an NLP of CasADi, that is solved from two starts; of `warm_start`.
+    """Solver of an Opti or a CasADi NLP from two starts; made by `warm_start`.
 
     Attributes:
-        report: What the last `solve` did; None before.
+        report: Report of the last `solve`; None before the first.
 
     Example:
         >>> import casadi as ca
@@ -139,10 +139,10 @@ class WarmStartedSolver:
 
         Args:
             nlp: The NLP.
-            layouts: What the states' and the controls' places in time may be.
+            layouts: Possible arrangements in time of the states and of the controls.
             asked: Bounds for the search: (indices in x, lower, upper).
             search: The search.
-            seed: Of each `solve`.
+            seed: Seed of each `solve`.
         """
         self.report: WarmStartReport | None = None
         self._nlp, self._layouts, self._asked = nlp, layouts, asked
@@ -156,7 +156,7 @@ class WarmStartedSolver:
         self._ranges(numbers)
 
     def __repr__(self) -> str:
-        """Return what is searched, and the report if there is one."""
+        """Return the sizes of the search, and the report if there is one."""
         found = self._found
         what = (
             f"WarmStartedSolver: {found.free.size} of {self._nlp.x.numel()} variables "
@@ -168,15 +168,15 @@ class WarmStartedSolver:
         """Solve from the own start and from a searched one.
 
         Returns:
-            The better solution: what `opti.solve()` returns, or what the solver of a
-            dictionary returns. The Opti then has the winner's solution and initial
-            values; if neither start leads to a solution, the last values of the
-            searched one, for `opti.debug`.
+            The better solution, in the form that `opti.solve()` or the dictionary's
+            solver returns. The Opti then holds the winner's solution and initial
+            values; if neither start leads to a solution, it holds the last values of
+            the searched one, for `opti.debug`.
 
         Raises:
-            SolveError: If neither start led to a solution, with both reasons.
-            InvalidProblemError: If the Opti has got other variables, another cost or
-                other constraints, or a parameter has no value.
+            SolveError: If neither start leads to a solution, with both reasons.
+            InvalidProblemError: If the Opti's variables, cost or constraints have
+                changed, or a parameter has no value.
         """
         source = self._nlp.source
         numbers = source.numbers()
@@ -208,7 +208,7 @@ class WarmStartedSolver:
         return ranges_of(self._nlp, self._roll_out, numbers, self._asked)
 
     def _best_candidate(self, numbers: Numbers) -> Array | None:
-        """Return the best polished candidate; None without a finite one."""
+        """Return the best polished candidate; None if none is finite."""
         equalities = _equalities(numbers)
         if not np.array_equal(equalities, self._equalities):
             raise InvalidProblemError(
@@ -238,7 +238,7 @@ class WarmStartedSolver:
         return not own.feasible or _is_better(value, (own.cost, own.violation))
 
     def _polished(self, x: Array, numbers: Numbers) -> Array:
-        """Return what IPOPT makes of a candidate, on the expanded NLP."""
+        """Return IPOPT's answer from a candidate, on the expanded NLP."""
         nlp = self._nlp
         if self._polish is None:
             expressions = {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": nlp.g}
@@ -324,7 +324,7 @@ def _is_better(one: tuple[float, float], other: tuple[float, float]) -> bool:
 def _winner(
     first: StartOutcome, second: StartOutcome, own: Run, run: Run | None
 ) -> Winner | None:
-    """Return which start won; None if neither has a solution."""
+    """Return the winning start; None if neither has a solution."""
     if run is None or run.solution is None:
         return None if own.solution is None else "own start"
     if own.solution is None:

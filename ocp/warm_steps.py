@@ -1,21 +1,22 @@
-"""When a plan that follows another one needs no search: one warm polish is enough.
+"""Test whether a polish from the last plan is enough, or a search is needed.
 
-In closed loop a plan begins at the last one, moved on by an interval with its
+In closed loop a plan starts from the last one, shifted by an interval with its
 multipliers. The polish from there is enough unless
 
     it fails            it does not converge, or is not feasible
     the problem jumps   J - J_last > max(S / 2, 1e-3 S_0)
 
-with J its cost and J_last that of the last plan, which bounds what the rest of that
-plan costs (costs that are not negative only fall along a plan); S the sum of |costs|
-along the new plan, and S_0 the cost's natural size, from the problem's bounds
-(scaling.py): without it, noise about a target at which the costs are 0 would count as a
-jump. Where a target, a reference or an obstacle jumps, or the plant is pushed away, the
-cost rises. For costs that are not negative the rule is J > 2 J_last.
+J is its cost and J_last that of the last plan, an upper bound of the cost of that
+plan's rest (costs that are not negative only fall along a plan). S is the sum of
+|costs| along the new plan, and S_0 the cost's natural size, from the problem's bounds
+(scaling.py); without S_0, noise about a target with zero costs would count as a jump.
+The cost rises if a target, a reference or an obstacle jumps, or the plant is pushed
+away. For costs that are not negative the rule is J > 2 J_last.
 
-Then the search and the lanes run as for a first plan, and the better one is kept. So
-does the search where nothing of the last plan is left: in a horizon of one interval. A
-first plan is made both ways, too: a search need not find what a polish alone finds.
+Then the search and the lanes run as for a first plan, and the better plan is kept. The
+search also runs if nothing of the last plan is left, as for a horizon of one interval.
+A first plan is made both ways, too, since a search may miss the answer of a polish
+alone.
 """
 
 from dataclasses import replace
@@ -30,18 +31,18 @@ from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.search_settings import SearchSettings
 
 JUMP = 0.5
-"""Rise of the cost, in parts of its size, that is a jump."""
+"""Rise of the cost, relative to its size, that counts as a jump."""
 _WORTH = 0.01
-"""Of a plan's cost, what a plan must save that no polish has converged to."""
+"""Relative saving needed by a plan that no polish has converged to."""
 _NOISE = 1e-3
-"""Rise of the cost that is none, in parts of its natural size."""
+"""Rise of the cost, relative to its natural size, that counts as noise."""
 
 
 def begins_warm(search: SearchSettings | None, *, lanes: bool) -> bool:
-    """Return whether a plan is made by a polish alone first, where there is one.
+    """Return whether a plan is first made by a polish alone, if there is one.
 
     Args:
-        search: The population search; None: none.
+        search: The population search; None without one.
         lanes: Whether there are lanes.
     """
     return lanes if search is None else search.when == "needed"
@@ -54,14 +55,14 @@ def is_enough(
     known: Known,
     last_cost: float | None,
 ) -> bool:
-    """Return whether a plan that was polished from the last one needs no search.
+    """Return whether a plan polished from the last one needs no search.
 
     Args:
         fitness: The problem's evaluator.
         warm: The plan.
         x0: Its initial state, shape (nx,).
         known: Parameters and signals.
-        last_cost: What the last plan cost; None: not known.
+        last_cost: Cost of the last plan; None if not known.
     """
     if not warm.feasible or warm.polish_status is not PolishStatus.CONVERGED:
         return False
@@ -77,13 +78,13 @@ def better_plan(
 ) -> Plan:
     """Return the better of a searched plan and another, with the effort of both.
 
-    Of two feasible ones that which a polish has converged to, unless the other costs
-    much less: the next polish can follow it.
+    Of two feasible plans, the one that a polish has converged to is preferred, unless
+    the other costs much less: the next polish can start from it.
 
     Args:
         fitness: The problem's evaluator.
-        plan: The searched one.
-        warm: That without a search.
+        plan: The searched plan.
+        warm: The plan made without a search.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
     """

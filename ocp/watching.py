@@ -1,21 +1,21 @@
-"""What an NLP solver, a search and lanes spend, told while they work.
+"""Observation of the work of an NLP solver, a search and lanes, while they run.
 
-A watch counts, keeps the best answer so far, and says when a budget is spent: then an
-NLP solver stops after the iteration at hand, and no further solve is begun. Nothing is
-changed by being watched, as long as nothing is stopped.
+A watch counts the work, keeps the best answer so far, and reports when a budget is
+spent. An NLP solver then stops after the present iteration, and no further solve is
+started. A watch that stops nothing changes no result.
 
-What an NLP solver does is counted in rollouts, by the instructions of the functions of
-one interval, end and start (nlp_assembly.py):
+The work of an NLP solver is counted in rollouts, by the instructions of the functions
+of one interval, end and start (nlp_assembly.py):
 
-    rollouts    points at which it has asked for cost or rows
-    gradients   points at which it has asked for the cost's slope or the Jacobian
-    hessians    points at which it has asked for second derivatives
+    rollouts    points at which the solver evaluated cost or rows
+    gradients   points at which it evaluated the cost's slope or the Jacobian
+    hessians    points at which it evaluated second derivatives
     evaluations = rollouts + (gradients * instructions of slope and Jacobian
                   + hessians * instructions of the Hessian) / instructions of a rollout
 
-Both ratios are fixed for a problem, so that equal work is the same number on a quick
-and on a slow machine. CasADi tells the counts only at a solve's end: while it runs an
-iteration counts as one of each, trial steps of a line search come at the end.
+Both ratios are fixed for a problem, so that equal work is the same number on a fast and
+on a slow machine. CasADi reports the counts only at the end of a solve. While it runs,
+an iteration counts as one of each; trial steps of a line search are added at the end.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -34,12 +34,12 @@ from swarmstart.ocp.transcription import NonlinearProgram
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, Array]
-"""Controls (nu, N), and the initial state with what is decided about it (nx,)."""
+"""Controls (nu, N), and the initial state with the decisions about it (nx,)."""
 _CALLS = "n_call_nlp_"
 
 
 class Ratios(NamedTuple):
-    """What derivatives cost, in rollouts.
+    """Cost of derivatives, in rollouts.
 
     Attributes:
         gradient: The cost's slope and the Jacobian at a point.
@@ -52,7 +52,7 @@ class Ratios(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What an NLP solver has asked for.
+    """Work of an NLP solver.
 
     Attributes:
         rollouts: Points with cost or rows.
@@ -73,7 +73,7 @@ class Work:
         )
 
     def evaluations(self, ratios: Ratios) -> float:
-        """Return the same in rollouts."""
+        """Return the work in rollouts."""
         return (
             self.rollouts
             + self.gradients * ratios.gradient
@@ -82,18 +82,18 @@ class Work:
 
 
 def work_of(stats: Mapping[str, Any]) -> Work:
-    """Return what a solve took.
+    """Return the work of a solve.
 
-    Cost and rows, or slope and Jacobian, asked for one by one are of the same points:
-    of these the larger count is taken.
+    Separate evaluations of cost and rows, or of slope and Jacobian, are at the same
+    points; the larger count is taken.
 
     Args:
-        stats: As CasADi's solver tells them.
+        stats: Statistics as CasADi's solver reports them.
     """
     counts = {"hess": 0, "grad": 0, "value": 0}
     for name, count in stats.items():
         if not name.startswith(_CALLS) or name == "n_call_nlp_grad":
-            continue  # The last is CasADi's own look at the multipliers.
+            continue  # The last: CasADi's own multipliers.
         what = name.removeprefix(_CALLS)
         kind = "grad" if "grad" in what or "jac" in what else "value"
         kind = "hess" if "hess" in what else kind
@@ -102,13 +102,13 @@ def work_of(stats: Mapping[str, Any]) -> Work:
 
 
 def ratios_of(program: NonlinearProgram, shooting: Shooting) -> Ratios:
-    """Return what derivatives of an NLP cost, in rollouts.
+    """Return the cost of an NLP's derivatives, in rollouts.
 
-    Where steps have no fixed length, a rollout counts as the NLP's own fixed steps.
+    With step size control, a rollout counts as the NLP's own fixed steps.
 
     Args:
         program: The NLP.
-        shooting: Of its problem.
+        shooting: Functions of its problem.
     """
     problem, parts = program.problem, program.parts.present
     times = [problem.intervals, *[1] * (len(parts) - 1)]
@@ -131,16 +131,16 @@ def ratios_of(program: NonlinearProgram, shooting: Shooting) -> Ratios:
 
 
 class Watch(Protocol):
-    """What looks on, counts, and says when to stop."""
+    """Observer that counts the work and decides when to stop."""
 
     @property
     def is_over(self) -> bool:
-        """Whether a budget is spent: nothing more is begun."""
+        """True if a budget is spent, so that no further work is started."""
 
     def searching(self) -> AbstractContextManager[None]:
-        """Be told of a search until the context ends.
+        """Observe a search until the context ends.
 
-        What an NLP solver does meanwhile is in the search's own evaluations.
+        The work of an NLP solver meanwhile is part of the search's own evaluations.
         """
 
     def advanced(
@@ -149,42 +149,43 @@ class Watch(Protocol):
         best: Callable[[], Individual],
         answer: Callable[[Array], Answer],
     ) -> None:
-        """Take in where a search is; at moments that the clock decides.
+        """Receive the progress of a search, at times that depend on the clock.
 
         Args:
-            evaluations: Of the search so far.
+            evaluations: Evaluations of the search so far.
             best: Returns its best point.
-            answer: What a point means.
+            answer: Converts a point to an answer.
         """
 
     def searched(self, result: SearchResult) -> None:
-        """Take in what a search has found, and how it came there."""
+        """Receive the result of a search, with its history."""
 
     def counted(self, evaluations: float) -> None:
-        """Take in other work, in rollouts."""
+        """Receive other work, in rollouts."""
 
     def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
-        """Take in an iterate of an NLP solver; return whether it may go on.
+        """Receive an iterate of an NLP solver; return whether it may continue.
 
         Args:
-            evaluations: What this solve has taken so far, in rollouts, about.
-            answer: Returns the iterate; None: it is none of the problem's own.
+            evaluations: Approximate work of this solve so far, in rollouts.
+            answer: Returns the iterate; None if it does not belong to the problem
+                itself.
         """
 
     def solved(self, work: Work, ratios: Ratios) -> None:
-        """Take in what a solve has taken."""
+        """Receive the work of a solve."""
 
     def answered(self, answer: Answer, cost: float, violation: float) -> None:
-        """Take in an answer of a solver, with its value at the checks."""
+        """Receive an answer of a solver, with its value at the checks."""
 
 
 class Unwatched:
-    """Nobody looks on: nothing is counted, and nothing stopped."""
+    """No observation: nothing is counted, and nothing is stopped."""
 
     is_over = False
 
     def searching(self) -> AbstractContextManager[None]:
-        """Do nothing; as all that follows."""
+        """Do nothing; the same holds for all methods below."""
         return nullcontext()
 
     def advanced(
@@ -217,39 +218,39 @@ UNWATCHED = Unwatched()
 
 
 class WorkAlone(Unwatched):
-    """Tells a watch what another problem's solver spends, and none of its answers."""
+    """Report another problem's work to a watch, without its answers."""
 
     def __init__(self, watch: Watch) -> None:
-        """Take the watch that is told."""
+        """Keep the watch."""
         self._watch = watch
 
     @property
     def is_over(self) -> bool:  # type: ignore[override]
-        """Whether a budget is spent."""
+        """True if a budget is spent."""
         return self._watch.is_over
 
     def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
-        """Tell of an iterate, not which."""
+        """Report an iterate, without its values."""
         del answer
         return self._watch.iterated(evaluations, None)
 
     def solved(self, work: Work, ratios: Ratios) -> None:
-        """Tell of a solve."""
+        """Report the work of a solve."""
         self._watch.solved(work, ratios)
 
 
 class Iterates(ca.Callback):
-    """What CasADi calls after each iteration of an NLP solver.
+    """Callback that CasADi calls after each iteration of an NLP solver.
 
     Attributes:
-        told: Iterate, in the NLP's numbers -> whether to go on; set for each solve.
+        told: Iterate, in the NLP's units -> whether to continue; set for each solve.
     """
 
     def __init__(self, nlp: Mapping[str, Any]) -> None:
-        """Take the NLP's sizes.
+        """Keep the NLP's sizes.
 
         Args:
-            nlp: As `nlpsol` takes it.
+            nlp: The NLP, as `nlpsol` takes it.
         """
         super().__init__()
         rows = nlp["g"].numel() if "g" in nlp else 0
@@ -266,7 +267,7 @@ class Iterates(ca.Callback):
         return int(ca.nlpsol_n_out())
 
     def get_n_out(self) -> int:
-        """Return 1: whether to stop."""
+        """Return 1: the flag to stop."""
         return 1
 
     def get_name_in(self, i: int) -> str:
@@ -274,7 +275,7 @@ class Iterates(ca.Callback):
         return str(ca.nlpsol_out(i))
 
     def get_name_out(self, i: int) -> str:
-        """Return what CasADi looks for."""
+        """Return the name that CasADi expects."""
         del i
         return "ret"
 
@@ -283,5 +284,5 @@ class Iterates(ca.Callback):
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
-        """Return 0 to go on, 1 to stop."""
+        """Return 0 to continue, 1 to stop."""
         return [0 if self.told(np.array(arguments[0]).ravel()) else 1]

@@ -1,12 +1,12 @@
 """Controls that take whole numbers only.
 
-    search      a coordinate stands for the whole number nearest to it; the box reaches
-                half a unit beyond the bounds, so that all numbers are as likely
-    relaxation  the NLP without the demand; its optimum is, locally, a lower bound
+    search      a coordinate stands for the nearest whole number; the box reaches half a
+                unit beyond the bounds, so that all numbers are equally likely
+    relaxation  the NLP without the requirement; its optimum is, locally, a lower bound
     rounding    sum-up rounding: whole numbers w_k whose sums stay near those of the
                 relaxed r_k,  w_k = nearest to r_k + sum over j < k of (r_j - w_j)
-    descent     single numbers changed by one, or a unit moved to the next interval,
-                while the cost falls
+    descent     single numbers changed by one, or a unit moved to the next interval, as
+                long as the cost falls
 
 Source: Sager, Bock and Diehl (2012), The integer approximation error in mixed-integer
 optimal control, Mathematical Programming 133, for sum-up rounding.
@@ -24,7 +24,7 @@ from swarmstart.ocp.errors import InvalidProblemError
 Array = NDArray[np.float64]
 _Symbolic = TypeVar("_Symbolic", ca.SX, ca.MX)
 _HALF = 0.499999
-"""How far the box of a search reaches beyond the bounds."""
+"""Extension of the box of a search beyond the bounds."""
 
 
 def integer_numbers(
@@ -36,11 +36,12 @@ def integer_numbers(
 
     Args:
         given: Numbers or names of controls.
-        names: Of all controls.
-        limits: Lower and upper bounds of all controls, each (nu,), by what they are.
+        names: Names of all controls.
+        limits: Lower and upper bounds of all controls, each (nu,), by their role.
 
     Raises:
-        InvalidProblemError: If there is no such control, or its bounds are not whole.
+        InvalidProblemError: If there is no such control, or its bounds are not whole
+            numbers.
     """
     several = [given] if isinstance(given, int | str) else list(given)
     found = set()
@@ -69,7 +70,7 @@ def integer_numbers(
 def whole(
     controls: Array, integer: Sequence[int], limits: tuple[Array, Array]
 ) -> Array:
-    """Return controls with whole numbers where they must be; a copy.
+    """Return controls rounded to whole numbers if required; a copy.
 
     Args:
         controls: Shape (nu, N).
@@ -85,7 +86,7 @@ def whole(
 def whole_symbols(
     controls: _Symbolic, integer: Sequence[int], limits: tuple[Array, Array]
 ) -> _Symbolic:
-    """Return the same of one column of symbols, shape (nu, 1)."""
+    """Return the same for one column of symbols, shape (nu, 1)."""
     rows = ca.vertsplit(controls) if integer else []
     for j in integer:
         lower, upper = (float(side[j]) for side in limits)
@@ -96,7 +97,7 @@ def whole_symbols(
 
 
 def widened(limits: tuple[Array, Array], integer: Sequence[int]) -> tuple[Array, Array]:
-    """Return bounds of a search, within which all whole numbers have as much room."""
+    """Return bounds of a search that make all whole numbers equally likely."""
     lower, upper = (side.copy() for side in limits)
     rows = list(integer)
     lower[rows] -= _HALF
@@ -110,13 +111,13 @@ def sum_up_rounded(
     limits: tuple[Array, Array],
     lengths: Sequence[int],
 ) -> Array:
-    """Return controls with whole numbers whose sums stay near the relaxed.
+    """Return whole-number controls whose sums stay near those of the relaxed ones.
 
     Args:
-        relaxed: Of each block of intervals, shape (nu, blocks).
+        relaxed: Relaxed controls of each block of intervals, shape (nu, blocks).
         integer: Numbers of the controls that take whole numbers.
         limits: Lower and upper bounds of all controls, each (nu,).
-        lengths: Of the blocks, in intervals.
+        lengths: Lengths of the blocks, in intervals.
     """
     rounded = relaxed.copy()
     for j in integer:
@@ -132,7 +133,7 @@ def sum_up_rounded(
 def neighbours(
     controls: Array, integer: Sequence[int], limits: tuple[Array, Array]
 ) -> Array:
-    """Return the controls that differ by one unit, or by one moved on; (k, nu, N)."""
+    """Return the controls that differ by one unit, or by one moved unit; (k, nu, N)."""
     found = []
     for j in integer:
         for k in range(controls.shape[1]):

@@ -224,7 +224,7 @@ def test_progress_is_told_after_each_step(plant: Plant) -> None:
     simulate(
         plant, Clockwork(), [0, 0], steps=2, seed=0, progress=lambda *n: told.append(n)
     )
-    assert told == [(1, 2, "flying"), (2, 2, "flying")]
+    assert told == [(1, 2, "simulating"), (2, 2, "simulating")]
 
 
 def test_a_flight_has_the_names_of_its_model(plant: Plant) -> None:
