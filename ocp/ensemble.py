@@ -96,7 +96,6 @@ def ensemble(  # noqa: PLR0913 - the members, and how their costs count
         ... )
         >>> ss.ensemble(one, {"k": [0.5, 1.5]}, risk="worst").model.state_names
         ('x_0', 'x_1')
-        ('x_0', 'x_1')
     """
     if problem.risk is not None:
         raise InvalidProblemError("problem must be that of one member, got an ensemble")

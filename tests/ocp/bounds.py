@@ -27,7 +27,7 @@ NONE = LowerBound(
 
 @dataclass
 class Found:
-    """Stands in for `lower_bound`: gives what it is told to, and notes its calls."""
+    """Replacement of `lower_bound`: returns a given bound and records its calls."""
 
     bound: LowerBound = PROVEN
     raises: BaseException | None = None
@@ -46,7 +46,7 @@ class Found:
         return self.bound
 
     def instead(self, monkeypatch: pytest.MonkeyPatch) -> Found:
-        """Take the place of `lower_bound` in a test."""
+        """Replace `lower_bound` in a test."""
         monkeypatch.setattr(bounding, "lower_bound", self)
         return self
 
@@ -54,7 +54,7 @@ class Found:
 def with_evidence(
     bound: LowerBound, monkeypatch: pytest.MonkeyPatch, *, fails: bool = False
 ) -> LowerBound:
-    """Return a bound that has a certificate, or whose certificate cannot be made."""
+    """Return a bound with a certificate, or one whose certificate cannot be made."""
 
     def content(evidence: object) -> dict[str, object]:
         if fails:

@@ -1,4 +1,4 @@
-"""Models, and the problems that several modules are tested on."""
+"""Models and problems for several test modules."""
 
 from collections.abc import Callable
 
@@ -69,7 +69,7 @@ def swing_up(pendulum: Model) -> Callable[..., OptimalControlProblem]:
 
 @pytest.fixture(scope="session")
 def passing_side(unicycle: Model) -> Posed:
-    """As the scenario passing_side: pass above or below."""
+    """The problem of the scenario passing_side: pass above or below."""
     x, u, slot = unicycle.states, unicycle.controls, ca.SX.sym("slot", 4)
     dynamics = ca.Function("f", [x, u], [unicycle.ode])
     A, B = linearise(dynamics, np.array([15.0, 0, 0, 0]), np.zeros(2))
@@ -161,7 +161,7 @@ def crossing_fitness(crossing: Posed) -> Fitness:
 
 @pytest.fixture(scope="session")
 def compiler() -> None:
-    """Skip what needs machine code where none can be made."""
+    """Skip tests that need machine code if it cannot be made."""
     try:
         machine()
     except NoCompilerError as error:

@@ -1,4 +1,4 @@
-"""What a search adds up of one constraint, from two values of its expression."""
+"""Violation that a search adds up for a constraint, from two of its values."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ A, B = ca.SX.sym("a", 2), ca.SX.sym("b", 2)
 
 
 def excess_of(constraint: Constraint) -> Callable[[Array, Array], float]:
-    """Return what a search adds up, with scales that are given."""
+    """Return the sum of a search, with scales that are given."""
     excess = constraint.excess(A, B)
     scale = np.asarray(1.0 if constraint.scale is None else constraint.scale)
     broken = path_violation(

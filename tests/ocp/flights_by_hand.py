@@ -1,4 +1,4 @@
-"""Flights that are written down, not simulated."""
+"""Closed-loop results that are written down, not simulated."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 
 
 def written(plant: Plant, dense_states: ArrayLike, controls: ArrayLike) -> Trajectory:
-    """Return a flight with states (nx, T * m + 1) and controls (nu, T)."""
+    """Return a trajectory with states (nx, T * m + 1) and controls (nu, T)."""
     dense = np.asarray(dense_states, dtype=np.float64)
     held = np.asarray(controls, dtype=np.float64)
     steps, pieces = held.shape[1], dense.shape[1] - 1

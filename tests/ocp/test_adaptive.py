@@ -1,4 +1,4 @@
-"""Steps of their own lengths against closed forms, SciPy, and one another."""
+"""Step size control against closed forms, SciPy, and itself."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -52,7 +52,7 @@ def van_der_pol(x: Any) -> list[Any]:
 def left_alone(
     rates: Callable[[Any], list[Any]], size: int, horizon: float, **more: Any
 ) -> OptimalControlProblem:
-    """Return a problem over 10 intervals whose control does nothing but cost."""
+    """Return a problem over 10 intervals whose control has no effect but a cost."""
     x, u = ca.SX.sym("x", size), ca.SX.sym("u")
     return OptimalControlProblem(
         Model(states=x, controls=u, ode=ca.vertcat(*rates(x))),
@@ -81,7 +81,7 @@ def radau(
 
 
 def ticks(rate: Rate, x: list[float], *, duration: float, tolerance: float) -> int:
-    """Return how many ticks a check takes."""
+    """Return the number of ticks in a check."""
     z, n = ca.SX.sym("z", 2 * len(x) + 2), len(x)
     after = ticked(rate, z, ca.SX.ones(n), duration=duration, tolerance=tolerance)
     tick, count = ca.Function("tick", [z], [after]), 0
@@ -95,7 +95,7 @@ def ticks(rate: Rate, x: list[float], *, duration: float, tolerance: float) -> i
     ("rates", "x0", "horizon", "allowed"),
     [
         (robertson, [1.0, 0.0, 0.0], 40.0, 2e-7),
-        (van_der_pol, [2.0, 0.0], 200.0, 2e-5),  # Over two jumps, whose times shift.
+        (van_der_pol, [2.0, 0.0], 200.0, 2e-5),  # Over two jumps.
     ],
 )
 def test_nonlinear_stiff_models_are_those_of_an_independent_integrator(
@@ -108,7 +108,7 @@ def test_nonlinear_stiff_models_are_those_of_an_independent_integrator(
     assert (np.abs(states - truth[:-1]) / reach).max() < allowed
     assert cost == pytest.approx(truth[-1, -1], rel=10 * allowed)
     assert violation == 0
-    # No count of equal steps that is as quick does it.
+    # No number of equal steps achieves this in the same time.
     equal = replace(problem, integrator_tolerance=None, substeps=16)
     off = np.abs(replay(equal, np.zeros((1, 10)), x0)[0] - truth[:-1]) / reach
     assert not off.max() < allowed
@@ -159,7 +159,7 @@ def test_error_falls_with_the_tolerance() -> None:
 
 
 def test_steps_go_where_the_solution_moves() -> None:
-    """Issue: at most 40 steps an interval for Robertson at 1e-6, but in the layer."""
+    """At 1e-6 Robertson needs at most 40 steps an interval, except in the layer."""
 
     def rate(_: float, x: ca.SX) -> ca.SX:
         return ca.SX(ca.vertcat(*robertson(x)))
@@ -199,7 +199,7 @@ def test_state_at_rest_changes_no_step() -> None:
 
 
 def test_layer_after_a_jump_of_controls_is_not_stepped_over() -> None:
-    """A fast state's square, which a long step damps without having seen it."""
+    """The square of a fast state, which a long step would damp without seeing it."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=ca.vertcat(-1e5 * (x[0] - u), -x[1])),
@@ -226,7 +226,7 @@ def test_explosion_is_infinitely_violated_and_ends(backend: str) -> None:
     population[:, 0], population[:, 1] = 1.0, -1.0
     fitness = Fitness(problem, backend=backend)
     cost, violation = fitness.objective([1.0])(population)
-    assert np.isinf(violation[0]) and violation[1] == 0  # At rest in 1.
+    assert np.isinf(violation[0]) and violation[1] == 0  # It rests at 1.
     assert cost[1] == pytest.approx(10.0, rel=1e-12)
     assert 10 < np.isinf(violation).sum() < 64
     assert np.isnan(fitness.states(population[:, :1].T, [1.0])[0, -1])
@@ -255,7 +255,7 @@ def test_too_many_ticks_are_no_solution() -> None:
     follow = followed(ca.Function("tick", [z], [after]))
     end = follow(column_at_begin(ca.DM([1, 0]), integrals=0, steps=4))
     assert np.isnan(np.array(values_of(end))).all()
-    assert float(end[-1]) < 1e-3  # So that what comes after it ends soon.
+    assert float(end[-1]) < 1e-3  # A short rest, which ends soon.
 
 
 def test_tick_changes_nothing_that_is_done() -> None:
@@ -268,7 +268,7 @@ def test_tick_changes_nothing_that_is_done() -> None:
 
 
 def demanding() -> tuple[OptimalControlProblem, Array, Known]:
-    """Return a problem with all that an interval may have, its start and knowns."""
+    """Return a problem with all features of an interval, its start and known data."""
     x, u, v, w = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("v"), ca.SX.sym("w")
     rate = ca.SX.sym("rate")
     model = Model(
@@ -390,7 +390,7 @@ def test_members_of_an_ensemble_cost_what_they_cost_alone() -> None:
 
 
 def test_robertson_is_controlled_polished_and_confirmed() -> None:
-    """No count of equal steps follows it; the polish takes graded ones."""
+    """No number of equal steps resolves it; the polish uses graded steps."""
     x, u = ca.SX.sym("x", 3), ca.SX.sym("u")
     rates = robertson(ca.vertsplit(x))
     slower = 0.04 * (1 - u) * x[0]
@@ -433,9 +433,9 @@ def test_robertson_is_controlled_polished_and_confirmed() -> None:
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (0.0, "integrator_tolerance must be None or from 1e-12 to 0.1, got 0.0"),
-        (np.nan, "integrator_tolerance must be None or from 1e-12 to 0.1, got nan"),
-        (1.0, "integrator_tolerance must be None or from 1e-12 to 0.1, got 1.0"),
+        (0.0, "integrator_tolerance must be a number from 1e-12 to 0.1, got 0.0"),
+        (np.nan, "integrator_tolerance must be a number from 1e-12 to 0.1, got nan"),
+        (1.0, "integrator_tolerance must be a number from 1e-12 to 0.1, got 1.0"),
         ("1e-6", "integrator_tolerance must be a number, got '1e-6'"),
     ],
 )
@@ -464,7 +464,7 @@ def test_step_is_taken_up_to_the_allowed_error_and_no_further() -> None:
     )
     for part, taken in ((0.999, False), (1.001, True)):
         z = ca.SX.sym("z", 4)
-        tolerance = part * error / begun  # It was larger at the beginning.
+        tolerance = part * error / begun  # Larger at the start.
         tick = ca.Function(
             "tick",
             [z],
@@ -474,11 +474,11 @@ def test_step_is_taken_up_to_the_allowed_error_and_no_further() -> None:
         assert most == begun
         assert x == pytest.approx(after if taken else begun, rel=1e-15)
         assert left == (1 - h if taken else 1.0)
-        assert following == pytest.approx(0.9 * h, rel=1e-3)  # e is 1.
+        assert following == pytest.approx(0.9 * h, rel=1e-3)  # Since e is 1.
 
 
 def test_what_has_decayed_is_not_followed_any_more() -> None:
-    """Fifty time constants: in parts of itself it would take 230 steps."""
+    """Fifty time constants: relative to its own size it would take 230 steps."""
 
     def decay(_: float, x: ca.SX) -> ca.SX:
         return -50 * x

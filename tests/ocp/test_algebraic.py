@@ -1,4 +1,4 @@
-"""Algebraic equations: against closed forms, and what is refused."""
+"""Algebraic equations: comparison with closed forms, and errors."""
 
 import math
 from dataclasses import replace
@@ -223,7 +223,7 @@ def test_the_equations_are_compiled_to_machine_code() -> None:
 
 
 def root(residual: ca.SX, start: float) -> OptimalControlProblem:
-    """x' = u from equations that Newton's method does not always solve."""
+    """x' = u with equations that Newton's method cannot always solve."""
     equations = AlgebraicEquations(symbols=Z, residual=residual, start=start)
     return OptimalControlProblem(
         Model(states=X, controls=U, ode=U, algebraic=equations),
@@ -241,7 +241,7 @@ def test_a_start_whose_equations_are_not_solved_is_refused(residual: ca.SX) -> N
 
 
 def test_an_answer_whose_equations_are_not_solved_is_infeasible() -> None:
-    """z^2 = x has no solution once x is negative; the cost wants it there."""
+    """z^2 = x has no solution for negative x, to which the cost drives it."""
     solvable = root(Z**2 - X, 1.0)
     answer = ss.solve(solvable, [0.5], budget=400, seed=0)
     assert answer.status in (ss.SolutionStatus.CONVERGED, ss.SolutionStatus.FEASIBLE)
@@ -252,7 +252,7 @@ def test_an_answer_whose_equations_are_not_solved_is_infeasible() -> None:
 
 
 def test_what_is_left_has_no_unit() -> None:
-    """Equations in other units, and z in other units, leave the same residual."""
+    """Equations and z in other units leave the same residual."""
     left = []
     for unit, of_z in ((1.0, 1.0), (1e6, 1.0), (1.0, 1e-6)):
         z = Z / of_z

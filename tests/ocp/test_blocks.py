@@ -118,7 +118,7 @@ def test_bounds_hold_in_every_block() -> None:
 
 
 def test_minimum_among_blocks_need_not_be_one_without() -> None:
-    """J = u_0 u_1 - u_1: a saddle, but u^2 - u where both are the same."""
+    """J = u_0 u_1 - u_1 has a saddle, but u^2 - u, with both equal, a minimum."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, next_state=u),

@@ -1,4 +1,4 @@
-"""`solve(bound=SECONDS)`: the bound comes after the answer, which is never lost."""
+"""`solve(bound=SECONDS)`: the bound is computed after the answer, which is kept."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_the_summary_always_says_the_kind(
 def test_of_a_maximised_cost_the_optimum_is_above(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The greatest value of minus the integral of u^2 is -2.25."""
+    """The largest value of minus the integral of u^2 is -2.25."""
     Found(replace(PROVEN, value=-2.0, sense=-1.0)).instead(monkeypatch)
     solution = answered(maximize=True)
     assert solution.verified_cost == pytest.approx(-2.25, rel=1e-6)

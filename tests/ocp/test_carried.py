@@ -39,7 +39,7 @@ Make = Callable[[int], OptimalControlProblem]
 
 
 def cart(intervals: int, **more: object) -> OptimalControlProblem:
-    """A pendulum-like cart that has bounds and a path constraint active."""
+    """A pendulum-like cart with active bounds and an active path constraint."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     return OptimalControlProblem(
         Model(states=x, controls=u, ode=ca.vertcat(x[1], u - ca.sin(x[0]))),
@@ -126,13 +126,13 @@ def polished(problem: OptimalControlProblem) -> NlpPoint:
 def test_on_the_same_grid_the_general_way_gives_the_same_multipliers(
     name: str,
 ) -> None:
-    """The fast way copies; interpolation over cells must then be the identity."""
+    """The fast way copies, so interpolation over cells must be the identity."""
     point = solved(name)
     carried = Carried(duals=duals_of(point), program=point.program)
     given = carried.placed(point.program, point.w, point.q, point.cost_size)
     assert given is not None
     np.testing.assert_allclose(given[0], point.lam_g, rtol=1e-12)
-    # What collocation adds and ties need follows by stationarity, in `placed`.
+    # Collocation rows and ties follow by stationarity, in `placed`.
     rewritten = _via_another_length(carried, point)
     size = np.abs(point.lam_g).max()
     np.testing.assert_allclose(rewritten[0], point.lam_g, atol=1e-6 * size)
@@ -140,7 +140,7 @@ def test_on_the_same_grid_the_general_way_gives_the_same_multipliers(
 
 
 def _via_another_length(carried: Carried, point: NlpPoint) -> tuple[Array, Array]:
-    """Return what the general way places: a length that differs by rounding."""
+    """Return the result of the general way, forced by a slightly different length."""
     stretched = replace(carried, stretch=1.0 + 1e-15)
     found = stretched.placed(point.program, point.w, point.q, point.cost_size)
     assert found is not None
@@ -149,7 +149,7 @@ def _via_another_length(carried: Carried, point: NlpPoint) -> tuple[Array, Array
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_multipliers_are_stationary_whatever_the_sizes_of_the_nlp(name: str) -> None:
-    """Rows, variables and cost of other sizes: the same stationary point."""
+    """With other sizes of rows, variables and cost, the point stays stationary."""
     point = solved(name)
     program, core = point.program, point.program.problem
     q, limits, lengths = (
@@ -162,7 +162,7 @@ def test_multipliers_are_stationary_whatever_the_sizes_of_the_nlp(name: str) -> 
     q[:nx] /= 3.0  # x0, divided by the sizes of the states.
     q[first : first + nx] *= 3.0
     q[first + nx : inputs] *= np.linspace(0.5, 0.7, inputs - first - nx)
-    q[lengths[0] + lengths[1] - 1] *= 2.0  # The cost's.
+    q[lengths[0] + lengths[1] - 1] *= 2.0  # Size of the cost.
     q[lengths[0] + lengths[1] : q.size - lengths[-1]] *= 7.0  # 1 / size of the rows.
     (rows, bounds), (rows_before, bounds_before) = (
         units_of(program, one, 1.0) for one in (q, point.q)
@@ -182,7 +182,7 @@ def test_multipliers_are_stationary_whatever_the_sizes_of_the_nlp(name: str) -> 
 
 
 def test_costates_do_not_depend_on_the_grid_and_limits_are_densities() -> None:
-    """The gradient of the cost to go, and the worth of a limit as a whole."""
+    """The costate is the gradient of the cost to go; a limit has one worth in all."""
     coarse, fine = (polished(cart(n)) for n in (20, 80))
     carried = Carried(duals=duals_of(coarse), program=coarse.program)
     moved = columns_of(fine.program, carried._on(coarse.program, fine.program))
@@ -191,9 +191,9 @@ def test_costates_do_not_depend_on_the_grid_and_limits_are_densities() -> None:
     assert np.abs(moved[0][:2] - exact[0][:2]).max() < 0.05 * costates
     worth = [rows[2:].sum() for rows in (moved[0], exact[0])]
     given = columns_of(coarse.program, carried.duals)[0][2:].sum()
-    assert worth[0] == pytest.approx(given, rel=1e-12)  # Kept by the way there.
-    assert worth[0] == pytest.approx(worth[1], rel=0.05)  # And as found there.
-    # An interval's share is a quarter: of the controls' bounds, too.
+    assert worth[0] == pytest.approx(given, rel=1e-12)  # Kept by the transfer.
+    assert worth[0] == pytest.approx(worth[1], rel=0.05)  # As found on the other grid.
+    # An interval's share is a quarter, also for the controls' bounds.
     longer = replace(carried, stretch=1.5)._on(coarse.program, fine.program)
     stretched = columns_of(fine.program, longer)[0]
     assert stretched[2:].sum() == pytest.approx(1.5 * given, rel=1e-12)

@@ -1,4 +1,4 @@
-"""How far constraints are broken: amounts, scales, times and names."""
+"""Measurement of broken constraints: amounts, scales, times and names."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def along(
     controls: list[float] | None = None,
     outside: list[Excess] | None = None,
 ) -> list[Excess]:
-    """Return what a path breaks at 0, 1, 2, ... s."""
+    """Return the excesses of a path at 0, 1, 2, ... s."""
     x = np.array(states, dtype=np.float64)
     count = x.shape[1]
     u = np.zeros((1, count)) if controls is None else np.array([controls])
@@ -64,7 +64,7 @@ def test_worst_place_of_each_row_is_told_with_its_side_and_scale() -> None:
     stated = PathConstraint(
         expression=X, lower=[-1, -2], upper=[1, 2], scale=[0.5, 4], name="box"
     )
-    # The worst first, in parts of the scales.
+    # The worst first, relative to the scales.
     below, above = along(posed(constraints=[stated]), [[0, 1.5, -3, 0], [0, 3, 6, -1]])
     assert (below.amount, below.scale, below.relative) == (2, 0.5, 4)
     assert (below.time, below.row, below.above) == (2, 0, False)
@@ -87,7 +87,7 @@ def test_excess_is_the_largest_distance_from_the_range(
     upper = lower + width
     stated = PathConstraint(expression=X[0], lower=lower, upper=upper, scale=2)
     found = along(posed(constraints=[stated]), [values, [0.0] * len(values)])
-    # What is outside at the start is told by `outside`, not here.
+    # `outside` reports the excess at the start, not this function.
     beyond = [max(lower - v, v - upper) for v in values[1:]]
     if max(beyond) <= 0:
         assert found == []
@@ -188,7 +188,7 @@ def test_start_outside_may_come_back_inside(
 
 
 def test_answer_from_a_start_outside_is_confirmed_once_it_is_inside() -> None:
-    """It was called broken between the checks, for how it came in."""
+    """Such an answer used to count as broken between the checks."""
     problem = posed(
         bounds=Bounds(controls=(-9, 9), states=([-1, -np.inf], [1, np.inf])),
         terminal_cost=X[0] ** 2,

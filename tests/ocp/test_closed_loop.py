@@ -1,4 +1,4 @@
-"""The closed loop: stopping and going on, and any object that makes a step."""
+"""Closed loop: interruption and continuation, and any object that makes a step."""
 
 from collections.abc import Iterator
 
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 class Clockwork:
-    """A controller whose control is the time, plus what it remembers."""
+    """A controller whose control is the time plus the control that it remembers."""
 
     dt = 0.2
 
@@ -97,7 +97,7 @@ def test_time_and_memory_go_on_where_the_flight_was_stopped(plant: Plant) -> Non
     rest = list(fly(plant, clock, x0, steps=4, rng=rng, done=2, previous=memory))
     assert [step.number for step in rest] == [2, 3]
     flown = collected(plant, first + rest)
-    # 0, 0.2, 0.4, 0.6 s, summed up.
+    # The sum of 0, 0.2, 0.4, 0.6 s.
     np.testing.assert_allclose(flown.controls, [[0, 0.2, 0.6, 1.2]])
 
 
@@ -163,7 +163,7 @@ def test_refuses_to_collect_nothing_or_with_a_gap(
 
 
 def test_a_plant_that_diverges_is_named_with_its_step() -> None:
-    """x' = -1000 x by steps of 0.1 s: Runge-Kutta multiplies by four million."""
+    """x' = -1000 x with steps of 0.1 s: Runge-Kutta multiplies by four million."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     plant = Plant(Model(states=x, controls=u, ode=-1e3 * x + u), dt=0.2, substeps=2)
     with pytest.raises(DivergedError, match=r"the finite numbers in step \d+"):
@@ -171,14 +171,14 @@ def test_a_plant_that_diverges_is_named_with_its_step() -> None:
 
 
 class Falling:
-    """A hammer: x'' = u - 9.81, solved by hand."""
+    """A falling hammer: x'' = u - 9.81, solved by hand."""
 
     state_names = ("height", "speed")
 
     def step(self, x: Array, u: Array, dt: float) -> list[float]:
         a = u[0] - 9.81
         after = [x[0] + x[1] * dt + a * dt**2 / 2, x[1] + a * dt]
-        x[:] = np.nan  # It may use its arguments as it likes.
+        x[:] = np.nan  # It may change its arguments.
         return after
 
 

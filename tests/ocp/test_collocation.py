@@ -50,7 +50,7 @@ def spent(x: Any, u: Any) -> Any:
 
 
 def stiff_problem(*, target: float | None, **options: Any) -> OptimalControlProblem:
-    """The oscillator, led to a place or not."""
+    """The oscillator, with or without a terminal state."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     return OptimalControlProblem(
         Model(states=x, controls=u, ode=van_der_pol(x, u)),
@@ -65,7 +65,7 @@ def stiff_problem(*, target: float | None, **options: Any) -> OptimalControlProb
 
 
 def by_opti(target: float | None) -> tuple[float, Array]:
-    """Return cost and controls by CasADi's Opti, collocated by its own coefficients."""
+    """Return cost and controls of CasADi's Opti, with CasADi's collocation."""
     opti = ca.Opti()
     C, _, B = ca.collocation_coeff(ca.collocation_points(3, "radau"))
     controls, h, cost = opti.variable(1, N), T / N / ELEMENTS, 0
@@ -90,7 +90,7 @@ def by_opti(target: float | None) -> tuple[float, Array]:
 
 
 def cost_of_nlp(answer: Solution) -> float:
-    """Return the cost as the NLP has it."""
+    """Return the cost as the NLP evaluates it."""
     point = answer.plan.point
     assert point is not None
     found = point.program.derivatives["grad_f"](point.w, point.q)[0]
@@ -107,7 +107,7 @@ def test_stiff_oscillator_has_the_answer_of_opti_with_the_same_points() -> None:
 
 
 def test_an_end_is_reached_where_the_model_leads_not_the_collocation() -> None:
-    # Two elements an interval miss the end by 6e-4; Opti, which does not look, too.
+    # With two elements an interval the end is missed by 6e-4, as with Opti.
     problem = stiff_problem(
         target=1.0, transcription=Radau(elements=ELEMENTS), substeps=16
     )
@@ -121,7 +121,7 @@ def test_an_end_is_reached_where_the_model_leads_not_the_collocation() -> None:
             method="Radau", rtol=1e-10, atol=1e-10,
         ).y[:, -1]  # fmt: skip
     assert fine[0] == pytest.approx(1.0, abs=1e-5)
-    assert abs(answer.cost - by_opti(1.0)[0]) > 1e-4  # That of Opti is none of a path.
+    assert abs(answer.cost - by_opti(1.0)[0]) > 1e-4  # Opti's belongs to no path.
     shot = solve(replace(problem, transcription="shooting"), X0, search=None, seed=0)
     assert answer.cost == pytest.approx(shot.cost, rel=1e-5)
 

@@ -1,4 +1,4 @@
-"""Constraints: excesses by hand, relations as limits, what is refused."""
+"""Constraints: excesses by hand, relations as limits, and errors."""
 
 from collections.abc import Callable
 
@@ -47,7 +47,7 @@ def outcome(relation: ca.SX, x: list[float]) -> list[float]:
     ],
 )
 def test_relation_means_what_it_says(relation: ca.SX, excess: float) -> None:
-    """At (5, -2): positive by how much it is broken, negative inside."""
+    """At (5, -2): positive by the amount of the violation, negative inside."""
     assert outcome(relation, [5, -2]) == [excess]
 
 

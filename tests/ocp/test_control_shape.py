@@ -78,7 +78,7 @@ def test_linear_knots_reach_the_least_energy_that_held_controls_miss(
 
 
 class Pendulum:
-    """A pendulum with a torque, in symbols and in numbers, and what is asked of it."""
+    """A pendulum with a torque, symbolic and numeric, with its constraints."""
 
     def __init__(self) -> None:
         self.x, self.u = ca.SX.sym("x", 2), ca.SX.sym("u")
@@ -160,7 +160,7 @@ class ByOpti:
         return float(answer.value(opti.f)), np.array(answer.value(self.knots)).ravel()
 
     def _tie(self, k: int) -> None:
-        """State what is asked of the knots of an interval alone."""
+        """Add the constraints on the knots of an interval alone."""
         begin, end = self.knots[k], self.knots[k + 1]
         if self.name == "blocks" and k in (3, 5, 6, 7):
             self.opti.subject_to(end == begin)
@@ -194,7 +194,7 @@ class ByOpti:
         return found
 
     def _hold(self, values: list[ca.MX]) -> None:
-        """Limit an expression over an interval, at a cost where that is soft."""
+        """Limit an expression over an interval, at a cost if the limit is soft."""
         excess: Any = 0
         if self.name == "soft":
             excess = self.opti.variable()
@@ -231,7 +231,7 @@ def test_answers_are_those_of_opti_with_knots(name: str) -> None:
 
 
 def followed(knots: Array, length: float, x0: Array = X0) -> Array:
-    """Return where knots lead, by DOP853."""
+    """Return the states that knots lead to, by DOP853."""
     f = ca.Function("f", [P.x, P.u, P.wind], [P.ode])
     at, nodes = np.linspace(0, length, knots.size), np.linspace(0, length, 17)
 
@@ -314,7 +314,7 @@ def test_guess_is_of_knots_or_of_held_controls(knots: int) -> None:
     states = np.zeros((2, N + 1))
     _, _, both = planner.posed([0, 0], Known(), Start(guess, states))
     assert isinstance(both, Start) and both.states is not None
-    np.testing.assert_allclose(both.states[2], found[0])  # u as it is, at the nodes.
+    np.testing.assert_allclose(both.states[2], found[0])  # The present u at the nodes.
 
 
 @pytest.mark.parametrize("given", [np.zeros((1, 3)), np.full((1, N + 1), np.nan)])
@@ -438,7 +438,7 @@ def test_left_sums_of_members_have_the_control_at_the_beginning(r: int | None) -
     np.testing.assert_allclose(answer.member_costs, sums + ends, rtol=1e-5)
     assert answer.cost == pytest.approx((sums + ends).max(), rel=1e-5)
     assert answer.status is SolutionStatus.CONVERGED
-    # The NLP minimises what is evaluated.
+    # The NLP minimises the evaluated cost.
     assert answer.plan.point is not None
     w, q = answer.plan.point.w, answer.plan.point.q
     nlp = answer.plan.point.program.nlp
@@ -466,7 +466,7 @@ def test_what_cannot_be_linear_is_refused() -> None:
     with pytest.raises(InvalidProblemError, match="control_shape must be constant or"):
         cart(control_shape="cubic")
     planner = Planner(cart(), search=None)
-    with pytest.raises(InvalidProblemError, match="a team and a dual mode fly"):
+    with pytest.raises(InvalidProblemError, match="a team and a dual mode use"):
         Team([Agent(controller=RecedingHorizon(planner=planner))], order=[0])
     with pytest.raises(InvalidProblemError, match="no linear controls"):
         phases([cart(), cart()])

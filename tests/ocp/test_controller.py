@@ -1,4 +1,4 @@
-"""Receding horizon: warm start, fallback, and the gain it must have."""
+"""Receding horizon: warm start, fallback, and the gain known from theory."""
 
 from dataclasses import replace
 
@@ -53,7 +53,7 @@ def test_plan_starts_at_the_last_one_shifted_with_zero_controls_appended(
 
 
 def test_plan_may_start_at_the_last_one_as_it_is(double_integrator: Model) -> None:
-    """As the chapter has it: without search and polish nothing ever changes."""
+    """Without search and polish nothing ever changes, as in the chapter."""
     problem = OptimalControlProblem(double_integrator, horizon=2.0, intervals=4)
     given = np.array([[1.0, 2, 3, 4]])
     controller = RecedingHorizon(
@@ -80,7 +80,7 @@ def test_what_is_flown_without_a_feasible_plan_is_shifted_all_the_same(
 def test_the_plan_at_the_start_begins_from_the_first_controls(
     double_integrator: Model,
 ) -> None:
-    """Without search and polish it is them; later ones begin from the last plan."""
+    """Without search and polish the first plan is these controls."""
     problem = OptimalControlProblem(double_integrator, horizon=2.0, intervals=4)
     given = np.array([[1.0, 2, 3, 4]])
     controller = RecedingHorizon(planner=Planner(problem, search=None), first=given)
@@ -127,7 +127,7 @@ def test_reference_and_parameters_are_those_of_the_planning_time(
 
 @pytest.fixture(scope="module")
 def hopeless(double_integrator: Model) -> RecedingHorizon:
-    """One random plan an instant never ends at rest, where it is demanded."""
+    """One random plan per instant never satisfies the terminal constraint of rest."""
     problem = OptimalControlProblem(
         double_integrator,
         horizon=2.0,
@@ -186,7 +186,7 @@ def test_control_interval_is_the_problems(hopeless: RecedingHorizon) -> None:
 
 
 def test_infeasible_start_does_not_stall(double_integrator: Model) -> None:
-    """Rest at 0 within 2 s cannot be reached from 3 m; flying on, it can later."""
+    """Rest at 0 within 2 s is impossible from 3 m, but becomes possible later."""
     problem = OptimalControlProblem(
         double_integrator,
         horizon=2.0,

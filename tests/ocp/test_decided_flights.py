@@ -1,4 +1,4 @@
-"""Flights whose end time, start or parameters are decided, and plants that jump."""
+"""Closed loops with a decided end time, start or parameters, and plants that jump."""
 
 from dataclasses import replace
 
@@ -140,7 +140,7 @@ def test_signals_of_a_shrinking_horizon_are_read_over_what_is_left_of_it() -> No
     for times, before in zip(plans[1:], flight.decisions, strict=False):
         lasted = before.plans[0].x0[1]
         assert times[-1] == pytest.approx(times[0] - 0.2 + max(lasted, 0.25))
-    # The last plans are short: their signals are nearly those of the flight.
+    # The last plans are short, so their signals are nearly those of the run.
     end = (1 - np.sqrt(0.6)) / 0.2
     assert flight.times[-1] + flight.states[0, -1] == pytest.approx(end, abs=0.02)
 
@@ -165,7 +165,7 @@ def test_control_before_a_plan_is_that_held_at_the_end_of_the_period() -> None:
     )
     first, second = (decision.plans[0] for decision in flight.decisions)
     profile = flight.decisions[0].profile
-    assert profile is not None and profile.piece < 0.25  # Several in a period.
+    assert profile is not None and profile.piece < 0.25  # Several pieces in a period.
     held = first.controls[0, int(0.4999 / profile.piece)]
     assert abs(second.controls[0, 0] - held) <= 0.1 + 1e-6
     assert abs(second.controls[0, 0] - first.controls[0, 0]) > 0.1 + 1e-3
@@ -270,7 +270,7 @@ def test_flight_that_has_ended_does_not_go_on() -> None:
 
 
 def test_control_before_a_flight_and_after_a_period_is_the_previous_one() -> None:
-    """Moves of at most 0.1 an interval; a period is many intervals."""
+    """Moves of at most 0.1 per interval; a period has many intervals."""
     x, u, before = (ca.SX.sym(n) for n in ("x", "u", "before"))
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=u),
@@ -296,7 +296,7 @@ def test_control_before_a_flight_and_after_a_period_is_the_previous_one() -> Non
 
 
 def test_last_step_is_longer_where_too_little_would_be_left_after_it() -> None:
-    """2 s in periods of 0.65 s leave 0.05 s, and an end time is at least 0.2 s."""
+    """2 s in periods of 0.65 s would leave 0.05 s; an end time is at least 0.2 s."""
     problem = fastest(lower=0.2)
     planner = Planner(problem, search=None, polish=IpoptOptions())
     plant = Plant(problem.model, dt=0.65, substeps=80)

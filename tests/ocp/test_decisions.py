@@ -28,7 +28,7 @@ BACKENDS = ("llvm", "casadi")
 def both_ways(
     problem: OptimalControlProblem, x0: ArrayLike, **options: object
 ) -> list[Solution]:
-    """Return the answers of the polish alone, and of a search and a polish."""
+    """Return the answers of the polish alone, and of a search with a polish."""
     polished = solve(problem, x0, search=None, seed=0, **options)  # type: ignore[arg-type]
     searched = solve(problem, x0, budget=4000, seed=0, **options)  # type: ignore[arg-type]
     return [polished, searched]
@@ -53,7 +53,7 @@ def brachistochrone() -> OptimalControlProblem:
 
 
 def opti_brachistochrone() -> float:
-    """The same by multiple shooting in CasADi's Opti."""
+    """The same problem by multiple shooting in CasADi's Opti."""
     opti = ca.Opti()
     x, u, T = opti.variable(3, 21), opti.variable(1, 20), opti.variable()
     state, slope = ca.SX.sym("x", 3), ca.SX.sym("u")
@@ -111,7 +111,7 @@ def test_search_is_never_worse_than_the_polish_of_the_guess_alone() -> None:
 
 
 def fitted() -> tuple[OptimalControlProblem, np.ndarray]:
-    """A decay whose rate and start are to be found from measurements."""
+    """A decay whose rate and start are estimated from measurements."""
     x, rate, measured = ca.SX.sym("x"), ca.SX.sym("rate"), ca.SX.sym("measured")
     known = ca.SX.sym("known")
     model = Model(
@@ -137,7 +137,7 @@ def test_parameters_and_start_of_a_decay_are_found_from_its_course() -> None:
         problem, [np.nan], search=None, known=Known([0.5], course[None, :]), seed=0
     )
     assert answer.status is SolutionStatus.CONVERGED
-    # The signal is linear between the nodes, the course is not.
+    # The signal is linear between the nodes, whereas the decay is not.
     assert answer.decided["rate"] == pytest.approx(1.5, rel=1e-3)
     assert answer.states[0, 0] == pytest.approx(3.0, rel=1e-3)
 
@@ -225,7 +225,7 @@ def test_periodic_states_end_where_they_start() -> None:
     )
     for answer in both_ways(problem, [np.nan, 1.0]):
         assert answer.status.is_confirmed
-        # Of x' = -x + sin t the periodic solution is (sin t - cos t) / 2.
+        # The periodic solution of x' = -x + sin t is (sin t - cos t) / 2.
         assert answer.states[0, 0] == pytest.approx(-0.5, abs=1e-4)
         assert answer.states[0, -1] == pytest.approx(-0.5, abs=1e-4)
         assert answer.states[1, 0] == 1.0
@@ -308,7 +308,7 @@ def test_bounds_of_what_is_decided_are_numbers_in_order(
 
 
 def test_goddard_rocket_is_solved_without_a_guess() -> None:
-    """Zero thrust falls below the ground: states lead straight to the end instead."""
+    """With zero thrust the rocket falls; states lead straight to the end instead."""
     h, v, m, thrust = (ca.SX.sym(n) for n in ("h", "v", "m", "thrust"))
     drag = 310 * v**2 * ca.exp(-500 * (h - 1))
     model = Model(
@@ -398,7 +398,7 @@ def test_discrete_time_model_of_one_control_may_have_a_decided_parameter() -> No
 
 
 def test_four_discs_are_passed_on_the_best_side() -> None:
-    """A wall of feasibility first ends on the side where it began: 7 of 12 seeds."""
+    """With feasibility first, 7 of 12 seeds end on the side on which they began."""
     x, y, heading, rate = (ca.SX.sym(n) for n in ("x", "y", "heading", "rate"))
     discs = [(2.0, 0.3, 0.9), (4.2, -0.6, 1.0), (6.2, 0.5, 1.0), (8.2, -0.3, 0.9)]
     problem = OptimalControlProblem(

@@ -101,7 +101,7 @@ def test_the_path_is_that_of_dop853(unicycle: Model) -> None:
         )
         inside = np.linspace(0.0, 1.0, 333)
         found = path(number + inside)
-        # The last instant belongs to the next step as well.
+        # The last instant also starts the next step.
         np.testing.assert_allclose(found, exact.sol(inside), atol=1e-7)
         state = exact.y[:, -1]
 

@@ -30,18 +30,18 @@ places = st.tuples(coordinates, coordinates)
 
 
 def line(begin: tuple[float, float], end: tuple[float, float]) -> Array:
-    """Return an even motion, one piece: (2, 1, 6)."""
+    """Return a uniform motion, one piece: (2, 1, 6)."""
     a, b = np.array(begin), np.array(end)
     return (a[:, None] + np.outer(b - a, S))[:, None, :]
 
 
 def standing(place: tuple[float, float], like: Array) -> Array:
-    """Return a point that stands as long as another moves."""
+    """Return a point at rest for as long as another one moves."""
     return np.broadcast_to(np.array(place)[:, None, None], like.shape)
 
 
 def orbit(model: Model, *, radius: float, phase: float, steps: int = 40) -> Array:
-    """Return a full turn about the origin at 1 rad/s, a UAV's positions as curves."""
+    """Return curves of a UAV on a full circle about the origin at 1 rad/s."""
     plant = Plant(model, dt=2 * np.pi / steps, substeps=1)
     t = phase + np.linspace(0.0, 2 * np.pi, steps + 1)
     states = [0 * t + radius, t, radius * np.sin(t), -radius * np.cos(t)]
@@ -72,7 +72,7 @@ def test_lines_pass_at_their_closed_form_distance(
 def test_a_circle_passes_a_point_at_the_difference_of_radii(
     unicycle: Model, radius: float, phase: float, place: tuple[float, float]
 ) -> None:
-    """And is farthest from it at their sum; 40 steps a turn leave 3e-10 radii."""
+    """It is farthest at the sum of the radii; 40 steps a turn leave 3e-10 radii."""
     turning = orbit(unicycle, radius=radius, phase=phase)
     both = np.stack([turning, standing(place, turning)])
     away = np.hypot(*place)
@@ -90,7 +90,8 @@ def test_a_minimum_inside_a_piece_is_found_where_both_ends_are_far() -> None:
 
 
 def test_a_maximum_inside_a_piece_is_found_where_both_ends_are_near() -> None:
-    """x = 4 s (1 - s) is 1 in the middle: 0, 2/5, 3/5, 3/5, 2/5, 0 times 4 / 2."""
+    """x = 4 s (1 - s) is 1 in the middle; its coefficients are 0, 2/5, 3/5, 3/5, 2/5, 0
+    times 4 / 2."""
     hump = np.array([[[0, 4 / 5, 6 / 5, 6 / 5, 4 / 5, 0]], [[0] * 6]], dtype=np.float64)
     both = np.stack([hump, standing((0, 0), hump)])
     assert largest_distance(both, FIRST, SECOND) == pytest.approx(1.0, abs=1e-7)
@@ -100,7 +101,7 @@ def test_a_maximum_inside_a_piece_is_found_where_both_ends_are_near() -> None:
 def test_after_a_jump_of_the_control_the_turning_point_is_found(
     double_integrator: Model,
 ) -> None:
-    """3 - 3 t + 3 t^2 after the jump: 2.25 m at its lowest, with 3 m and 5 m seen."""
+    """After the jump 3 - 3 t + 3 t^2, at least 2.25 m; the ends show 3 m and 5 m."""
     plant = Plant(double_integrator, dt=1.0, substeps=1)
     flight = written(plant, [[5.0, 3.0, 3.0], [-1.0, -3.0, 3.0]], [[-2.0, 6.0]])
     height = interpolate(plant, flight).curves[:1]
@@ -116,7 +117,7 @@ def test_a_collision_between_two_looks_is_a_distance_of_zero() -> None:
 def test_a_constant_distance_is_both_the_smallest_and_the_largest(
     unicycle: Model,
 ) -> None:
-    """Two UAVs opposite each other on a circle: every piece is as near as any."""
+    """Two UAVs opposite each other on a circle: all pieces are equally near."""
     both = np.stack(
         [orbit(unicycle, radius=7.0, phase=p, steps=4000) for p in (0.0, np.pi)]
     )

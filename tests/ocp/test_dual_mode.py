@@ -69,7 +69,7 @@ def team(double_integrator: Model) -> Team:
 
 
 def moving(time: float) -> Array:
-    """A target that moves by 3 m/s; the double integrator keeps up without input."""
+    """A target at 3 m/s, which the double integrator follows without input."""
     return np.array([3 * time, 3.0])
 
 
@@ -132,7 +132,7 @@ def test_linear_plan_is_clipped_to_the_bounds(
 def test_lyapunov_function_falls_along_the_flight(
     dual: DualMode, double_integrator: Model, terminal_set: TerminalSet
 ) -> None:
-    """Held exactly dt, the loop is linear: V falls by e'(Q + K'RK)e each step."""
+    """With inputs held for dt the loop is linear: V falls by e'(Q + K'RK)e per step."""
     plant = Plant(stack_models([double_integrator] * 2), dt=DT, substeps=5)
     errors = 0.99 * terminal_set.ellipsoid.boundary(np.array([[1.0, 0], [1, -2]]))
     x0 = np.concatenate([moving(0.0) + e for e in errors.T])
@@ -235,7 +235,7 @@ def test_refuses_a_set_that_is_not_certified_for_its_hold_and_its_bounds(
 def test_refuses_a_law_beyond_either_bound_of_the_controls(
     double_integrator: Model, terminal_set: TerminalSet, controls: tuple[float, float]
 ) -> None:
-    """Its inputs reach from -1 to 1: each bound is looked at by itself."""
+    """Its inputs reach from -1 to 1; each bound is checked separately."""
     problem = OptimalControlProblem(
         double_integrator, horizon=2.0, intervals=4, bounds=Bounds(controls=controls)
     )

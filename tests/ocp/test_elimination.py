@@ -1,4 +1,4 @@
-"""States eliminated from an Opti: which forms go through, and what is refused."""
+"""Elimination of the states of an Opti: supported forms, and errors."""
 
 from collections.abc import Callable
 

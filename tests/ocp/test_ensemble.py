@@ -37,7 +37,7 @@ N, STEPS = 8, 4
 
 
 def one(**more: object) -> OptimalControlProblem:
-    """A lag of unknown gain k, led to 1."""
+    """A lag of unknown gain k, driven to 1."""
     x, u, k = (ca.SX.sym(n) for n in "xuk")
     stated: dict[str, object] = {
         "horizon": 2.0,
@@ -86,7 +86,7 @@ def opti_cost(risk: str, weights: list[float], level: float) -> float:
 
 
 def value_at_risk(costs: np.ndarray, weights: np.ndarray, level: float) -> float:
-    """CVaR by sorting: the mean of the dearest mass 1 - level."""
+    """CVaR by sorting: the mean of the costliest mass 1 - level."""
     left, total = 1 - level, 0.0
     for cost, weight in sorted(zip(costs, weights, strict=True), reverse=True):
         part = min(weight, left)
@@ -137,11 +137,11 @@ def static(risk: Measure, level: float = 0.0) -> Solution:
 
 
 def test_control_of_each_risk_is_that_of_its_closed_form() -> None:
-    """(u - 1)^2 and (2 u - 1)^2, a quarter and three quarters.
+    """Costs (u - 1)^2 and (2 u - 1)^2 with weights of one and three quarters.
 
-    The mean is least at u = 7 / 13; both are equal at u = 2 / 3. CVaR of level 1/4
-    drops a quarter of mass 1/4 of the cheaper: at u = 4/7 the first is the dearer,
-    which counts 1/3, and the second 2/3: u = (1/3 + 4/3) / (1/3 + 8/3) = 5/9.
+    The mean is smallest at u = 7 / 13; both are equal at u = 2 / 3. CVaR of level 1/4
+    drops mass 1/4 of the cheaper member. At u = 4/7 the first is the costlier, with the
+    weight 1/3, and the second has 2/3: u = (1/3 + 4/3) / (1/3 + 8/3) = 5/9.
     """
     assert static("mean").controls[0, 0] == pytest.approx(7 / 13, rel=1e-6)
     assert static("worst").controls[0, 0] == pytest.approx(2 / 3, rel=1e-6)
@@ -169,7 +169,7 @@ def test_one_member_is_the_plain_problem(risk: Measure) -> None:
 
 @pytest.mark.parametrize("risk", ["mean", "worst", "cvar"])
 def test_constraints_hold_in_every_member(risk: Measure) -> None:
-    """The members simulated by SciPy keep bounds, a path and a terminal constraint."""
+    """The members, simulated by SciPy, keep bounds, path and terminal constraint."""
     base = one()
     x, u = base.model.states, base.model.controls
     limited = replace(
@@ -195,7 +195,7 @@ def test_constraints_hold_in_every_member(risk: Measure) -> None:
         assert max(high) <= 1.15 + 1e-5
         assert state >= 0.28 - 1e-6
         tightest.append(1.15 - max(high))
-    assert min(tightest) < 1e-3  # The bound binds, so that the test says something.
+    assert min(tightest) < 1e-3  # The bound is active.
 
 
 def test_members_may_have_starts_of_their_own_and_known_parameters() -> None:
@@ -299,7 +299,7 @@ def test_members_are_drawn_from_the_generator_that_is_given() -> None:
 
 
 def test_ensemble_is_planned_from_one_measured_state_in_closed_loop() -> None:
-    """The plant has a gain that is none of the members'."""
+    """The plant's gain differs from that of every member."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     many = ensemble(one(), {"k": GAINS}, risk="worst")
     planner = Planner(many, search=None, polish=IpoptOptions())

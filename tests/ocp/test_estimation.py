@@ -1,4 +1,4 @@
-"""Moving-horizon estimation as a problem like any other: against Kalman's smoother."""
+"""Moving-horizon estimation as an ordinary problem: against Kalman's smoother."""
 
 import casadi as ca
 import numpy as np
@@ -49,7 +49,7 @@ def window() -> OptimalControlProblem:
 
 
 def measured(rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return a course of the states, (2, N + 1), and its measurements, (N + 1,)."""
+    """Return true states, (2, N + 1), and their measurements, (N + 1,)."""
     x = PRIOR + rng.multivariate_normal(np.zeros(2), P0)
     course = [x]
     for _ in range(N):
@@ -89,7 +89,7 @@ def test_estimate_is_that_of_the_smoother(seed: int) -> None:
 
 
 def test_window_moves_on_without_building_anything_again() -> None:
-    """Of a noise-free course the estimate ends at the truth, window after window."""
+    """Without noise the estimate ends at the truth, window after window."""
     planner = Planner(window(), search=None, polish=IpoptOptions())
     truth = [np.array([1.0, 0.5])]
     for _ in range(N + 5):

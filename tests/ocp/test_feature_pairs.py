@@ -1,4 +1,4 @@
-"""Random problems with two features each are those of a peer, in every number.
+"""Random problems with two features each, compared number by number with a peer.
 
 Both sides are made from the same expressions: swarmstart's, and a multiple-shooting
 programme in CasADi's Opti with another formulation of each feature. The longer form is
@@ -24,7 +24,7 @@ from swarmstart.tests.ocp.feature_pairs.features import (
 
 SEED, COUNT = 5, 40
 DRAWN = list(islice(pairs(np.random.default_rng(SEED)), COUNT))
-CHOSEN = [*DRAWN, *(3 * MEETING)]  # Not every limit is reached in every draw.
+CHOSEN = [*DRAWN, *(3 * MEETING)]  # A limit is not active in every draw.
 
 
 @pytest.mark.parametrize(

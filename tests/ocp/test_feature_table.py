@@ -1,8 +1,8 @@
-"""The table at the end of docs/any_problem.md, cell by cell, on small problems.
+"""Table at the end of docs/any_problem.md, cell by cell, on small problems.
 
-What the polish, the verification and pairs of features give is in
-test_feature_pairs.py, against a peer. Here, for each feature alone: machine code gives
-what CasADi gives, the closed loop is flown or refused, and a record keeps the answer.
+Polish, verification and pairs of features are compared with a peer in
+test_feature_pairs.py. Here each feature is tested alone: machine code agrees with
+CasADi, the closed loop runs or is refused, and a record keeps the answer.
 """
 
 from collections.abc import Callable
@@ -43,7 +43,7 @@ MEASURED = "a receding horizon starts where the state is measured"
 REFUSED = dict.fromkeys(
     ("free start", "tied start", "free initial cost", "periodic state"), MEASURED
 )
-"""What a closed loop says of features that it refuses."""
+"""Part of the error of a closed loop for the features that it refuses."""
 
 
 def alone(name: str) -> Stated:
@@ -51,7 +51,7 @@ def alone(name: str) -> Stated:
 
 
 def _over_time(stated: Stated, count: int) -> Callable[[Array], Array] | None:
-    """Return the first signals as functions of time; None: there are none."""
+    """Return the first signals as functions of time; None without signals."""
     rows = stated.signal_values[:count]
     known = np.linspace(0, stated.horizon, stated.nodes)
     if not rows.size:
@@ -195,7 +195,7 @@ def test_phases_run_in_machine_code_are_recorded_and_flown_as_planned(
         decided=answer.decided,
         clock=problem.clock,
     )
-    with pytest.raises(InvalidProblemError, match="phases cannot be flown"):
+    with pytest.raises(InvalidProblemError, match="phases cannot be run"):
         simulate(plant, loop, x0, steps=3, seed=0)
     flight = simulate(plant, OpenLoop(loop=loop), x0, steps=6, seed=0)
     # Its times are seconds, and the plant ends where the answer does.

@@ -1,7 +1,7 @@
-"""Answers that were called right and were wrong: each has its true status now.
+"""Wrong answers that were once reported as right; each now has its true status.
 
-Problems from elsewhere, stated as a new user would; the numbers are of other tools or
-of closed forms.
+The problems come from elsewhere, stated as a new user would; the numbers are from other
+tools or closed forms.
 """
 
 import re
@@ -96,7 +96,7 @@ def test_an_answer_that_leaves_the_numbers_says_when_and_where() -> None:
 
 
 def test_a_closed_loop_prefers_a_finite_plan() -> None:
-    """x' = u - sqrt(x) held at 1 by a search: no plan is flown that runs dry."""
+    """x' = u - sqrt(x) held at 1 by a search: a plan that runs dry is never used."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     model = Model(states=x, controls=u, ode=u - ca.sqrt(x))
     problem = OptimalControlProblem(
@@ -119,12 +119,12 @@ def test_a_closed_loop_prefers_a_finite_plan() -> None:
     assert np.isfinite(flown.states).all()
 
 
-# Constraints hold where they are said to hold.
+# Constraints hold at all stated points.
 
 
 @pytest.mark.parametrize("intervals", [5, 10, 40])
 def test_braking_power_is_limited_as_an_interval_begins_too(intervals: int) -> None:
-    """-u v <= 1.2 from v = 2 to 0 in 2 s; seen at ends only it rose to 8.61."""
+    """-u v <= 1.2 from v = 2 to 0 in 2 s; checked at ends only, it rose to 8.61."""
     v, u = ca.SX.sym("v"), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=v, controls=u, ode=u),
@@ -137,9 +137,9 @@ def test_braking_power_is_limited_as_an_interval_begins_too(intervals: int) -> N
     )
     solution = solve(problem, [2.0], seed=0)
     least = 2.0
-    for _ in range(intervals):  # As hard as is allowed when each interval begins.
+    for _ in range(intervals):  # The hardest allowed braking.
         least -= 1.2 / least * problem.dt if least > 0 else 0.0
-    if least > 0:  # Five intervals: 0.114 is as slow as it gets.
+    if least > 0:  # Five intervals: 0.114 is the slowest.
         assert solution.status is SolutionStatus.INFEASIBLE
         assert solution.states[0, -1] == pytest.approx(least, abs=1e-4)
         return
@@ -231,7 +231,7 @@ def four_discs(intervals: int, along: str = "points") -> OptimalControlProblem:
 
 
 def clearance(problem: OptimalControlProblem, controls: Array) -> float:
-    """Return the least distance to a disc's edge by DOP853, in parts of its radius."""
+    """Return the smallest distance to a disc by DOP853, relative to its radius."""
 
     def rate(_: float, x: Array, u: Array) -> Array:
         return np.array([np.cos(x[2]), np.sin(x[2]), u[0]]) * float(u[1])
@@ -343,7 +343,7 @@ def test_a_stiff_model_is_named_as_the_cause() -> None:
     solution = solve(problem, [1, 0], budget=1000, lanes=0, seed=0)
     assert not solution.status.is_confirmed
     assert "the model is stiff" in solution.advice
-    # Many starts find the rest that it begins at, which says nothing of the others.
+    # Many starts find the other optimum, which says nothing of the stiffness.
     solution = solve(problem, [1, 0], budget=1000, seed=0)
     assert "the model is stiff" in solution.advice
     assert "substeps to at least 40" in solution.advice
@@ -502,7 +502,7 @@ def test_what_a_user_holds_prints_in_a_few_lines() -> None:
 
 
 def test_the_nlp_of_four_hundred_intervals_is_one_stage_function() -> None:
-    """It took 29.7 s to unroll; now the graph has the same size for any N."""
+    """Unrolling it took 29.7 s; now the graph has the same size for any N."""
 
     def size(intervals: int) -> int:
         program = multiple_shooting(four_discs(intervals))

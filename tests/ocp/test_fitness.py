@@ -1,4 +1,4 @@
-"""Populations: the same bits as one by one, whatever their size and memory."""
+"""Populations: the same bits as one by one, for any size and memory layout."""
 
 import casadi as ca
 import numpy as np
@@ -113,7 +113,7 @@ def test_compiled_map_is_the_function(crossing: Posed) -> None:
 def test_backend_agrees_with_casadis_own_evaluation(
     crossing: Posed, crossing_fitness: Fitness
 ) -> None:
-    """Whatever it is; they may differ by the rounding of sin and cos."""
+    """Both may differ by the rounding of sin and cos."""
     problem, x0, known = crossing
     function = Shooting(problem).rollout
     population = population_of(50)
@@ -186,7 +186,7 @@ def test_sizes_along_a_stiff_trajectory_are_those_its_states_reach() -> None:
 
 
 def test_cost_of_a_stiff_problem_is_sized_by_the_states_that_it_reaches() -> None:
-    """Robertson's third state is 0.3, and 1e9 by the rates around its start."""
+    """Robertson's third state is 0.3; its rate at the start suggests 1e9."""
     x, u = ca.SX.sym("x", 3), ca.SX.sym("u")
     made, lost, burnt = 0.04 * u * x[0], 1e4 * x[1] * x[2], 3e7 * x[1] ** 2
     problem = OptimalControlProblem(

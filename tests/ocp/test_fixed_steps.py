@@ -1,4 +1,4 @@
-"""The fixed steps of an NLP are the fewest that are exact enough where it begins."""
+"""The fixed steps of an NLP are the fewest that are accurate enough at its start."""
 
 from dataclasses import replace
 from typing import Any
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 def chosen(
     problem: OptimalControlProblem, controls: Array, x0: Any
 ) -> tuple[FixedSteps, StepChoice]:
-    """Return the steps of an NLP at controls and their states, and what chose them."""
+    """Return the steps of an NLP at controls and their states, and their choice."""
     fitness = Fitness(problem, backend="casadi")
     choice = StepChoice(fitness.shooting)
     states, _, _ = replay(fitness.shooting, controls, x0)
@@ -103,7 +103,7 @@ def test_guess_that_explodes_takes_the_expected_steps() -> None:
 
 
 def test_checks_signals_and_parameters_reach_each_step() -> None:
-    """Steps of order four follow a cubic of time exactly, wherever a check begins."""
+    """Steps of order four integrate a cubic of time exactly from any start."""
     x, u, w, p = (ca.SX.sym(name) for name in "xuwp")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, parameters=p, signals=w, ode=p * w**3 + u),

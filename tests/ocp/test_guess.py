@@ -1,4 +1,4 @@
-"""First guesses."""
+"""Initial guesses."""
 
 import casadi as ca
 import numpy as np

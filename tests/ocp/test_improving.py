@@ -1,4 +1,4 @@
-"""What is done to an answer afterwards: when, how often, and which answer is kept."""
+"""Improvement of an answer: when, how often, and which answer is kept."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -58,7 +58,7 @@ def planner_of(problem: OptimalControlProblem, **how: Any) -> Planner:
 
 
 def answered(planner: Planner, guess: float = 0.0) -> Solution:
-    """Return what the polish alone makes of equal controls."""
+    """Return the answer of the polish alone from equal controls."""
     plan = planner.plan(
         [0.0], guess=np.full((1, 2), guess), rng=np.random.default_rng(0)
     )
@@ -79,14 +79,14 @@ def test_saddle_is_left_and_the_way_down_is_verified_and_counted() -> None:
     assert "saddle" in before.reason
     after = looked_at(planner, before)
     assert after.status is SolutionStatus.CONVERGED
-    # With equal parts u: the least of u^2 / 9 + 4 cos u within |u| <= 2.
+    # With equal parts u: the minimum of u^2 / 9 + 4 cos u within |u| <= 2.
     assert after.cost == pytest.approx(4 / 9 + 4 * np.cos(2))
     assert after.plan.evaluations > before.plan.evaluations
     assert after.plan.source is before.plan.source
 
 
 def test_descent_that_the_finer_path_does_not_confirm_is_not_taken() -> None:
-    """At x = 0 the cost is 1 on any grid; where it waves, two steps see no waves."""
+    """At x = 0 the cost is 1 on any grid; two steps miss the waves elsewhere."""
     planner = planner_of(stated(ca.cos(60 * X) + U**2 / 100, ca.SX(0)))
     before = answered(planner)
     assert before.status is SolutionStatus.FEASIBLE
@@ -110,7 +110,7 @@ def followed(planner: Planner, solution: Solution) -> Solution:
 
 
 KINKED = stated(ca.fabs(U - 1), (X - 2) ** 2 / 4)
-"""Along u = 1 the modulus costs nothing; beyond, more than the end gains."""
+"""Along u = 1 the modulus costs nothing; beyond, it costs more than the end gains."""
 
 
 def test_kinks_are_followed_down_to_the_optimum_between_them() -> None:
@@ -162,15 +162,15 @@ def test_rounding_begins_far_from_the_answer_and_goes_on_near_it(
 
 
 class Rounds:
-    """What `repaired` asks of the parts it is made of, with answers given in advance.
+    """Records the calls of `repaired`, with prescribed answers.
 
     Attributes:
-        planners: Made for the attempts.
-        asked: (attempt, what was broken before) of `hurried`.
-        checks: Of `slack_at_checks`.
-        coarser: Of `added`.
-        shared: `for_all` of `tightened`.
-        answers: What `verified` says, one after the other.
+        planners: Planners made for the attempts.
+        asked: Arguments (attempt, excesses before) of `hurried`.
+        checks: Arguments of `slack_at_checks`.
+        coarser: Arguments of `added`.
+        shared: Arguments `for_all` of `tightened`.
+        answers: Results of `verified`, one after the other.
     """
 
     def __init__(
@@ -258,7 +258,7 @@ def test_each_attempt_has_more_checks_and_margins_that_fall_with_their_distance(
 def test_repair_ends_with_the_first_answer_that_breaks_nothing(
     above: tuple[Planner, Solution], monkeypatch: pytest.MonkeyPatch, last: float
 ) -> None:
-    """A confirmed answer is better, be it dearer or not."""
+    """A confirmed answer is better, even if it is costlier."""
     planner, solution = above
     answers = [broken(solution, 0, cost=last, confirmed=True), solution]
     rounds = Rounds(monkeypatch, answers)
@@ -321,7 +321,7 @@ def test_what_points_leave_infeasible_along_segments_is_given_margins(
 def test_segments_are_first_polished_as_points_and_the_cheapest_confirmed_is_kept(
     monkeypatch: pytest.MonkeyPatch, costs: list[float], kept: float
 ) -> None:
-    """The NLP sees points: of an answer along segments it knows nothing yet."""
+    """The NLP sees points only, so it knows nothing of segments."""
     planner = planner_of(stated(U**2, (X - 1) ** 2, APART))
     solution = answered(planner)
     one, other = (broken(solution, 0, cost=c, confirmed=True) for c in costs)

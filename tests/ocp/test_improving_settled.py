@@ -40,7 +40,7 @@ def scalar(cost: ca.SX, end: ca.SX) -> OptimalControlProblem:
 
 
 def planned(problem: OptimalControlProblem) -> tuple[Planner, Plan]:
-    """Return the plan where the polish ends from no control at all, from 0."""
+    """Return the plan at which the polish from zero controls ends, from 0."""
     planner = Planner(problem, search=None, polish=IpoptOptions(), backend="casadi")
     return planner, planner.plan([0.0], rng=np.random.default_rng(0))
 
@@ -69,7 +69,7 @@ def test_saddle_is_left_downhill(seed: int) -> None:
 
 
 def test_saddle_without_a_way_down_worth_it_is_not_settled() -> None:
-    """Beside a cost of 1e9, a fall of 4 is none; but a saddle is no minimum."""
+    """Relative to a cost of 1e9 a fall of 4 is nothing; but a saddle is no minimum."""
     plan, after, is_settled = looked_at(scalar(1e9 + U**2 / 9, 4 * ca.cos(X)))
     assert plan.point is not None
     assert curvature(plan.point) is Curvature.NEGATIVE
@@ -96,7 +96,7 @@ def test_flat_minimum_is_settled_by_all_starts() -> None:
 def test_flat_minimum_of_a_large_problem_is_left_undecided(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Where starts take long, not all are tried, and it is not called a minimum."""
+    """Not all starts are tried if they take long; then it is not called a minimum."""
     monkeypatch.setattr(improving, "_MOST_WORK", 1)
     plan, after, is_settled = looked_at(scalar(ca.SX(0), X**4))
     assert not is_settled
@@ -104,7 +104,7 @@ def test_flat_minimum_of_a_large_problem_is_left_undecided(
 
 
 def test_flat_point_that_is_no_minimum_is_left() -> None:
-    """To second order x^3 is flat at 0: it falls on one side."""
+    """x^3 is flat at 0 to second order: it falls on one side."""
     plan, after, _ = looked_at(scalar(U**4 / 100, X**3))
     np.testing.assert_allclose(plan.controls, 0, atol=1e-2)
     assert after.cost < -1

@@ -32,7 +32,7 @@ N = 6
 def switched(
     bounds: Bounds | None = None, highest: float = np.inf
 ) -> OptimalControlProblem:
-    """A pendulum with damping that an on-off torque leads to an angle of 1."""
+    """A damped pendulum that an on-off torque brings to an angle of 1."""
     x, on = ca.SX.sym("x", 2), ca.SX.sym("on")
     ode = ca.vertcat(x[1], 3 * on - ca.sin(x[0]) - 0.5 * x[1])
     return OptimalControlProblem(
@@ -70,7 +70,7 @@ def test_best_of_all_sequences_is_found_by_every_seed(seed: int) -> None:
 
 @pytest.mark.parametrize("backend", ["llvm", "casadi"])
 def test_search_sees_whole_numbers_only(backend: str) -> None:
-    """Of the population every coordinate counts as the number nearest to it."""
+    """In a population every coordinate counts as its nearest whole number."""
     problem = switched(bounds=Bounds(controls=(-1, 2), integer=[0]))
     rng = np.random.default_rng(0)
     population = rng.uniform(-1.499, 2.499, (N, 40))
@@ -108,7 +108,7 @@ def fishing() -> OptimalControlProblem:
 
 @pytest.mark.parametrize("search", [None, "default"])
 def test_fishing_is_near_its_relaxation(search: str | None) -> None:
-    """Relaxed 1.34466; 1.34900 was the best of searches with the rounding by hand."""
+    """Relaxed 1.34466; the best of searches with rounding by hand was 1.34900."""
     budget = None if search is None else 4000
     answer = solve(fishing(), [0.5, 0.7], search=search, budget=budget, seed=0)
     assert answer.plan.relaxed_cost == pytest.approx(1.34466, abs=1e-5)

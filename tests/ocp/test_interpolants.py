@@ -1,4 +1,4 @@
-"""CasADi's interpolants: read, compiled, and left to CasADi where they cannot be."""
+"""CasADi's interpolants: read and compiled, or left to CasADi if that fails."""
 
 from typing import Any
 
@@ -91,7 +91,7 @@ def test_matrix_functions_that_expand_run_in_machine_code(method: str) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_an_interpolant_is_read_after_its_derivatives_were_made(method: str) -> None:
-    """They are written down inside it then."""
+    """The serialisation then contains the derivatives."""
     for made, inputs in ((of_one, 1), (of_two, 2)):
         function, x = made(method), ca.MX.sym("x", inputs)
         before = read_interpolant(function) or ()
@@ -124,7 +124,7 @@ def test_other_functions_and_grids_that_are_arguments_are_none() -> None:
 def test_what_is_written_in_another_way_is_not_read(
     method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Another version of CasADi, or numbers that come out wrong."""
+    """Another version of CasADi, or values that do not agree."""
     real = module._bytes
     for old, new in ((b"gridVJ", b"gridWJ"), (b"knotsVJ", b"knotsXJ")):
         monkeypatch.setattr(module, "_bytes", lambda t, o=old, n=new: swapped(t, o, n))
@@ -146,7 +146,7 @@ def swapped(text: str, old: bytes, new: bytes) -> bytes:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_values_of_two_interpolants_of_one_name_are_told_apart(method: str) -> None:
-    """The cache of machine code is asked by all that determines it."""
+    """The key of the machine-code cache contains all that determines the code."""
     for values in (VALUES, -VALUES):
         f = ca.interpolant("one", method, [AT], values)
         same_in_machine_code(f(X[0]))
@@ -155,7 +155,7 @@ def test_the_values_of_two_interpolants_of_one_name_are_told_apart(method: str) 
 def test_a_problem_with_an_interpolant_is_solved_in_machine_code(
     recwarn: pytest.WarningsRecorder,
 ) -> None:
-    """The polish differentiates CasADi's own, the search runs ours."""
+    """The polish differentiates CasADi's interpolant, the search runs ours."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     wavy = ca.interpolant("wavy", "bspline", [np.linspace(-3, 3, 9)],
                           np.cos(np.linspace(-3, 3, 9)))  # fmt: skip

@@ -120,7 +120,7 @@ def test_state_constraints_hold_after_every_jump_the_last_included() -> None:
 
 
 def test_bounds_of_states_hold_before_the_end_of_an_interval_changes_them() -> None:
-    """Half of the speed is lost as an interval ends; before, it reaches its bound.
+    """Half of the speed, which is then at its bound, is lost as an interval ends.
 
     With v = u_0 / 2 + u_1 = 1 / 2 before the last jump, u is (0.2, 0.4).
     """

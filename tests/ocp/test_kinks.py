@@ -1,4 +1,4 @@
-"""Kinks and jumps: found wherever they are written, touched where a path is on one."""
+"""Kinks and jumps: found in every expression, touched if a path is on one."""
 
 from collections.abc import Callable
 
@@ -35,7 +35,7 @@ OPERATIONS: dict[str, Callable[[ca.SX], ca.SX]] = {
     "remainder": lambda v: ca.remainder(v, 1),
 }
 NEXT_JUMP = {"floor": 1.0, "ceil": 1.0, "fmod": 1.0, "remainder": 0.5}
-"""Where a whole number is crossed; all others switch at zero."""
+"""Operations that switch at every whole number; all others switch at zero."""
 
 
 NOTHING = ca.SX(0)
@@ -84,7 +84,7 @@ def test_same_switch_counts_once_and_constant_ones_do_not() -> None:
 
 
 def test_shared_expressions_are_looked_at_once() -> None:
-    """Two to the power of 60 ways lead to the innermost expression."""
+    """Two to the power of 60 paths lead to the innermost expression."""
     cost = ca.fabs(X[0])
     for _ in range(60):
         cost = ca.sin(cost) * ca.cos(cost)
@@ -134,7 +134,7 @@ def test_control_that_jumps_over_a_switch_does_not_touch_it(name: str) -> None:
 def test_a_millionth_of_its_size_from_a_switch_is_at_it(
     off: float, is_near: bool, side: int
 ) -> None:
-    """The side of fabs is 1 at most; beside 1 that of floor is 1, and rests."""
+    """The side of fabs is at most 1; relative to 1 that of floor is 1, and rests."""
     assert touched("fabs", [[side * off, side], [side, side]]) is is_near
     assert touched("floor", [[1 + side * off] * 2] * 2) is is_near
 
@@ -166,11 +166,11 @@ def least(cost: ca.SX, bound: float = 1.0) -> SolutionStatus:
 
 
 def test_optimum_on_a_kink_is_not_called_a_local_optimum() -> None:
-    """Smooth conditions say nothing there; beside it, they do."""
+    """The conditions for smooth functions do not apply there, but do nearby."""
     assert least((U - 0.2) ** 2 + ca.fabs(U)) is SolutionStatus.FEASIBLE
     assert least((U - 0.75) ** 2 + ca.fabs(U)) is SolutionStatus.CONVERGED
     # Stationary from the right, but it falls on the left.
     assert least(ca.if_else(U > 0, U**2, U)) is SolutionStatus.FEASIBLE
-    # Resting at its bound, the control is where floor jumps: rounding decides.
+    # Resting at its bound, the control is at a jump of floor: rounding decides.
     assert least(-U - ca.floor(U)) is SolutionStatus.MISMATCH
     assert least(-U - ca.floor(U), 0.8) is SolutionStatus.CONVERGED

@@ -1,4 +1,4 @@
-"""Searches by local solves in lanes: what they find, what they cost, when they end."""
+"""Searches by local solves in lanes: results, cost and end."""
 
 from collections.abc import Callable
 
@@ -184,7 +184,7 @@ def test_seconds_and_a_target_end_it() -> None:
 
 
 def test_guess_is_one_of_the_starts() -> None:
-    """A valley that random starts miss, and the user knows."""
+    """A valley that random starts miss, but the user knows."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
@@ -224,7 +224,7 @@ def test_start_that_breaks_down_leaves_the_others() -> None:
 
 def test_sampling_of_a_multistart_is_refused() -> None:
     budget = Budget(evaluations=100)
-    with pytest.raises(InvalidProblemError, match="sampling must be None"):
+    with pytest.raises(InvalidProblemError, match="sampling must be left out"):
         SearchSettings(algorithm=Multistart(), budget=budget, sampling="uniform")
 
 

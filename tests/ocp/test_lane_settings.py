@@ -1,4 +1,4 @@
-"""Settings of searches by local solves: what is refused, which population they have."""
+"""Settings of searches by local solves: validation, and their population."""
 
 import pytest
 

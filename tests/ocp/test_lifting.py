@@ -34,7 +34,7 @@ X0 = [0.0, 0.0]
 
 
 def current(z: Any) -> Any:
-    """The current of a diode, whose Newton steps are short or wild."""
+    """Current of a diode, for which Newton steps are short or wild."""
     return 1e-6 * (ca.exp(z / 0.05) - 1)
 
 
@@ -44,7 +44,7 @@ def rates(x: Any, z: Any) -> Any:
 
 
 def balance(x: Any, z: Any, u: Any) -> Any:
-    """The sum of the currents into the node, which is 0."""
+    """Sum of the currents into the node, which must be 0."""
     return (u - z) - current(z) - (z - x[0]) / 0.5
 
 
@@ -119,7 +119,7 @@ def test_nlp_has_nothing_of_newtons_method() -> None:
 
 
 def test_it_converges_where_newtons_method_in_the_nlp_does_not() -> None:
-    # Ten iterations from 0.5 V end in time for some voltages only.
+    # Ten iterations from 0.5 V are enough for some voltages only.
     rng = np.random.default_rng(0)
     guesses = [rng.uniform(-4, 4, (1, N)) for _ in range(5)]
     found = {}
@@ -229,7 +229,7 @@ def test_values_give_way_to_symbols_wherever_they_stand() -> None:
     value = ca.sin(a) - ca.exp(b)
     expression = ca.vertcat(a * value + value**2, -value, b)
     found = lifted(expression, value, z)
-    # -(c - d) is d - c to CasADi, which is no longer the value.
+    # CasADi writes -(c - d) as d - c, which is no longer the value.
     assert not ca.depends_on(found[:2], b)
     whole = ca.Function("whole", [a, b, z], [found])
     np.testing.assert_allclose(

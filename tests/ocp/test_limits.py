@@ -1,4 +1,4 @@
-"""Numbers and words from users: what is taken, and what is refused and how."""
+"""Numbers and words from users: accepted forms, and errors."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Local teams: who is seen, in which rows, by which planner."""
+"""Local teams: which agents are seen, in which signal rows, by which planner."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ EVERYWHERE = np.inf
 
 
 class Told(NamedTuple):
-    """What a planner was told of one plan."""
+    """Arguments of a planner for one plan."""
 
     x0: list[float]
     parameters: list[float]
@@ -56,7 +56,7 @@ class Told(NamedTuple):
 
 
 class Recorded(Planner):
-    """A planner that keeps what it is told, and adds to the guess, or to nothing."""
+    """A planner that records its arguments and adds a push to the guess, if any."""
 
     def __init__(self, problem: OptimalControlProblem, push: float) -> None:
         super().__init__(problem, search=None)
@@ -92,7 +92,7 @@ class Recorded(Planner):
 def recorded(
     model: Model, *, links: int = 0, room: int, push: float = 0.0, shown: int = 1
 ) -> Recorded:
-    """A planner with signals for a state, links and others, who show so many rows."""
+    """A planner with signals for a state, links and others, with `shown` rows each."""
     told = replace(model, parameters=ca.SX.sym("p"))
     signals = ca.SX.sym("signals", 2 + shown * (links + room))
     problem = OptimalControlProblem(told, horizon=1.0, intervals=2, signals=signals)
@@ -141,7 +141,7 @@ def test_signals_are_the_leaders_plan_the_links_and_those_before_in_order(
     decided(team, [[0, 1], [10, 2], [20, 3], [30, 4]])
     assert [told.parameters for told in planner.told] == [[0], [3], [1], [2]]
     assert [told.x0 for told in planner.told] == [[0, 1], [30, 4], [10, 2], [20, 3]]
-    # x + v t at 0, 0.5 and 1 s: nobody accelerates.
+    # x + v t at 0, 0.5 and 1 s: no agent accelerates.
     leader, far = [[0, 0.5, 1], [1, 1, 1]], [FAR] * 3
     zero, one, three = leader[0], [10, 11, 12], [30, 32, 34]
     assert [told.rows for told in planner.told] == [
@@ -182,7 +182,7 @@ def test_who_is_within_range_is_whom_a_double_loop_finds(
     places: list[tuple[float, float, float, float]],
     reach: float,
 ) -> None:
-    """Plans from one place to another; near at either end is near."""
+    """Plans from one place to another; being near at either end counts."""
     number = len(places) // 2
     shown = {j: np.reshape(place, (2, 2)) for j, place in enumerate(places)}
     apart = {
@@ -196,7 +196,7 @@ def test_who_is_within_range_is_whom_a_double_loop_finds(
     expected = [j for j in shown if apart[j] <= reach and j != number]
     assert team.within_range(shown, states, number) == expected
     assert team.within_range({number: shown[number]}, states, number) == []
-    # One without a last plan is taken to stay where it is.
+    # An agent without a last plan is assumed to stay.
     del shown[number]
     still = [
         np.hypot(*(plan - states[number][:, None])).min() for plan in shown.values()
@@ -278,8 +278,8 @@ def test_of_those_who_plan_later_the_last_plans_are_seen_shifted(
     states = np.array([0.0, 1, 20, 2, -40, 3])
     team.decide(0.5, states, previous, rng=np.random.default_rng(0))
     assert [told.x0 for told in planner.told] == [[0, 1], [-40, 3], [20, 2]]
-    # From where they are now, x + v t + a t^2 / 2 at 0, 0.5 and 1 s: a = 4 and -8 where
-    # the last plan goes on, and 1 more than 0 in the first one's fresh plan.
+    # From the present states, x + v t + a t^2 / 2 at 0, 0.5 and 1 s: a = 4 and -8 if
+    # the last plan continues, and 1 more than 0 in the first one's new plan.
     one, two, fresh = [20, 21.5, 24], [-40, -39.5, -41], [0, 0.625, 1.5]
     assert [told.rows[2:] for told in planner.told] == [
         [one, two],
@@ -288,7 +288,7 @@ def test_of_those_who_plan_later_the_last_plans_are_seen_shifted(
     ]
 
 
-# --- the same as a team of ocp.Team, where everybody sees everybody
+# --- the same as a team of ocp.Team in which all agents see each other
 
 SLOTS = np.array([[0.0, 0], [-4, 4], [-4, -4], [-8, 0]])
 STARTS = np.array([[0.0, 0], [-4, -4], [-8, 0], [-4, 4]])
@@ -348,10 +348,10 @@ def local_points() -> LocalTeam:
 
 
 def team_points() -> Team:
-    """Return the same four, each of which watches all that plan before it."""
+    """Return the same four agents, each of which watches all that plan before it."""
 
     def with_nobody(times: Array) -> Array:
-        """The leader's signals in a team: its way, and a link that is none."""
+        """The leader's signals in a team: its path, and an unused link."""
         return np.vstack([leaders_way(times), np.full((2, times.size), FAR)])
 
     def agent(i: int, slot: Array) -> Agent:
@@ -411,7 +411,7 @@ def test_short_sight_makes_no_difference_to_those_who_are_far_apart(
     assert len(planners[1].told) == 4 + 2  # all, and the first two of those who see
 
 
-# --- what is refused
+# --- errors
 
 
 def test_refuses_an_order_that_is_none(double_integrator: Model) -> None:

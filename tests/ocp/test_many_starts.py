@@ -1,4 +1,4 @@
-"""Answers from many starts, and what they say of the others."""
+"""Answers from many starts, and their account of the other starts."""
 
 import casadi as ca
 import numpy as np
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("compiler")
 
 
 def test_answer_is_no_worse_than_any_of_its_starts() -> None:
-    """And the lanes find what the cold start does not: 10.8186 beside 11.4386."""
+    """The lanes find what the cold start misses: 10.8186 instead of 11.4386."""
     x0 = [0.0, 0.0, 0.0]
     answer = solve(four_discs(), x0, search=None, lanes=64, seed=0)
     account = answer.plan.starts
@@ -41,7 +41,7 @@ def test_answer_is_no_worse_than_any_of_its_starts() -> None:
 
 
 def test_of_equal_answers_the_cheapest_start_wins() -> None:
-    """A convex problem: neither a search nor lanes were needed."""
+    """A convex problem, for which neither a search nor lanes are needed."""
     answer = solve(cart(), [0.0, 1.0], lanes=16, budget=1000, seed=0)
     account = answer.plan.starts
     assert account is not None
@@ -53,7 +53,7 @@ def test_of_equal_answers_the_cheapest_start_wins() -> None:
 
 
 def test_seconds_until_found_are_those_of_the_parts_before() -> None:
-    """The cold start hits on a convex problem; of four discs only what follows."""
+    """The cold start solves a convex problem, but not the four discs."""
     account = solve(cart(), [0.0, 1.0], lanes=16, budget=1000, seed=0).plan.starts
     assert account is not None
     assert account.found_after == account.tried[0].seconds
@@ -69,7 +69,7 @@ def test_seconds_until_found_are_those_of_the_parts_before() -> None:
 
 
 def test_guess_that_is_best_wins() -> None:
-    """A valley that nothing else reaches: lanes have one random start."""
+    """A valley that only a random start reaches: lanes have one."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=u),
@@ -144,7 +144,7 @@ def test_lanes_want_a_polish() -> None:
 
 
 def test_start_that_breaks_down_leaves_the_others() -> None:
-    """From most starts the state explodes; zero controls keep it."""
+    """From most starts the state explodes; zero controls keep it finite."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=x**3 + 4 * u),
@@ -158,7 +158,7 @@ def test_start_that_breaks_down_leaves_the_others() -> None:
 
 
 def test_search_that_is_stopped_leaves_its_plan_if_the_cold_starts_are_worse() -> None:
-    """One iteration from zero controls drives into a disc; some individuals do less."""
+    """One iteration from zero controls ends inside a disc; some individuals do not."""
     told: list[int] = []
 
     def stop(done: int, of: int, what: str) -> None:

@@ -1,4 +1,4 @@
-"""Costs that are maximised: the answer of the same problem turned round by hand."""
+"""Maximised costs: the answer equals that of the negated problem."""
 
 import math
 from dataclasses import replace
@@ -58,7 +58,7 @@ def test_largest_gain_is_that_of_the_riccati_recursion(
 
 
 def test_harvest_is_largest_where_a_closed_form_says() -> None:
-    """A stock x' = x - u of 1 at the start is eaten up, each catch worth sqrt(u).
+    """A stock x' = x - u of 1 at the start is used up, with the gain sqrt(u).
 
     The costate falls as exp(-t), so that u grows as exp(2 t).
     """
@@ -94,7 +94,7 @@ def test_flight_of_a_gain_is_that_of_its_cost(
 
 
 def test_what_is_decided_of_a_gain_is_what_its_cost_decides() -> None:
-    """(p - 3)^2 + (x(0) - 2)^2 + the end time, with a start that nothing says."""
+    """(p - 3)^2 + (x(0) - 2)^2 + the end time, with a start without a guess."""
     x, u, p = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("p")
     cost = OptimalControlProblem(
         Model(states=x, controls=u, ode=u, parameters=p),
@@ -113,7 +113,7 @@ def test_what_is_decided_of_a_gain_is_what_its_cost_decides() -> None:
 
 
 def test_start_is_decided_with_a_core_of_the_same_size() -> None:
-    """Neither a gain nor the time add a state, and the start has no guess."""
+    """Neither a gain nor the time adds a state, and the start has no guess."""
     x, u, t = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("t")
     cost = OptimalControlProblem(
         Model(states=x, controls=u, ode=u + t, time=t),

@@ -1,4 +1,4 @@
-"""Models: what they evaluate to, stacking, and what is refused."""
+"""Models: values, stacking, and errors."""
 
 import casadi as ca
 import numpy as np

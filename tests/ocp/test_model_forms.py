@@ -1,4 +1,4 @@
-"""Forms of a model: each gives the same right-hand side, and what is refused."""
+"""Forms of a model: each gives the same right-hand side; and errors."""
 
 import functools
 import math
@@ -25,7 +25,7 @@ from swarmstart.ocp.model_forms import Given, symbolic_rows
 
 Array = NDArray[np.float64]
 X, U, P = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("p", 3)
-# MX where SX is declared: what a model accepts beyond its types.
+# MX is accepted in addition to the declared type SX.
 XM: Any = ca.MX.sym("x", 2)
 UM: Any = ca.MX.sym("u")
 PM: Any = ca.MX.sym("p", 3)
@@ -39,14 +39,14 @@ def modelled(**given: Any) -> Model:
 
 
 def pendulum(x: Any, u: Any, p: Any) -> list[Any]:
-    """The right-hand side that each form says in its own way."""
+    """The right-hand side that each form expresses in its own way."""
     return [x[1], p[0] * u - p[1] * ca.sin(x[0]) - p[2] * x[1]]
 
 
 def function(
     *order: str, names: tuple[str, ...] = (), outputs: tuple[str, ...] = ()
 ) -> ca.Function:
-    """The pendulum as a casadi.Function in MX with its inputs in an order."""
+    """The pendulum as a casadi.Function in MX with its inputs in a given order."""
     inputs = {"x": XM, "u": UM, "p": PM, "t": ca.MX.sym("t")}
     rows = ca.vertcat(*pendulum(XM, UM, PM))
     results = [rows] if not outputs else [rows if o == "xdot" else UM for o in outputs]
@@ -57,7 +57,7 @@ def function(
 
 
 class Swing:
-    """An object that is called as a function."""
+    """An object that can be called like a function."""
 
     def __call__(self, x: ca.SX, u: ca.SX, p: ca.SX) -> list[Any]:
         """Return the rows."""
@@ -173,7 +173,7 @@ def test_every_form_has_the_same_answer() -> None:
 
 
 def test_a_function_is_called_in_the_models_roles_only() -> None:
-    """An argument with a default keeps it where the model has no such symbols."""
+    """An argument with a default keeps it if the model has no such symbols."""
     model = modelled(
         states=X, controls=U, ode=lambda x, u, t=2.0, p=3.0: [t * u, p * u]
     )
@@ -283,7 +283,7 @@ INTEGRATOR = """
 
 
 def test_an_integrator_inside_is_refused_without_a_crash() -> None:
-    """CasADi 3.8.2 ends the process where such calls are substituted."""
+    """CasADi 3.8.2 ends the process if such calls are substituted."""
     ran = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(INTEGRATOR)],
         capture_output=True,

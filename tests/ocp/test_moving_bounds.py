@@ -19,7 +19,7 @@ from swarmstart.ocp import (
 
 
 def pushed(*, timed: bool = False) -> OptimalControlProblem:
-    """A point that is to go as far as it can, u^2 / 1000 a second aside."""
+    """A point that moves as far as possible, at a small cost of u^2 / 1000 a second."""
     x, u, p, s, t = (ca.SX.sym(name) for name in "xupst")
     model = Model(
         states=x,
@@ -40,7 +40,7 @@ KNOWN = Known(parameters=[2.0], signals=SIGNALS)
 
 @pytest.mark.parametrize("backend", ["llvm", "casadi"])
 def test_control_keeps_below_a_signal_in_the_whole_interval(backend: str) -> None:
-    """Held controls keep the least of p s: at the begin or the end of an interval."""
+    """Held controls keep the smaller of the values of p s at an interval's ends."""
     problem = pushed()
     p, s = problem.model.parameters, problem.signals
     least = 2 * np.minimum(SIGNALS[0, 1:], SIGNALS[0, :-1])
@@ -62,14 +62,14 @@ def test_control_keeps_below_a_signal_in_the_whole_interval(backend: str) -> Non
 
 
 def test_state_keeps_above_and_below_what_moves_with_time() -> None:
-    """t - 1 <= x <= 1 - t / 4: x' = u ends where the upper one is, 0.5 at 2 s."""
+    """t - 1 <= x <= 1 - t / 4: x' = u ends at the upper limit, 0.5 at 2 s."""
     problem = pushed(timed=True)
     t = problem.model.time
     bounded = replace(problem, bounds=Bounds(states=(t - 3, 1 - t / 4)))
     answer = solve(bounded, [1.0], known=KNOWN, search=None, seed=0)
     assert answer.status is SolutionStatus.CONVERGED
     assert answer.states[0, -1] == pytest.approx(0.5, abs=1e-6)
-    # Least effort leads along the limit; what effort costs is a thousandth.
+    # Little effort leads along the limit; its cost is a thousandth.
     assert answer.states[0] == pytest.approx(1 - answer.times / 4, abs=1e-3)
     with pytest.raises(
         InvalidProblemError, match=r"the start must keep.*moving bounds"

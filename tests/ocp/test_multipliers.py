@@ -45,7 +45,7 @@ def slope(cost_of: Callable[[float], float], at: float, step: float) -> float:
 def test_costates_are_gradients_of_the_riccati_cost_to_go(
     units: tuple[float, float, float], maximize: bool
 ) -> None:
-    """V = x' P_k x in metres, told in other units of states, controls and costs."""
+    """V = x' P_k x in metres, stated in other units of states, controls and costs."""
     of_x, of_u, of_cost = units
     z, v = ca.SX.sym("z", 2), ca.SX.sym("v")
     x, u = z / of_x, v / of_u
@@ -79,7 +79,7 @@ LIMITS = {
     "rest": 0.1,
     "least": -5.0,
 }
-"""Of `climb`, each at work."""
+"""Limits of `climb`, each of them active."""
 
 
 def climb(
@@ -88,7 +88,7 @@ def climb(
     scaled: float = 1.0,
     maximize: bool = False,
 ) -> OptimalControlProblem:
-    """A mass pushed from 0 to 1 in a second, the push and its speed limited.
+    """A mass pushed from 0 to 1 in a second, with limits of push and speed.
 
     Args:
         moved: Limits that are not those of LIMITS, in the unit of length.
@@ -126,7 +126,7 @@ def climb(
 
 
 def prices(found: Multipliers) -> dict[str, float]:
-    """Return what each limit of `climb` is worth in all."""
+    """Return the worth of each limit of `climb`, summed over the time."""
     at_end = list(found.terminal.values())
     return {
         "top": found.path["reach"][0].sum(),
@@ -169,14 +169,14 @@ def test_multipliers_at_upper_limits_are_above_zero_and_below_for_gains() -> Non
 
 
 def grown(horizon: float | Free, rate: float | Free, start: float | Free) -> float:
-    """Return the optimal cost of a growth with what may be decided."""
+    """Return the optimal cost of a growth with some decisions."""
     return solved_growth(horizon, rate, start)[0].cost
 
 
 def solved_growth(
     horizon: float | Free, rate: float | Free, start: float | Free
 ) -> tuple[Solution, Multipliers]:
-    """Return the answer; a Free that leaves no room is a number."""
+    """Return the answer; a Free with equal bounds becomes a number."""
     x, u, p = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("rate")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=p * x + u, parameters=p),
@@ -196,7 +196,7 @@ def _range(given: float | Free) -> Free:
 
 
 def test_bounds_of_what_is_decided_have_prices() -> None:
-    """All three are at a bound: later, faster and farther on would be cheaper."""
+    """All three are at a bound: a larger value of each would be cheaper."""
     given = {"horizon": 1.0, "rate": 0.5, "start": 1.0}
     ranges = {"horizon": Free(0.5, 1.0), "rate": Free(0, 0.5), "start": Free(0, 1.0)}
     _, found = solved_growth(**ranges)
@@ -213,7 +213,7 @@ def test_bounds_of_what_is_decided_have_prices() -> None:
 
 
 def test_rows_of_a_start_that_is_decided_have_a_price() -> None:
-    """The mean of both starts is at most 1, which no bound says."""
+    """The mean of both starts is at most 1, which is not a bound."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
 
     def problem(most: float) -> OptimalControlProblem:
@@ -263,7 +263,7 @@ def test_names_of_constraints_are_told_apart() -> None:
 def test_answer_that_was_repaired_has_prices_of_the_stated_constraints(
     double_integrator: Model,
 ) -> None:
-    """More checks and a margin: the rows are those of the interval all the same."""
+    """With more checks and a margin, the rows are still those of the interval."""
     x, u = double_integrator.states, double_integrator.controls
     problem = OptimalControlProblem(
         double_integrator,

@@ -1,4 +1,4 @@
-"""IPOPT from random starts: the best of them, within a budget, and kept on Ctrl-C."""
+"""IPOPT from random starts: best answer within a budget, also after Ctrl-C."""
 
 import casadi as ca
 import numpy as np

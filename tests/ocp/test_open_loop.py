@@ -1,4 +1,4 @@
-"""One plan, flown to its end, is the answer of `solve`."""
+"""One plan, applied to its end, is the answer of `solve`."""
 
 import casadi as ca
 import numpy as np
@@ -16,7 +16,7 @@ from swarmstart.ocp import (
 
 
 def test_an_open_loop_flies_what_solve_answers() -> None:
-    """Also if IPOPT alone stops at a kink, which `solve` rounds less and less."""
+    """This holds even if IPOPT stops at a kink, which `solve` rounds less and less."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),

@@ -16,9 +16,9 @@ from swarmstart.ocp.warm_started import WarmStartedSolver
 QUIET: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
 DISCS = np.array([[2.0, 4.2, 6.2, 8.2], [0.3, -0.6, 0.5, -0.3], [0.9, 1.0, 1.0, 0.9]])
 BEST_FOUR_DISCS = 10.818588
-"""N = 40; the best of 100 random starts of IPOPT, 27 of which reach it."""
+"""N = 40: cost of the best of 100 random starts of IPOPT; 27 of them reach it."""
 RACE_CAR = 1.904634
-"""N = 100; what the Opti of CasADi's documentation gives from its own start."""
+"""N = 100: cost of the Opti in CasADi's documentation, from its own start."""
 
 Made = tuple[ca.Opti, ca.MX, ca.MX, ca.MX]
 
@@ -61,7 +61,7 @@ def race_car(intervals: int) -> Made:
 
 
 def four_discs(intervals: int = 40) -> Made:
-    """Return a UAV's way through four discs, the states' start left at 0."""
+    """Return a UAV's path through four discs, with zeros as the states' start."""
     opti = ca.Opti()
     x, w = opti.variable(4, intervals + 1), opti.variable(1, intervals)
     t, discs = opti.variable(), opti.parameter(3, 4)
@@ -253,7 +253,7 @@ def test_both_reasons_are_given_if_neither_start_leads_anywhere() -> None:
 
 
 def test_what_the_solver_calls_solved_but_is_not_feasible_does_not_win() -> None:
-    """With a tolerance of 1, IPOPT calls almost anything solved."""
+    """With a tolerance of 1, IPOPT calls almost any point solved."""
     opti, x, u = two_wells()
     opti.subject_to(x[5] == 0.4)
     opti.solver("ipopt", {**QUIET, "ipopt.tol": 10, "ipopt.constr_viol_tol": 10})
@@ -409,7 +409,7 @@ def test_a_search_without_a_finite_roll_out_is_said() -> None:
 
 
 def test_a_constraint_that_is_not_a_number_is_no_kept_one() -> None:
-    """The lower well is where the logarithm is none; fmax(0, NaN) is 0."""
+    """In the lower well the logarithm is NaN; fmax(0, NaN) is 0."""
     opti, x, u = two_wells()
     opti.subject_to(ca.log(x[5] + 0.3) <= 5)
     warm = warm_start(opti, controls=[u], states=[x], budget=1000)

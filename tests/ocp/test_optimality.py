@@ -32,7 +32,7 @@ from swarmstart.ocp.transcription import multiple_shooting
 
 Array = NDArray[np.float64]
 SURE = 1e-5
-"""Curvature, in parts of the Hessian's largest entry, that both ways must agree on."""
+"""Curvature, relative to the Hessian's largest entry, that both ways must agree on."""
 
 
 def point_at(
@@ -59,7 +59,7 @@ def point_at(
 
 
 def with_multipliers(point: NlpPoint) -> NlpPoint:
-    """Return a point with the multipliers that fit best, of what is at its limit."""
+    """Return a point with the best-fitting multipliers of its active limits."""
     g, J = (np.array(v) for v in point.program.derivatives["jac_g"](point.w, point.q))
     gradient = np.array(point.program.derivatives["grad_f"](point.w, point.q)[1])
     rows = _at_limit(g.ravel(), point.limits.lbg, point.limits.ubg)
@@ -76,7 +76,7 @@ def _at_limit(value: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
 
 
 def least_curvature(point: NlpPoint) -> float:
-    """Return the least eigenvalue on the tangent space, in parts of the Hessian.
+    """Return the smallest eigenvalue on the tangent space, relative to the Hessian.
 
     Dense: the whole Hessian on the null space of all that its multipliers hold;
     infinity if nothing is free.
@@ -133,7 +133,7 @@ def test_linear_quadratic_optimum_is_stationary(lq_point: NlpPoint) -> None:
 def test_residual_is_counted_in_parts_of_all_terms_of_one_derivative(
     lq_point: NlpPoint, wrong: float
 ) -> None:
-    """Nothing is bounded here, and the rows are 0: only the sum of terms is left."""
+    """Nothing is bounded and all rows are 0: only the sum of terms remains."""
     point = replace(
         lq_point, lam_g=wrong * lq_point.lam_g + 1, lam_x=0.5 + 0 * lq_point.lam_x
     )
@@ -189,7 +189,7 @@ X, U = ca.SX.sym("x"), ca.SX.sym("u")
 
 
 def test_multiplier_needs_its_limit_and_its_sign() -> None:
-    """min u with u >= -1: at -1 the lower bound pulls, and only that."""
+    """min u with u >= -1: at -1 only the lower bound has a multiplier."""
     problem = scalar(U, 0, limits=(-1, 2))
     held = with_multipliers(point_at(problem, np.full((1, 3), -1.0), [0.5]))
     assert stationarity(held) <= 1e-13
@@ -210,7 +210,7 @@ def test_multiplier_of_a_limit_that_does_not_exist_counts_in_full() -> None:
     assert stationarity(free) > 1e-2
     nothing = np.zeros_like(free.lam_g)
     found = stationarity(replace(free, lam_g=nothing, lam_x=-slope))
-    # Nothing is left of the sum, but the multiplier itself, in parts of at least one.
+    # The sum vanishes except for the multiplier itself, relative to at least one.
     most = np.abs(slope).max()
     assert found == pytest.approx(most / max(1, 2 * most), rel=1e-12)
 
@@ -219,7 +219,7 @@ def test_multiplier_of_a_limit_that_does_not_exist_counts_in_full() -> None:
 def test_multiplier_of_a_far_limit_counts_by_its_distance_but_once_at_most(
     room: float,
 ) -> None:
-    """In the NLP's numbers, a control's size being the width of its bounds."""
+    """In the NLP's units, the size of a control is the width of its bounds."""
     problem = scalar(U, 0, limits=(-2 * room, 2 - 2 * room))
     point = with_multipliers(point_at(problem, np.full((1, 3), -2 * room), [0.5]))
     assert stationarity(point) <= 1e-13
@@ -266,7 +266,7 @@ def test_curvature_of_scalar_problems_at_rest(
 def test_bend_has_a_sign_from_a_part_in_1e7_of_the_largest_on(
     bend: float, expected: Curvature
 ) -> None:
-    """Of the control that bends least; a fall is sure from ten times that on."""
+    """Test of the flattest control; from ten times this, a fall is certain."""
     u = ca.SX.sym("u", 2)
     problem = OptimalControlProblem(
         Model(states=X, controls=u, ode=0 * u[0]),
@@ -280,7 +280,7 @@ def test_bend_has_a_sign_from_a_part_in_1e7_of_the_largest_on(
 
 @pytest.mark.parametrize("falls", [None, 0, 1, 2])
 def test_signals_of_each_interval_bend_the_cost_there(falls: int | None) -> None:
-    """s u^2, the signal s being held at -1 over one interval, at 1 over the others."""
+    """s u^2, with the signal s at -1 over one interval and at 1 over the others."""
     s = ca.SX.sym("s")
     problem = scalar(s * U**2, 0, signals=s, checks=2, quadrature="left")
     signal = np.ones((1, 7))
@@ -292,7 +292,7 @@ def test_signals_of_each_interval_bend_the_cost_there(falls: int | None) -> None
 
 
 def test_curvature_that_overflows_says_nothing() -> None:
-    """The end weighs a state that grows by 1e50^4 / 24 in a step, beside a calm one."""
+    """The end weighs a state that grows by 1e50^4 / 24 in a step, and a calm one."""
     x = ca.SX.sym("x", 2)
     problem = OptimalControlProblem(
         Model(states=x, controls=U, ode=ca.vertcat(1e50 * x[0], U)),
@@ -325,13 +325,13 @@ def test_two_controls_for_one_thing_are_flat() -> None:
     [
         # -u^2 falls everywhere, but every control is at its bound.
         ({"limits": (-1, 1)}, [1, 1, 1], Curvature.POSITIVE),
-        # Only one way of moving is left, along which the cost falls.
+        # Only one free direction remains, along which the cost falls.
         ({"limits": (-1, 1)}, [1, 0, 1], Curvature.NEGATIVE),
-        # The sum is fixed: two ways are left.
+        # The sum is fixed: two free directions remain.
         ({"terminal": [X - 1]}, [1, 1, 1], Curvature.NEGATIVE),
-        # ... and with one interval none.
+        # ... and with one interval no direction.
         ({"terminal": [X - 1], "intervals": 1}, [1], Curvature.POSITIVE),
-        # A row that is active at every check leaves none, in whatever unit.
+        # A row that is active at every check leaves no direction, in any unit.
         (
             {"constraints": [PathConstraint(expression=X + U, upper=9, scale=1e8)]},
             [6.75, 5.0625, 3.796875],
@@ -351,7 +351,7 @@ def test_what_is_active_holds_a_cost_that_falls_everywhere(
 
 
 def test_an_equality_holds_whatever_its_multiplier() -> None:
-    """-u^2 falls, but one interval has to end at 0: no pull is needed for that."""
+    """-u^2 falls, but one interval must end at 0, without a multiplier."""
     problem = scalar(-(U**2), 0, terminal=[X], intervals=1)
     point = point_at(problem, np.zeros((1, 1)), [0.0])
     assert not point.lam_g.any()
@@ -375,7 +375,7 @@ def _held(problem: OptimalControlProblem, controls: Array) -> NlpPoint:
 
 
 def random_problem(rng: np.random.Generator) -> OptimalControlProblem:
-    """A small nonlinear problem whose costs bend up or down by chance."""
+    """A small nonlinear problem whose costs have random curvature."""
     nx, nu = (int(n) for n in rng.integers(1, 3, size=2))
     x, u = ca.SX.sym("x", nx), ca.SX.sym("u", nu)
     A, B = rng.normal(size=(nx, nx)), rng.normal(size=(nx, nu))
@@ -409,7 +409,7 @@ def random_problem(rng: np.random.Generator) -> OptimalControlProblem:
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=25, deadline=None)
 def test_riccati_says_what_the_dense_reduced_hessian_says(seed: int) -> None:
-    """At the optima that IPOPT finds, and at points with multipliers made up."""
+    """At optima that IPOPT finds, and at points with arbitrary multipliers."""
     rng = np.random.default_rng(seed)
     problem = random_problem(rng)
     model = problem.model

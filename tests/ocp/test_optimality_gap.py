@@ -1,4 +1,4 @@
-"""The line on a bound says no more than is proven."""
+"""The line on a bound states no more than is proven."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_the_words_are_those_of_the_kind(
 
 
 def test_numbers_are_rounded_so_that_they_claim_less() -> None:
-    """2.866127 is not proven where 2.8661268 is; 0.04 % is not all of 0.0413 %."""
+    """2.866127 is not proven if 2.8661268 is; 0.04 % is less than 0.0413 %."""
     rng = np.random.default_rng(0)
     for value, apart in rng.uniform(0.1, 10.0, (200, 2)) ** 3:
         for sense in (1.0, -1.0):

@@ -100,7 +100,7 @@ def test_path_is_that_of_an_independent_integrator(
         path.states[:, ::30], np.array(nodes)[:, :2].T, atol=1e-6
     )
     assert path.cost == pytest.approx(spent + last, abs=1e-6)
-    # |cost| has a kink inside of a step.
+    # |cost| has a kink inside a step.
     assert path.magnitude == pytest.approx(size + abs(last), rel=1e-4)
 
 
@@ -159,7 +159,7 @@ def test_line_past_a_disc_cuts_what_geometry_says(
 
 
 def test_constraint_cut_between_checks_only_is_found() -> None:
-    """From corner to corner of a bump: the checks see its feet."""
+    """From foot to foot of a bump: the checks see only its feet."""
     bump = PathConstraint(expression=ca.sin(np.pi * X[0]) ** 2 - X[1], upper=1e-9)
     found = traced(straight(constraints=[bump]), np.zeros((1, 4)), [0, 0]).broken
     assert found[0].amount == pytest.approx(1, abs=1e-8)
@@ -201,7 +201,7 @@ def test_rows_of_signals_are_linear_between_nodes() -> None:
 
 
 def test_a_start_is_judged_by_the_signal_as_it_begins() -> None:
-    """It falls from 1 by 1 a second: the start is 0.5 above it, and never again."""
+    """It falls from 1 by 1 per second: only at the start it is 0.5 above the limit."""
     signals = np.array([[1.0, 0.0, -1.0, -2.0, -3.0]])
     problem = straight(signals=S, constraints=[X[1] <= S])
     (found,) = traced(problem, np.zeros((1, 4)), [0, 1.5], signals=signals).outside
@@ -209,7 +209,7 @@ def test_a_start_is_judged_by_the_signal_as_it_begins() -> None:
 
 
 def test_path_that_leaves_the_numbers_tells_when_and_where() -> None:
-    """x' = x^2 from 1 leaves them at 1 s."""
+    """x' = x^2 from 1 becomes infinite at 1 s."""
     x, u = ca.SX.sym("pole"), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=ca.vertcat(ca.SX.sym("calm"), x), controls=u,
@@ -247,7 +247,7 @@ def test_magnitude_adds_what_the_cost_takes_off(
 
 
 def test_path_of_three_states_and_its_kinks() -> None:
-    """A switch between a state, a control, a parameter and a signal, all at once."""
+    """A switch that depends on a state, a control, a parameter and a signal."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p")
     side = x[2] - S - p * U
     problem = OptimalControlProblem(
@@ -272,7 +272,8 @@ def test_path_of_three_states_and_its_kinks() -> None:
         np.testing.assert_allclose(path.states[2, ::steps], nodes, atol=1e-12)
         return bool(path.kinks)
 
-    # The side begins an interval at start + sum of u - t - p u, and moves by u - 1.
+    # At the start of an interval the side is start + sum of u - t - p u; it moves by u
+    # - 1.
     assert touches([1, 1, 1, 1], 0.5, 0.5)  # It is 0 all along,
     assert not touches([1, 1, 1, 1], 0.7, 0.5)  # or 0.2.
     assert touches([1, 1, 1, -1], 0.7, 0.5)  # It falls from 1.2 to -0.8 in the last

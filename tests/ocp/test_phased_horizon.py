@@ -67,7 +67,7 @@ def test_without_disturbance_the_flight_is_nearly_the_plan() -> None:
     plan = solve(both.problem, both.start([0.0, 0.0]), search=None, seed=0)
     flight = flown(looped(TWO))
     assert all(decision.plans[0].feasible for decision in flight.decisions)
-    # More intervals than in the plan, so that a little less is lost.
+    # More intervals than in the plan, so slightly less is lost.
     first = flight.decisions[0].plans[0]
     assert first.cost == pytest.approx(plan.cost, rel=1e-7)
     assert flight.times[-1] == pytest.approx(sum(plan.decided.values()), rel=5e-3)
@@ -78,7 +78,7 @@ def test_without_disturbance_the_flight_is_nearly_the_plan() -> None:
         cost += dt * (1 + np.mean(held**2))
     assert plan.cost * 0.99 < cost < plan.cost * 1.001
     assert flight.states[:2, -1] == pytest.approx([2.0, 0.0], abs=1e-6)
-    # Each phase's last step is what is left of it.
+    # Each phase's last step is its remaining time.
     phase = flight.states[flight.state_names.index("phase")]
     (change,) = np.flatnonzero(np.diff(phase))
     assert flight.states[0, change + 1] == pytest.approx(0.5, abs=1e-6)
@@ -136,7 +136,7 @@ def test_a_weaker_plant_is_brought_to_the_end_by_planning_anew() -> None:
 
 
 def test_decided_parameters_and_time_are_those_of_the_flight() -> None:
-    """v' = k u + sin(t): the time is that of the flight, in the second phase too."""
+    """v' = k u + sin(t): t is the time of the whole run, also in the second phase."""
     model = Model(
         states=ca.vertcat(X, V),
         controls=U,
@@ -150,7 +150,7 @@ def test_decided_parameters_and_time_are_those_of_the_flight() -> None:
             decided={"k": Free(0.5, 1.0)}),
     ]  # fmt: skip
     flight = flown(looped(stated, ()))
-    # A stronger engine needs less: the bound, in every plan.
+    # A stronger engine needs less: the lower bound, in every plan.
     assert all(d.decided["k"] == pytest.approx(1.0) for d in flight.decisions)
     assert flight.states[:2, -1] == pytest.approx([1.0, 0.0], abs=1e-4)
     assert flight.times[-1] == pytest.approx(2.0)

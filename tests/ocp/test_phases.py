@@ -38,7 +38,7 @@ def leg(horizon: float | Free, intervals: int, **more: object) -> OptimalControl
 def test_a_horizon_cut_in_two_has_the_optimum_of_the_whole() -> None:
     target = [(X, [1.0, 0.0])]
     whole = solve(leg(2.0, 10, terminal=target), [0.0, 0.0], search=None, seed=0)
-    # Intervals of one length, as in the whole.
+    # Intervals of the same length as in the single phase.
     cut = phases([leg(0.8, 4), leg(1.2, 6, terminal=target)])
     for search, budget in ((None, None), ("default", 3000)):
         answer = solve(
@@ -180,7 +180,7 @@ def test_phases_that_do_not_follow_each_other_are_refused(
 
 
 def test_bounds_of_states_in_one_phase_are_named_with_it() -> None:
-    """Broken from the first phase to the second: said once, of the second."""
+    """Broken at the end of the first phase: reported once, for the second."""
     low = Bounds(controls=(-4, 4), states=([-9.0, -9.0], [0.3, 9.0]))
     wide = Bounds(controls=(-4, 4), states=([-9.0, -9.0], [9.0, 9.0]))
     both = phases(

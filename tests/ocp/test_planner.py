@@ -1,4 +1,4 @@
-"""One planning problem: guess, search, polish, and what a plan says of itself."""
+"""Planning of one problem: guess, search, polish, and the plan's report."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -150,7 +150,7 @@ def test_guess_outside_the_bounds_is_searched_from_the_nearest_inside(
 
 
 def test_candidates_are_looked_at_besides_the_guess(crossing: Posed) -> None:
-    """The best of candidates and guess wins where all of them fill the population."""
+    """The best of candidates and guess is kept if they fill the whole population."""
     problem, x0, known = crossing
     given = rng(3).uniform(-1, 1, (2, 3, 4))
     planner = Planner(problem, search=one_generation("one"))

@@ -1,4 +1,4 @@
-"""The plant against scipy, and its parameters."""
+"""The plant against SciPy, and its parameters."""
 
 import casadi as ca
 import numpy as np
@@ -54,7 +54,7 @@ def test_refuses_what_is_no_plant(
 
 
 def test_a_plants_parameters_are_held_over_each_of_its_steps() -> None:
-    """x' = p: the integral of a staircase."""
+    """x' = p: the integral of a step function."""
     x, p = ca.SX.sym("x"), ca.SX.sym("p")
     model = Model(states=x, controls=ca.SX.sym("u"), parameters=p, ode=p)
     plant = Plant(model, dt=0.5, substeps=5, parameters=lambda t: 10 * t[None])
@@ -71,7 +71,7 @@ def test_refuses_a_plant_whose_parameters_nobody_gives() -> None:
 
 
 def test_signals_of_costs_alone_are_none_of_the_model() -> None:
-    """x' = t, beside a signal that no rate depends on."""
+    """x' = t, with a signal that no rate depends on."""
     x, t = ca.SX.sym("x"), ca.SX.sym("t")
     model = Model(states=x, controls=ca.SX.sym("u"), ode=t, time=t)
     plant = Plant(model, dt=0.5, substeps=5, signals=lambda at: np.ones((3, at.size)))
@@ -80,7 +80,7 @@ def test_signals_of_costs_alone_are_none_of_the_model() -> None:
 
 
 def test_clock_is_the_time_of_a_flight() -> None:
-    """s' = 3: three seconds pass in each of the plant's."""
+    """s' = 3: three seconds pass in each second of the plant."""
     s, u = ca.SX.sym("s"), ca.SX.sym("u")
     model = Model(states=s, controls=u, ode=ca.SX(3))
     one = OptimalControlProblem(

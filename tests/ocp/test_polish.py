@@ -1,4 +1,4 @@
-"""IPOPT behind the evaluator: Riccati, bounds, and the better of the two."""
+"""IPOPT with the evaluator: Riccati, bounds, and the better of both answers."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -37,7 +37,7 @@ def polish_passing(passing_side: Posed) -> tuple[Fitness, Polisher]:
     return fitness, Polisher(fitness)
 
 
-# Rounded: the squares of 1e-161 are no numbers any more.
+# Rounded, since squares of 1e-161 underflow.
 @given(x0=st.tuples(*[st.floats(-5, 5).map(lambda x: round(x, 9))] * 2).map(np.array))
 @settings(max_examples=15, deadline=None)
 def test_linear_quadratic_optimum_is_riccatis(
@@ -82,7 +82,7 @@ def test_never_worse_than_the_guess_and_exactly_within_bounds(
 def test_active_constraints_survive_the_way_back_into_the_bounds(
     passing_side: Posed, polish_passing: tuple[Fitness, Polisher], seed: int
 ) -> None:
-    """IPOPT's own relaxation of bounds cost 1e-6 m of clearance, and so the answer."""
+    """IPOPT's own relaxation of bounds once cost 1e-6 m of clearance."""
     _, x0, known = passing_side
     upwards = np.zeros((2, 8))
     upwards[1, :2], upwards[1, 2:4] = 0.15, -0.1
@@ -108,7 +108,7 @@ def test_optimal_guess_stays_an_optimum(
 def test_optimum_worse_than_the_guess_is_no_local_optimum_of_the_answer(
     passing_side: Posed, polish_passing: tuple[Fitness, Polisher]
 ) -> None:
-    """With a margin that only the NLP sees, its optimum is dearer than the guess."""
+    """With a margin that only the NLP sees, its optimum is costlier than the guess."""
     problem, x0, known = passing_side
     best = polish_passing[1](np.zeros((2, 8)), x0, known).controls
     wide = disc(problem.model.states[2:], centre=[0, 1], radius=12, smooth_margin=2)
@@ -134,7 +134,7 @@ def test_infeasible_problem_is_a_status(double_integrator: Model) -> None:
     polish = Polisher(Fitness(far_too_far(double_integrator)))
     polished = polish(np.zeros((1, 5)), [0, 0])
     assert polished.status is PolishStatus.INFEASIBLE
-    # 10 - 1/4 m of the 10 m to the target are missing at the least.
+    # At least 10 - 1/4 m of the 10 m to the target are missing.
     assert polished.violation >= 0.975 - 1e-6
 
 
@@ -162,7 +162,7 @@ def test_rollout_that_is_not_finite_is_a_status(double_integrator: Model) -> Non
 def test_guess_outside_the_bounds_is_brought_into_them(
     double_integrator: Model,
 ) -> None:
-    """Kept as it was, it would be cheaper than anything allowed."""
+    """Unchanged it would be cheaper than any feasible answer."""
     problem = OptimalControlProblem(
         double_integrator,
         horizon=1.0,

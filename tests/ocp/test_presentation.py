@@ -1,4 +1,4 @@
-"""Results find what draws, writes and shows them, in `cases`, by name alone."""
+"""Results find the functions that draw, write and show them by name alone."""
 
 import importlib
 import subprocess

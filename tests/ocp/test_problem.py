@@ -1,4 +1,4 @@
-"""The problem: its grid, what it makes of its arguments, what it refuses."""
+"""Statement of a problem: grid, conversion of its arguments, and errors."""
 
 import casadi as ca
 import numpy as np

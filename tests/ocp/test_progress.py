@@ -1,4 +1,4 @@
-"""Progress of solve and multistart: told, in order, and without another result."""
+"""Progress of solve and multistart: reported, in order, without a changed result."""
 
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ def test_solve_tells_its_evaluations_and_then_what_follows(
     after = [news for news in told if news not in searching]
     words = [what for _, _, what in after]
     assert words == ["polishing", "polishing", "verifying", "improving"]
-    # From the cold starts first, from what the search and the lanes found afterwards.
+    # First from the cold starts, then from the points of search and lanes.
     assert told == [after[0], *searching, *after[1:]]
     silent = solve(bounded, [1, 0], budget=2000, seed=0)
     np.testing.assert_array_equal(solution.controls, silent.controls)

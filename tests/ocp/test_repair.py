@@ -1,4 +1,4 @@
-"""Margins for what an answer breaks between the checks, and answers that keep clear."""
+"""Margins for constraints that an answer breaks between the checks."""
 
 from dataclasses import replace
 
@@ -70,7 +70,7 @@ def excess(
 
 
 def margin(amount: float) -> float:
-    """5 % more than was measured, and half of what a path may break."""
+    """5 % more than measured, plus half of the path tolerance."""
     return 1.05 * amount + 1e-4 * 2.0 / 2
 
 
@@ -162,7 +162,7 @@ def evaluated(problem: OptimalControlProblem, controls: list[float]) -> Solution
 
 
 def test_needed_is_what_the_path_breaks_of_path_constraints() -> None:
-    """Past discs 1 m apart, a hair and more; the end is nothing for a margin."""
+    """Discs are passed at 1 m, with a small cut; the end needs no margin."""
     discs = [
         disc(X, centre=[1.5, 0.3], radius=0.4),  # Cut by 0.1.
         disc(X, centre=[2.5, 0.39999], radius=0.4),  # By 1e-5, below the tolerance.
@@ -198,7 +198,7 @@ def test_margin_begins_where_the_checks_are() -> None:
 def test_slack_is_that_at_the_checks_the_start_left_out(
     nearest: float, times: int
 ) -> None:
-    """|x - nearest| is least, 0, at one check; at the start it would be less."""
+    """|x - nearest| is smallest, 0, at one check; at the start it would be less."""
     near = PathConstraint(
         expression=ca.if_else(X[0] < 0.25, -1, ca.fabs(X[0] - nearest)), lower=0
     )
@@ -217,7 +217,7 @@ def test_margins_fall_with_the_square_of_the_distance_of_checks() -> None:
 
 
 def test_margin_with_little_effect_grows_by_the_secant() -> None:
-    """From 0.4 to 0.1: three quarters of the margin arrived; 0.1 / (3 / 4) is left."""
+    """From 0.4 to 0.1, so three quarters took effect; 0.1 / (3 / 4) is left."""
     row = excess(0, 0.1)
     for attempt, haste in ((0, 1.0), (1, 1.25), (2, 1.5)):
         (again,) = hurried([row], {place_of(row): 0.4}, attempt)
@@ -227,7 +227,7 @@ def test_margin_with_little_effect_grows_by_the_secant() -> None:
 
 
 def test_all_distances_share_the_least_margin() -> None:
-    """5 % of its own distance for a pair that nothing broke; a larger one stays."""
+    """5 % of its own distance for a pair that is not broken; a larger margin stays."""
     near, far = (Separation(relative=X, distance=d) for d in (1.0, 4.0))
     line = PathConstraint(expression=X[1], lower=-3.0)
     problem = moving(near, far, line)
@@ -239,10 +239,10 @@ def test_all_distances_share_the_least_margin() -> None:
 
 
 def test_margins_go_to_the_constraint_that_is_broken() -> None:
-    """A bound of the states is the last of the constraints, also as it is measured."""
+    """A bound of the states is the last constraint, also in the measurement."""
     box = Bounds(controls=(-9, 9), states=([-np.inf, -0.4], np.inf))
     problem = moving(disc(X, centre=[9, 9], radius=1), bounds=box, intervals=2)
-    # Down for 2 s and up again, below the bound at 2 s: a check, but evaluated only.
+    # Down for 2 s and up again, below the bound at 2 s, which is only a check.
     found = needed(problem, evaluated(problem, [-0.25, 0.25]), [0, 0], NOTHING)
     assert [(e.constraint, e.name) for e in found] == [(1, "the bound of state x_1")]
     assert found[0].amount == pytest.approx(0.1)
@@ -258,7 +258,7 @@ def test_needed_leaves_out_what_is_not_a_number() -> None:
 
 
 def test_chords_of_segments_count_as_far_as_they_cut() -> None:
-    """Up and down around the disc: the path has a corner at the node, no chord more."""
+    """Up and down around the disc: the path has a corner at the node, but no chord."""
     stated = disc(X, centre=[1.5, -0.1], radius=0.4, along="segments", margin=0.05)
     problem = moving(stated, checks=1)
     found = needed(problem, evaluated(problem, [0.0] * 4), [0, 0], NOTHING)
@@ -330,7 +330,7 @@ def test_later_attempts_look_more_often_on_the_same_steps_if_these_can_be_shared
 
 
 def test_chord_of_points_that_move_by_signals_is_cut_where_it_is() -> None:
-    """A thing that comes at 1 m/s and sinks: in the third second it is met."""
+    """An object that approaches at 1 m/s and sinks is met in the third second."""
     at = ca.SX.sym("at", 2)
     apart = Separation(relative=X - at, distance=0.75, along="segments")
     problem = moving(
@@ -382,7 +382,7 @@ def test_repaired_answers_keep_clear_of_four_discs_on_the_path(
 
 
 def test_without_repair_the_same_answer_is_called_broken() -> None:
-    """And the advice says by how much."""
+    """The advice says by how much."""
     asked = {"search": "lshade", "budget": 3000, "backend": "casadi", "seed": 1}
     cut = solve(four_discs(8), [0, 0, 0], **asked)  # type: ignore[arg-type]
     assert cut.status is SolutionStatus.BROKEN
@@ -394,7 +394,7 @@ def test_without_repair_the_same_answer_is_called_broken() -> None:
 
 
 def test_margins_that_cost_become_checks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sixteen checks in each interval say what it costs to keep the path clear."""
+    """Sixteen checks in each interval show the cost of a clear path."""
     asked = {"search": "lshade", "budget": 3000, "backend": "casadi", "seed": 1}
     stated = four_discs(20)
     dense = replace(stated, checks=16, substeps=1)
@@ -414,7 +414,7 @@ def test_margins_that_cost_become_checks(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_margins_that_cost_next_to_nothing_stay(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A path along the bump whose height hardly counts."""
+    """A path along the bump whose height hardly matters."""
     bump = PathConstraint(
         expression=X[1] - 0.5 * ca.sin(np.pi * X[0]) ** 2, lower=-0.01
     )
@@ -430,7 +430,7 @@ def test_margins_that_cost_next_to_nothing_stay(
 
 @pytest.mark.parametrize("polish", [None, "ipopt"])
 def test_answer_of_a_search_alone_is_repaired_too(polish: str | None) -> None:
-    """Over a bump between two checks, whose feet the checks see."""
+    """Over a bump between two checks, which see only its feet."""
     bump = PathConstraint(
         expression=X[1] - 0.5 * ca.sin(np.pi * X[0]) ** 2, lower=-0.01
     )

@@ -1,4 +1,4 @@
-"""Ensembles whose members have controls of their own after a while, against Opti."""
+"""Ensembles whose members later have controls of their own, against Opti."""
 
 from typing import Any
 
@@ -34,7 +34,7 @@ BEFORE = 0.3
 
 
 def one(**more: object) -> OptimalControlProblem:
-    """A lag of unknown gain k, led to 1 with few moves, x at most 0.9."""
+    """A lag of unknown gain k, driven to 1 with small moves, x at most 0.9."""
     x, u, k, before = (ca.SX.sym(n) for n in ("x", "u", "k", "before"))
     stated: dict[str, object] = {
         "horizon": 2.0,
@@ -195,7 +195,7 @@ def test_closed_loop_flies_what_all_members_share() -> None:
         shared = decision.plans[0].controls[:, 0]
         np.testing.assert_array_equal(shared, decision.control[0])
         assert decision.plans[0].feasible
-    # The first plan's move counts from the control before the flight.
+    # The first plan's move is measured from the control before the run.
     first = solve(tree(1), [0.0], known=KNOWN, search=None, seed=0)
     assert flight.controls[0, 0] == pytest.approx(first.controls[0, 0], abs=1e-6)
 
@@ -208,7 +208,7 @@ def test_robust_horizon_is_a_number_of_intervals(r: Any) -> None:
 
 def test_what_one_plant_cannot_fly_is_refused() -> None:
     planner = Planner(tree(0), search=None)
-    with pytest.raises(InvalidProblemError, match="share no control cannot be flown"):
+    with pytest.raises(InvalidProblemError, match="share no control cannot be run"):
         RecedingHorizon(planner=planner)
     loop = RecedingHorizon(planner=Planner(tree(2), search=None))
     with pytest.raises(InvalidProblemError, match="members have their own after 2 of"):

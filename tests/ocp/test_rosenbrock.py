@@ -301,7 +301,7 @@ def test_time_in_a_stiff_model_is_followed() -> None:
 
 
 def test_free_end_time_of_a_stiff_model_is_found() -> None:
-    """At rest to 1 in the least time behind a lag of 1e-5 s: u = 2, then T = 0.5."""
+    """From rest to 1 in minimum time behind a lag of 1e-5 s: u = 2, then T = 0.5."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=ca.vertcat(x[1], 1e5 * (u - x[1]))),

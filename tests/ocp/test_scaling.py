@@ -1,4 +1,4 @@
-"""Natural sizes: the same problem in other units, and numbers that mean zero."""
+"""Natural sizes: the same problem in other units, and numbers that count as zero."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ def sizes_of(
 
 
 def in_units(states: Array, controls: Array, cost: float) -> OptimalControlProblem:
-    """A unicycle with drag among a disc, a bound and a target, in other units.
+    """A unicycle with drag, a disc, a bound and a target, in other units.
 
     What has units enters as a number times its unit; `states` and `controls` are the
     sizes of the old units in the new ones.
@@ -137,7 +137,7 @@ def test_sizes_come_from_bounds_start_and_target(double_integrator: Model) -> No
     np.testing.assert_array_equal(found.states, [10, 3])  # A width and a target.
     np.testing.assert_array_equal(found.controls, [4])
     assert sizes_of(problem, [1, -5]).states[1] == 5
-    # The width of the range, the limit of what has one side, and the given offset.
+    # The width of the range, the limit of a one-sided row, and the given offset.
     np.testing.assert_array_equal(found.rows[0], [10, 7])
     np.testing.assert_array_equal(found.rows[1], found.rows[1][0])
 
@@ -145,7 +145,7 @@ def test_sizes_come_from_bounds_start_and_target(double_integrator: Model) -> No
 def test_unknown_sizes_are_what_the_dynamics_make_of_known_ones(
     double_integrator: Model,
 ) -> None:
-    """Pushed by 2 at the most for 3 s: 6 m/s; in that time, 0.618 of it by 3 s."""
+    """With at most 2 for 3 s: 6 m/s; in that time, 0.618 of it times 3 s."""
     found = sizes_of(pushed(double_integrator), [0, 0])
     assert found.states[1] == 2 * 3
     assert found.states[0] == pytest.approx(0.618 * 6 * 3)
@@ -201,7 +201,7 @@ def test_number_that_is_zero_by_rounding_is_no_size(
 
 
 def test_half_turn_that_rounds_the_target_is_solved(unicycle: Model) -> None:
-    """Sizes of 1e-14 for y once let IPOPT fail."""
+    """Sizes of 1e-14 for y once made IPOPT fail."""
     x = unicycle.states
     problem = OptimalControlProblem(
         unicycle,
@@ -255,7 +255,7 @@ def test_sizes_are_numbers_for_horizons_of_any_length(
 def test_cost_along_a_trajectory_is_the_sum_of_its_parts(
     double_integrator: Model,
 ) -> None:
-    """The signs differ, so that a sum of the costs themselves would be smaller."""
+    """The signs differ, so a sum of the costs themselves would be smaller."""
     x, u = double_integrator.states, double_integrator.controls
     problem = pushed(double_integrator, stage_cost=u, terminal_cost=-5 * x[0], checks=2)
     controls = np.array([[1, -1, 1, -2, 1, 2.0]])
@@ -267,7 +267,7 @@ def test_cost_along_a_trajectory_is_the_sum_of_its_parts(
 
 
 def test_fast_state_of_a_stiff_problem_is_as_large_as_it_gets() -> None:
-    # x' = 0.2 - 100 x rests at 0.002; in 50 s at its first rate it would get to 10.
+    # x' = 0.2 - 100 x rests at 0.002; at its first rate it would reach 10 in 50 s.
     x, y, u = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("u")
     model = Model(states=ca.vertcat(x, y), controls=u, ode=ca.vertcat(u - 100 * x, u))
 
@@ -301,7 +301,7 @@ def test_given_size_of_a_stiff_state_stays() -> None:
 
 
 def rocket(unit: float = 1.0, **more: object) -> OptimalControlProblem:
-    """A rocket led to rest at 100 km with bounds that say nothing of its states.
+    """A rocket brought to rest at 100 km; the bounds do not give the states' sizes.
 
     Args:
         unit: Of the altitude: how many of it make a metre.
@@ -330,7 +330,7 @@ def polished_rocket(unit: float, scales: dict[str, float]) -> Polished:
 
 
 def test_sizes_that_are_given_serve_where_bounds_say_nothing() -> None:
-    """In any unit, in fewer iterations than by the width of bounds."""
+    """In any unit, with fewer iterations than with the width of the bounds."""
     given = {"v": 1e3, "m": 1e4, "thrust": 2e5}
     one, other = (
         polished_rocket(unit, {**given, "h": 1e5 * unit}) for unit in (1.0, 1e-3)
@@ -366,7 +366,7 @@ def test_guess_of_states_says_how_large_unbounded_ones_get() -> None:
     )
     np.testing.assert_array_equal(guessed.states, [2e5, 700.0, 3e4])
     assert plain.states[0] == 1e5
-    # Bounds and given sizes say more than a guess.
+    # Bounds and given sizes take precedence over a guess.
     bounds = Bounds(controls=(0, 4e5), states=([-np.inf, -50, 1], [np.inf, 50, np.inf]))
     bounded = replace(problem, scales={"h": 4.0}, bounds=bounds)
     found = Sizing(bounded)(np.array([0, 0, 1e4]), NONE, none, None, along)

@@ -1,4 +1,4 @@
-"""One word, `search=`, in every form, means the same in `solve` and in a planner."""
+"""The argument `search` has the same meaning in `solve` and in a planner."""
 
 from dataclasses import replace
 

@@ -77,7 +77,7 @@ def family(problem: OptimalControlProblem) -> TrajectoryFamily:
 
 
 def members(problem: OptimalControlProblem, family: TrajectoryFamily) -> FamilySpace:
-    """Return the members of a family as what a population searches."""
+    """Return the search space of a family's members."""
     return FamilySpace(Fitness(problem, backend="casadi"), family)
 
 
@@ -106,7 +106,7 @@ def test_cost_and_violation_are_the_problems_on_the_curve(
 def test_first_and_last_node_weigh_half(
     problem: OptimalControlProblem, family: TrajectoryFamily
 ) -> None:
-    """The curve rests at both ends: its own cost does not show their weights."""
+    """The curve rests at both ends, so its own cost does not show their weights."""
     steady = replace(problem, stage_cost=ca.SX(3))
     cost, _ = value(members(steady, family), 1.0)
     assert cost == pytest.approx(3 * HORIZON, rel=1e-14)
@@ -152,7 +152,7 @@ def test_search_in_the_family_and_polish_pass_the_disc_on_the_shorter_side(
     assert plan.polish_status is PolishStatus.CONVERGED
     middle = plan.states[:, plan.states.shape[1] // 2]
     assert middle[1] == pytest.approx(-0.7, abs=1e-3)
-    # Held controls and free curves do better than the one curve of the family.
+    # Held controls and free curves are better than the one curve of the family.
     assert plan.cost < plan.search.cost
 
 

@@ -1,4 +1,4 @@
-"""Distances to keep: measured rows, their smooth form, and what is refused."""
+"""Distances to keep: measured rows, their smooth form, and errors."""
 
 from collections.abc import Callable
 
@@ -47,8 +47,8 @@ def smooth_value(constraint: Constraint) -> ca.Function:
 def test_segment_distance_is_that_of_a_dense_sampling(a: Array, b: Array) -> None:
     t = np.linspace(0, 1, 1001)
     sampled = np.linalg.norm(a[:, None] + t * (b - a)[:, None], axis=0).min()
-    # No point is farther than half a spacing from a sample; 1e-6 m is the length
-    # below which a segment is a point.
+    # No point is farther than half a spacing from a sample. A segment shorter than 1e-6
+    # m counts as a point.
     spacing = np.linalg.norm(b - a) / 1000
     found = distance(a, b)
     assert sampled - spacing / 2 - 1e-6 <= found <= sampled + 1e-6
@@ -96,7 +96,7 @@ def test_a_connection_is_broken_by_what_lies_beyond_its_limit(
 def test_no_point_of_a_segment_is_farther_than_its_ends(
     a: Array, b: Array, t: float
 ) -> None:
-    """Why a connection needs no segments."""
+    """A connection needs no segments."""
     farthest = max(np.linalg.norm(a), np.linalg.norm(b))
     assert np.linalg.norm(a + t * (b - a)) <= farthest + 1e-12
 
@@ -138,7 +138,7 @@ def test_disc_is_a_separation_from_its_centre() -> None:
 def test_smooth_row_and_measured_row_have_the_same_limit(
     kind: type[Separation] | type[Connection],
 ) -> None:
-    """The one in metres to the limit, the other in metres."""
+    """The smooth row is in metres to the limit, the measured one in metres."""
     stated = kind(relative=X, distance=3.0)
     smoothed, measured = stated.smooth(X), stated.rows(X)
     far = kind is Separation
@@ -175,7 +175,7 @@ def test_smooth_row_is_the_measured_one_near_the_limit(
 def test_smooth_row_has_a_slope_at_the_centre(
     kind: type[Separation] | type[Connection],
 ) -> None:
-    """The distance itself has none: it would give NaN."""
+    """The distance itself has no derivative at 0: it would give NaN."""
     value, slope = smooth(kind(relative=X, distance=2.0))([0, 0])
     assert float(value) == -1  # (0 - 4) / 4
     np.testing.assert_array_equal(np.array(slope).ravel(), [0, 0])

@@ -1,4 +1,4 @@
-"""The rollout against scipy, and against a simulation written in NumPy."""
+"""The rollout against SciPy, and against a simulation written in NumPy."""
 
 from collections.abc import Callable
 from typing import Any, Literal, cast
@@ -30,7 +30,7 @@ Posed = tuple[OptimalControlProblem, Array, Known]
 
 
 def test_integral_cost_is_that_of_an_independent_integrator(pendulum: Model) -> None:
-    """Signals are linear between nodes; parameters enter model-free costs as well."""
+    """Signals are linear between nodes; costs contain parameters as well."""
     x, u, s = pendulum.states, pendulum.controls, ca.SX.sym("s", 2)
     p = ca.SX.sym("p")
     model = Model(states=x, controls=u, parameters=p, ode=pendulum.ode)
@@ -55,7 +55,7 @@ def test_integral_cost_is_that_of_an_independent_integrator(pendulum: Model) -> 
 
     y = np.array([*x0, 0.0])
     for begin, end in zip(problem.times, problem.times[1:], strict=False):
-        # One call from node to node, since the right-hand side bends there.
+        # One call from node to node, since the right-hand side has a kink there.
         inside = (begin, np.nextafter(end, begin))
         y = solve_ivp(rate, inside, y, rtol=1e-12, atol=1e-12).y[:, -1]
     cost = y[2] + 0.7 * y[1] * signals[1, -1]
@@ -148,7 +148,7 @@ def test_summed_cost_is_taken_at_one_end_of_each_interval(
 
 
 def test_state_bounds_count_at_every_check(double_integrator: Model) -> None:
-    """A stone thrown up leaves the bound within the interval and is back at its end."""
+    """A stone exceeds the bound within the interval, but not at its end."""
 
     def violation(checks: int) -> float:
         problem = OptimalControlProblem(
@@ -194,7 +194,7 @@ def test_path_constraint_on_controls_holds_them_to_its_limits() -> None:
         checks=3,
     )
     value = Fitness(problem).value(np.array([[1.0, 0.0], [0.5, 0.0]]), [0.0])
-    # At three checks, and as the interval begins: its control jumps there.
+    # At three checks, and at the start of the interval, at which its control jumps.
     assert value == pytest.approx((0.0, 4 * 0.5))
 
 

@@ -68,7 +68,7 @@ def test_one_state_and_few_intervals_have_both_ends(
 def test_one_row_is_a_row(
     stated: dict[str, object], end: float, intervals: int
 ) -> None:
-    """min u^2 - x(1): at speed 1/2, if nothing is in the way."""
+    """min u^2 - x(1): at speed 1/2 without further constraints."""
     found = solved(posed(intervals=intervals, terminal_cost=-X, **stated))
     assert found.status is SolutionStatus.CONVERGED
     np.testing.assert_allclose(found.states[0, -1], end, atol=1e-6)
@@ -123,7 +123,7 @@ def test_fixed_control_is_kept() -> None:
 
 @pytest.mark.parametrize("tiny", [1e-17, 1e-300])
 def test_guess_that_is_zero_by_rounding_is_as_good_as_zero(tiny: float) -> None:
-    """IPOPT once called this infeasible: 1e-17 was the size of the control."""
+    """IPOPT once called this infeasible, since the control's size was 1e-17."""
     free = posed(bounds=Bounds(), terminal=[X - 1], intervals=4)
     found = solved(free, search=None, guess=np.full((1, 4), tiny))
     assert found.status is SolutionStatus.CONVERGED

@@ -1,4 +1,4 @@
-"""Comparisons that do no harm: value, slope and curvature agree on both sides."""
+"""Harmless comparisons: value, slope and curvature agree on both sides."""
 
 import casadi as ca
 import numpy as np
@@ -84,7 +84,7 @@ def test_splines_have_no_kinks_in_any_units(
 
 
 def test_spline_of_parallel_values_has_no_kinks() -> None:
-    """A line, a parabola, and a value that is the same everywhere but for rounding."""
+    """A line, a parabola, and a value that is constant except for rounding."""
     at = np.array([-1.0, -0.5, 0.1, 0.4, 1.0, 1.5])
     for values in (3 * at + 1, (at - 0.1) ** 2, 5 + 1e-15 * at**3):
         assert kinks(table(at, values, "bspline")(X[0])) == 0

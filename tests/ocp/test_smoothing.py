@@ -122,7 +122,7 @@ def test_least_fuel_is_that_of_a_linear_program(unit: float) -> None:
 
 
 def test_an_answer_on_the_edge_of_a_jump_is_a_mismatch() -> None:
-    """1 is charged short of x = 1, but for rounding; 0.25 four times ends there."""
+    """Short of x = 1 the charge is 1, up to rounding; four steps of 0.25 end there."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=u),

@@ -46,7 +46,7 @@ def mass(
     checks: int = 1,
     limit: float = 0.6,
 ) -> OptimalControlProblem:
-    """A mass that is to be at 1 after 2 s, with |speed| and speed + push limited.
+    """A mass that should be at 1 after 2 s, with |speed| and speed + push limited.
 
     Args:
         weight: Of both rows.
@@ -173,7 +173,7 @@ def test_large_weights_keep_a_limit_exactly_and_small_ones_its_price() -> None:
 
 
 def test_constraint_that_cannot_be_kept_has_the_least_excess() -> None:
-    """From 3 with |u| <= 1 the state is above 1 for 2 s: e is 3 - t as each begins."""
+    """From 3 with |u| <= 1 the state is above 1 for 2 s: e is 3 - t at each start."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=u),
@@ -236,7 +236,7 @@ def test_free_end_time_pays_for_the_time_that_a_limit_is_broken() -> None:
 
 
 def test_discrete_time_model_pays_for_what_its_steps_leave() -> None:
-    """x+ = x + u from 0: above 1 by 1, 2 at the end of the second and the third."""
+    """x+ = x + u from 0: above 1 by 1 and 2 at the end of the second and the third."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, next_state=x + u),
@@ -279,7 +279,7 @@ def test_weight_may_be_a_parameter() -> None:
 
 
 def test_flight_outside_a_soft_limit_goes_on(double_integrator: Model) -> None:
-    """The closed loop starts outside, where a hard limit has no plan."""
+    """The closed loop starts outside, from which a hard limit allows no plan."""
     x, u = double_integrator.states, double_integrator.controls
     problem = OptimalControlProblem(
         double_integrator,
@@ -350,7 +350,7 @@ def test_problems_made_of_a_problem_keep_what_is_soft() -> None:
 
 
 def test_previous_controls_and_time_may_be_limited_softly() -> None:
-    """A change of the control by 2 where 1 + 5 t is free, at dt = 0.1 each."""
+    """A change of the control by 2 if 1 + 5 t is free, at dt = 0.1 each."""
     x, u, u_before, t = (ca.SX.sym(n) for n in ("x", "u", "u before", "t"))
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=u, time=t),
@@ -364,7 +364,7 @@ def test_previous_controls_and_time_may_be_limited_softly() -> None:
     planner = Planner(problem, search=None)
     x0, known, _ = planner.posed([0.0], Known(previous=[0.0]))
     cost, _ = planner.fitness.value(np.array([[2.0, 4.0, 6.0]]), x0, known)
-    # At the begin of each: 2 - 1, 2 - 1.5, 2 - 2.
+    # At each start: 2 - 1, 2 - 1.5, 2 - 2.
     assert cost == pytest.approx(0.1 * 10 * (1 + 0.5 + 0))
 
 
@@ -450,7 +450,7 @@ def test_long_horizons_whose_program_is_not_written_out_agree(
 
 
 def test_guess_of_the_polish_has_the_excesses_of_its_path() -> None:
-    """From an answer the solver has nothing left to do but to see that."""
+    """From an answer the solver only needs to confirm it."""
     problem = mass()
     planner = Planner(problem, search=None, polish=IpoptOptions())
     rng = np.random.default_rng(0)

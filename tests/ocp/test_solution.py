@@ -1,4 +1,4 @@
-"""What the finer grid says of a plan."""
+"""Verification of a plan on the finer grid."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,7 +27,7 @@ from swarmstart.ocp.fitness import NOTHING
 
 
 def test_coarse_euler_is_unmasked_by_its_final_state_alone(pendulum: Model) -> None:
-    """The cost u^2 is the same on every grid, and nothing is demanded of the end."""
+    """The cost u^2 is the same on every grid, and the end is free."""
 
     def status(integrator: str) -> SolutionStatus:
         problem = OptimalControlProblem(
@@ -73,7 +73,7 @@ def test_violation_is_infeasible_even_if_confirmed(
     plan = planner.evaluated(np.zeros((1, 5)), [0, 0], source=Source.GUESS)
     solution = verified(problem, plan, [0, 0])
     assert solution.status is SolutionStatus.INFEASIBLE
-    # Hanging at rest, without torque: the whole way of pi is missing on every grid.
+    # At rest without torque the pendulum hangs, pi away from the target on every grid.
     assert solution.violation == pytest.approx(1)
     assert solution.verified_violation == pytest.approx(1)
 
@@ -99,7 +99,7 @@ def test_only_feasible_answers_that_agree_on_the_finer_grid_are_confirmed() -> N
 
 
 def _at_speed_one(substeps: int) -> tuple[OptimalControlProblem, Planner]:
-    """A place that any integrator knows exactly, and a cost that waves along it."""
+    """A state that all integrators find exactly, and a cost that oscillates."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=u), horizon=1.0, intervals=2,
@@ -214,7 +214,7 @@ def test_state_that_ends_off_by_more_of_its_own_size_is_named(
 
 
 def test_nothing_moves_below_a_part_in_1e9_of_the_natural_size() -> None:
-    """A cost that is 0 along the path agrees with one that is next to nothing."""
+    """A cost of 0 along the path agrees with one that is nearly 0."""
     problem, planner = drift(U**2)
     plan, size = planned(planner, [0, 0]), planner.fitness.arguments.sizes([0], NOTHING)
     moved = plan.states.copy()
@@ -271,7 +271,7 @@ def test_states_are_those_of_the_nodes(intervals: int, checks: int) -> None:
 
 
 def test_slope_is_no_edge_however_steep() -> None:
-    """Only where an expression switches are neighbours asked."""
+    """Neighbours are only evaluated if an expression switches."""
     problem, planner = drift(1 + ca.tanh(1e9 * U))
     found = verified(problem, planned(planner, [0, 0]), [0])
     assert found.status is SolutionStatus.FEASIBLE
@@ -288,7 +288,7 @@ def test_start_outside_is_told_beside_the_status() -> None:
 def _free(
     integrator: Integrator, intervals: int, ode: ca.SX, x0: float = 1.0
 ) -> Solution:
-    """Return what is said of no control at all over 2 s."""
+    """Return the verification of zero controls over 2 s."""
     problem = OptimalControlProblem(
         Model(states=X, controls=U, ode=ode), horizon=2.0, intervals=intervals,
         stage_cost=U**2, integrator=integrator, substeps=1,
@@ -300,7 +300,7 @@ def _free(
 
 
 def test_pole_that_the_grid_jumps_over_is_a_mismatch() -> None:
-    """x' = x^2 from 1 leaves the numbers at 1 s."""
+    """x' = x^2 from 1 becomes infinite at 1 s."""
     found = _free("euler", 2, X**2)
     assert found.plan.feasible
     assert found.status is SolutionStatus.MISMATCH
@@ -308,7 +308,7 @@ def test_pole_that_the_grid_jumps_over_is_a_mismatch() -> None:
 
 
 def test_numbers_lost_on_the_grid_alone_are_no_answer() -> None:
-    """x' = -x^3 never leaves them; steps of 1/6 s do."""
+    """x' = -x^3 stays finite, but steps of 1/6 s do not."""
     found = _free("euler", 12, -(X**3), 6.0)
     assert found.path.not_finite is None and not found.plan.feasible
     assert found.status is SolutionStatus.NOT_FINITE
@@ -340,7 +340,7 @@ def edged(
         at: Where the step is, in parts of 1e-8 of the sizes.
     """
     a, b, clock = ca.vertsplit(ca.SX.sym("x", 3))
-    # Equal controls move a, or those that alternate do, as the clock is 0.5 between.
+    # Equal controls, or alternating ones, move a, since the clock is 0.5 in between.
     rate = {"all controls": U, "every other control": 4 * U * (clock - 0.5)}
     side = a if moved == "start" else a - b  # A start moves a and b alike.
     problem = OptimalControlProblem(
@@ -397,7 +397,7 @@ def test_edge_of_a_constraint_is_seen_beyond_twice_the_path_tolerance() -> None:
 def test_kink_is_no_jump_unless_it_is_a_hundred_times_steeper(
     steep: float, status: SolutionStatus
 ) -> None:
-    """Moved by 1e-8 of 4, a cost of size 8 may move by 100 times 1e-8 of it."""
+    """Moved by 1e-8 of 4, a cost of size 8 may change by 100 times 1e-8 of it."""
     problem, planner = drift(8 * ca.fmin(ca.fabs(steep * 100 / 4 * U), 1))
     plan = planned(planner, [0, 0])
     assert planner.fitness.arguments.sizes([0], NOTHING).cost == 8
@@ -405,7 +405,7 @@ def test_kink_is_no_jump_unless_it_is_a_hundred_times_steeper(
 
 
 def polished(problem: OptimalControlProblem) -> Plan:
-    """Return where IPOPT ends from no control at all."""
+    """Return the point at which IPOPT ends from zero controls."""
     planner = Planner(problem, search=None, polish=IpoptOptions(), backend="casadi")
     return planner.plan([0], rng=np.random.default_rng(0))
 

@@ -1,4 +1,4 @@
-"""The one-call way, on problems whose answers are known."""
+"""The one-call solution, on problems with known answers."""
 
 from collections.abc import Callable
 
@@ -168,7 +168,7 @@ def test_refuses_to_solve_with_nothing(lq: OptimalControlProblem) -> None:
 
 
 def test_a_guess_of_states_leads_the_polish_where_controls_do_not() -> None:
-    """Zero controls never leave a pendulum that hangs: their path is stationary."""
+    """Zero controls never move a hanging pendulum: their path is stationary."""
     angle, speed, torque = (ca.SX.sym(name) for name in ("angle", "speed", "torque"))
     problem = OptimalControlProblem(
         Model(

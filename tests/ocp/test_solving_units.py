@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 class Units(NamedTuple):
-    """New units to the old one, of each state and control, and of the cost."""
+    """Ratio of new to old unit, of each state, each control and the cost."""
 
     states: Array
     controls: Array
@@ -76,7 +76,7 @@ def unicycle(units: Units) -> tuple[OptimalControlProblem, Array]:
 
 
 def double_integrator(units: Units) -> tuple[OptimalControlProblem, Array]:
-    """To a place with a bound on the speed, and one on speed and push together."""
+    """To a place with a bound on the speed, and one on the sum of speed and push."""
     z, v = ca.SX.sym("z", 2), ca.SX.sym("v")
     x, u = z / units.states, v / units.controls
     speed = 0.8 * units.states[1]
@@ -178,7 +178,7 @@ def test_power_of_two_before_the_cost_changes_no_bit(
 def test_conversions_by_powers_of_two_change_the_last_bits_of_the_polish_only(
     in_old_units: Callable[..., Solution], name: str, drawn: list[float]
 ) -> None:
-    """In the polish, CasADi adds derivatives of x / c up in another order."""
+    """In the polish, CasADi adds the derivatives of x / c in another order."""
     _, nx, nu = PROBLEMS[name]
     twos = np.array(drawn)
     units = Units(twos[:nx], twos[nx : nx + nu], 1.0)
@@ -198,7 +198,7 @@ def test_conversions_by_powers_of_two_change_the_last_bits_of_the_polish_only(
 def test_unit_of_length_of_a_model_without_conversions_changes_no_bit(
     length: float,
 ) -> None:
-    """A unicycle knows no length: only its speeds, places and discs are larger."""
+    """A unicycle has no length: only its speeds, places and discs are larger."""
 
     def solved(unit: float) -> Solution:
         x, u = ca.SX.sym("x", 3), ca.SX.sym("u", 2)

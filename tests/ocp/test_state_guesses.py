@@ -1,4 +1,4 @@
-"""Guesses of states: where they begin and end."""
+"""Guesses of states: their start and end."""
 
 from dataclasses import replace
 
@@ -40,14 +40,14 @@ def test_guesses_begin_at_the_start_and_end_where_the_end_fixes_states() -> None
         assert states.shape == (3, 9)
         np.testing.assert_array_equal(states[:, 0], X0)
         np.testing.assert_allclose(states[:2, -1], [1.0, 0.0], atol=1e-12)
-        # What the end leaves free stays.
+        # Free states stay constant.
         np.testing.assert_array_equal(states[2], 5.0)
         assert states[0].max() <= 1.2
     np.testing.assert_allclose(found[0][0], np.linspace(0, 1, 9))
 
 
 def test_guesses_differ_also_where_a_state_ends_as_it_began() -> None:
-    """The second state begins and ends at 0: it has its natural size to move in."""
+    """The second state starts and ends at 0: its natural size gives its amplitude."""
     rows = np.array([states[:2, 4] for states in guesses(PROBLEM)])
     assert len(np.unique(rows[:, 0])) == len(np.unique(rows[:, 1])) == 8
     assert np.abs(rows[1:, 1]).max() > 0.1

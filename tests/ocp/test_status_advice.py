@@ -1,4 +1,4 @@
-"""Advice: what to turn, and that turning it helps."""
+"""Advice: the suggested change, and its success."""
 
 import casadi as ca
 import numpy as np
@@ -24,7 +24,7 @@ X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
 
 
 def relaxing(rate: float, **stated: object) -> OptimalControlProblem:
-    """A place driven by a control, and a lag behind it that decays at a rate."""
+    """A place driven by a control, and a lag behind it with a given decay rate."""
     given = {"substeps": 4, **stated}
     return OptimalControlProblem(
         Model(states=X, controls=U, ode=ca.vertcat(U, rate * (X[0] - X[1]))),
@@ -44,7 +44,7 @@ def judged(problem: OptimalControlProblem, x0: list[float]) -> Solution:
 
 @pytest.mark.parametrize("rate", [30.0, 100.0, 1000.0])
 def test_stiff_model_is_named_with_substeps_that_are_enough(rate: float) -> None:
-    """The step is 0.1 s: stable up to 2.78 / 0.1 s, and 2.5 are asked for."""
+    """The step is 0.1 s: stable up to 2.78 / 0.1 s; the advice asks for 2.5."""
     coarse = judged(relaxing(rate), [1, 0])
     assert not coarse.status.is_confirmed
     needed = int(np.ceil(4 * rate * 0.1 / 2.5))

@@ -1,4 +1,4 @@
-"""A model is called stiff by the stability function of the steps, and only then."""
+"""A model is called stiff exactly if the stability function of the steps says so."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def linear(A: list[list[float]], **stated: object) -> OptimalControlProblem:
 
 def found(problem: OptimalControlProblem, controls: Array | None = None,
           x0: Array | None = None) -> FastMode | None:  # fmt: skip
-    """Return the mode that is named along the path of controls, zero if not given."""
+    """Return the mode found along the path of controls, zero by default."""
     start = np.ones(problem.model.nx) if x0 is None else x0
     u = np.zeros((1, problem.intervals)) if controls is None else controls
     nothing, none = np.empty(0), np.empty((0, problem.nodes))

@@ -1,4 +1,4 @@
-"""MX symbols and their SX symbols: what is expanded, and what is refused."""
+"""MX symbols and their SX symbols: expansion, and errors."""
 
 from typing import Any
 

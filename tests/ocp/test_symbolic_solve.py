@@ -1,4 +1,4 @@
-"""Linear equations solved in symbols: against LAPACK, also where it is hard."""
+"""Symbolic solution of linear equations: against LAPACK, also in hard cases."""
 
 import casadi as ca
 import numpy as np
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def solved(matrix: Array, right: Array, pattern: Array | None = None) -> Array:
-    """Return the solution by way of symbols with a pattern; None: dense."""
+    """Return the solution by way of symbols with a sparsity pattern; None: dense."""
     n = len(right)
     used = np.ones((n, n)) if pattern is None else pattern
     rows, columns = (k.tolist() for k in np.nonzero(used))
@@ -36,7 +36,7 @@ def test_a_sparse_matrix_gives_what_lapack_gives(n: int, seed: int) -> None:
 
 @pytest.mark.parametrize("smallest", [1e-3, 1e-6, 1e-9])
 def test_the_condition_is_lost_once_and_not_squared(smallest: float) -> None:
-    """CasADi's solve for SX is wrong by 1e-4 with 1e-6, and NaN with 1e-9."""
+    """CasADi's solve for SX is wrong by 1e-4 at 1e-6, and NaN at 1e-9."""
     matrix = np.ones((3, 3)) + np.diag([0.0, smallest, -2 * smallest])
     found = solved(matrix, matrix @ [1.0, 2.0, 3.0])
     np.testing.assert_allclose(found, [1.0, 2.0, 3.0], atol=2e-15 / smallest)

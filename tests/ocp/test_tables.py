@@ -1,4 +1,4 @@
-"""Tables: values and derivatives against CasADi and SciPy, and what they refuse."""
+"""Tables: values and derivatives against CasADi and SciPy, and errors."""
 
 from collections.abc import Callable
 from typing import Any
@@ -45,7 +45,7 @@ def assert_close(found: object, wanted: object) -> None:
 
 
 def inside(count: int) -> Array:
-    """Return points within both inputs' breakpoints, those at the ends among them."""
+    """Return points within both inputs' breakpoints, including the end points."""
     random = np.random.default_rng(1)
     first, second = (random.uniform(a[0], a[-1], count) for a in (AT, OVER))
     corners = np.array([[AT[0], AT[-1], AT[0], AT[3]], [*OVER[[0, -1, -1, 2]]]])
@@ -188,7 +188,7 @@ def test_values_are_met_and_held(method: Method) -> None:
 
 
 FLAT = np.where((AT > -1.45) & (AT < 3), VALUES, 2.0)
-"""Values whose first and last pieces are level."""
+"""Values with constant first and last pieces."""
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -1,4 +1,4 @@
-"""Teams: the order of planning, and who sees which plan."""
+"""Teams: the order of planning, and the plans that each agent sees."""
 
 import casadi as ca
 import numpy as np
@@ -31,7 +31,7 @@ def agent_of(
     polish: bool = False,
     shows: tuple[int, ...] = (0,),
 ) -> Agent:
-    """An agent that wants to be where the agents it watches are at the end."""
+    """An agent whose target is the end position of the agents that it watches."""
     signals = ca.SX.sym("others", len(watches))
     problem = OptimalControlProblem(
         model,
@@ -80,7 +80,7 @@ def test_agents_plan_in_order_and_see_fresh_plans(double_integrator: Model) -> N
 def test_plans_are_seen_in_the_order_of_watches(
     double_integrator: Model, watches: tuple[int, int]
 ) -> None:
-    """Whatever the order of planning and of numbers: signals are told apart by it."""
+    """The signals follow `watches`, not the order of planning or of numbers."""
     agents = [
         *(agent_of(double_integrator) for _ in range(2)),
         agent_of(double_integrator, watches=watches),
@@ -115,7 +115,7 @@ def test_watcher_meets_the_plan_made_at_the_same_instant(
 
 
 def test_watcher_sees_the_rows_that_the_other_shows(double_integrator: Model) -> None:
-    """Its own concern what it shows: here its speed, the watcher shows nothing."""
+    """Each agent chooses the rows that it shows: here its speed; the watcher none."""
     shy = agent_of(double_integrator, watches=(1,), polish=True, shows=())
     team = Team([shy, agent_of(double_integrator, shows=(1,))], order=(1, 0))
     decision = team.decide(

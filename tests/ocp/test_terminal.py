@@ -1,4 +1,4 @@
-"""The terminal set of a problem: of its dynamics, bounds and control interval."""
+"""Terminal set of a problem: from its dynamics, bounds and control interval."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ X, U, P = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("p")
 
 
 def upright(**bounds: object) -> OptimalControlProblem:
-    """A pendulum about its upper rest, in holds of 0.1 s, integrated in two steps."""
+    """A pendulum about its upper rest, with holds of 0.1 s, integrated in two steps."""
     return OptimalControlProblem(
         Model(
             states=X, controls=U, parameters=P,
@@ -80,7 +80,7 @@ def test_inputs_stay_within_the_bounds_of_the_problem() -> None:
 
 @pytest.mark.parametrize("lean", [0.3, -0.4])
 def test_the_input_that_holds_a_reference_is_found(lean: float) -> None:
-    """A pendulum that leans is held by p sin(angle), whatever p."""
+    """A leaning pendulum is held by p sin(angle), for any p."""
     for p in (9.81, 3.0):
         terminal_set = found(upright(), at=[lean, 0], parameters=[p])
         np.testing.assert_allclose(terminal_set.u_ref, -p * np.sin(lean), rtol=1e-9)
@@ -94,7 +94,7 @@ def test_a_reference_that_no_input_holds_is_refused() -> None:
 
 
 def test_a_state_that_nothing_feels_may_move_at_the_reference() -> None:
-    """A cart that rolls at 3 m/s, its place free: only its speed must rest."""
+    """A cart that rolls at 3 m/s with a free place: only its speed must rest."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=ca.vertcat(x[1], u - 0.1 * x[1] ** 3)),

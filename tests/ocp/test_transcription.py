@@ -1,4 +1,4 @@
-"""The NLP is the rollout with its states as variables, in numbers near one."""
+"""The NLP is the rollout with its states as variables, scaled to about one."""
 
 from dataclasses import replace
 
@@ -63,8 +63,8 @@ def test_rolled_out_point_has_the_rollouts_cost_and_no_defects(
         assert float(f) * sizes.cost == pytest.approx(cost, rel=1e-13)
         rows, ends = np.array(g).ravel()[:-2].reshape(3, -1), np.array(g).ravel()[-2:]
         np.testing.assert_allclose(rows[:, :4], 0, atol=1e-12)
-        # Per check: disc and separations, in parts of their distances; the disc's
-        # margin is the search's alone. The speed is a row between the intervals' ends.
+        # Per check: disc and separations, relative to their distances; only the search
+        # uses the disc's margin. The speed is a row between the intervals' ends.
         other = states[2:] - np.asarray(known.signals)[4:]
         centre = states[2:] - np.array([[15.0], [1.0]])
         gaps = np.array(

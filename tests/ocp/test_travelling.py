@@ -1,4 +1,4 @@
-"""Warm starts that travel: iterations saved, what is carried, what is refused."""
+"""Transferred warm starts: saved iterations, transferred values, and errors."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -52,7 +52,7 @@ def quickest(intervals: int = 20) -> OptimalControlProblem:
 
 @pytest.fixture
 def iterations(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Iterations of each solve by IPOPT."""
+    """Return the number of IPOPT iterations of each solve."""
     found: list[int] = []
     solve_once = Polisher._solve
 
@@ -122,7 +122,7 @@ def test_a_searched_answer_travels_without_multipliers() -> None:
     found = solve(cart(), X0, budget=200, polish=None, seed=0)
     guess = found.as_guess(cart(10))
     assert guess.carried is None
-    # Means over the new intervals: the integral stays.
+    # Means over the new intervals: the integral is kept.
     assert guess.controls.sum() * 2 == pytest.approx(found.controls.sum())
     assert guess.states is not None
     np.testing.assert_allclose(guess.states, found.plan.states[:, ::2])
@@ -134,7 +134,7 @@ def test_a_searched_answer_travels_without_multipliers() -> None:
         (lambda p: replace(p, constraints=[]), "path constraints are slow, .* none"),
         (lambda p: replace(p, model=replace(p.model, state_names=("a", "rate"))),
          "states are angle, rate, .* a, rate"),
-        (lambda p: replace(p, horizon=Free(1, 4, 3)), "decisions are none.* end time"),
+        (lambda p: replace(p, horizon=Free(1, 4, 3)), "its decisions are .* end time"),
         (lambda p: replace(p, terminal=[(p.model.states, [0, 0])]), "terminal"),
         (lambda p: replace(p, control_shape="linear"), "controls are constant.*linear"),
         (lambda p: "no problem", "as_guess takes an OptimalControlProblem, got str"),

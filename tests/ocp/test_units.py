@@ -1,4 +1,4 @@
-"""Powers of two come out of expressions without a change of any bit."""
+"""Powers of two are factored out of expressions without a change of any bit."""
 
 import casadi as ca
 import numpy as np
@@ -53,7 +53,7 @@ def test_value_is_power_times_rest(expression: ca.SX) -> None:
 @given(expression=expressions, j=st.integers(-40, 40))
 @settings(max_examples=150, deadline=None)
 def test_power_that_is_multiplied_comes_out_again(expression: ca.SX, j: int) -> None:
-    """The rest has the same bits, whatever the power."""
+    """The rest has the same bits for any power."""
     if expression.is_constant():
         return
     k, rest = without_power_of_two(expression)

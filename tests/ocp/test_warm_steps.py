@@ -1,4 +1,4 @@
-"""Closed loop with search and polish: when a step is searched."""
+"""Closed loop with search and polish: the steps that are searched."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A watch counts what an NLP solver does, stops it, and changes nothing else."""
+"""A watch counts the work of an NLP solver, stops it, and changes nothing else."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from swarmstart.ocp.watching import Answer, Ratios, Unwatched, Work, ratios_of, 
 
 
 class Counting(Unwatched):
-    """Counts; says stop once so much is spent."""
+    """A watch that counts, and asks to stop after a given amount of work."""
 
     def __init__(self, most: float = np.inf) -> None:
         self.most, self.spent, self.iterates = most, 0.0, 0
@@ -70,12 +70,12 @@ def test_watching_changes_no_bit(plugin: str) -> None:
     watched = planned(watch, plugin).plan([0.0, 0.0], rng=rng)
     assert np.array_equal(alone.controls, watched.controls)
     assert watch.costs[-1] == watched.cost
-    # IPOPT tells its start as well, and each iteration after it.
+    # IPOPT reports its start as well, and each iteration after it.
     assert watch.iterates == watch.work.hessians + 1
 
 
 def test_counts_are_those_of_the_solver() -> None:
-    """Of a problem that CasADi's own solver is asked about side by side."""
+    """The work for a problem that CasADi's own solver solves side by side."""
     watch = Counting()
     planner = planned(watch)
     planner.plan([0.0, 0.0], rng=np.random.default_rng(0))
@@ -95,7 +95,7 @@ def test_counts_are_those_of_the_solver() -> None:
 
 
 def test_derivatives_cost_the_ratio_of_their_instructions() -> None:
-    """The same whatever the number of intervals, but for the two ends."""
+    """It does not depend on the number of intervals, except for the two ends."""
     found = []
     for intervals in (20, 40):
         planner = Planner(swing(intervals), search=None, polish=IpoptOptions())
