@@ -327,7 +327,7 @@ def _require_regular(jacobian: ca.SX, z: ca.SX, symbols: ca.SX) -> None:
     elif rows:
         why = f"equation {', '.join(rows)} has none of them"
     elif ca.sprank(jacobian) < z.numel():
-        why = "some of the equations share too few of them"
+        why = "some of the equations contain too few of them together"
     elif _singular_everywhere(jacobian, symbols):
         why = "the equations depend on each other"
     if why:

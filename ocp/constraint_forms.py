@@ -46,7 +46,7 @@ def as_path(constraint: object) -> Constraint:
     """
     if isinstance(constraint, TerminalConstraint):
         raise InvalidProblemError(
-            "constraints must hold path constraints; a TerminalConstraint belongs into "
+            "constraints must hold path constraints; a TerminalConstraint belongs in "
             "the list `terminal`"
         )
     stated = limited("a path constraint", constraint)

@@ -223,7 +223,7 @@ class RecedingHorizon:
         """
         if isinstance(self.planner.stated.horizon, Free) and self.period is None:
             raise InvalidProblemError(
-                "a run whose end time is free needs a period: how often to plan [s]"
+                "a free end time needs a period: the time between plans [s]"
             )
         return self.period or self.planner.problem.dt
 

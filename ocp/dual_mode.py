@@ -180,8 +180,8 @@ def _require_certified(
         unproven = [] if one.certificate is None else one.certificate.unproven()
         if unproven:
             raise UncertifiedSetError(
-                f"the terminal set of agent {number} must be proven in every part; of "
-                f"its certificate this is not: {'; '.join(unproven)}. Certify it again "
+                f"the terminal set of agent {number} must be proven in every part; "
+                f"not proven: {'; '.join(unproven)}. Certify it again "
                 "(swarmstart.terminal_set.certify, with growth=True), or pass "
                 "uncertified=True"
             )
@@ -204,7 +204,7 @@ def _require_hold(number: int, one: TerminalSet, dt: float) -> None:
     found = "no certificate"
     if one.certificate is not None:
         found = "a certificate for "
-        found += f"{held:g} s" if held else "an input that moves all the time"
+        found += f"{held:g} s" if held else "a continuously varying input"
     raise UncertifiedSetError(
         f"the terminal set of agent {number} must be certified for inputs held for "
         f"{dt:g} s, it has {found}: certify it (swarmstart.terminal_set.certify), or "

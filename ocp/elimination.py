@@ -253,8 +253,8 @@ def _require_exact(nlp: GivenNlp, found: Elimination, rows: _Rows, peel: _Peel) 
     broken = np.flatnonzero(np.abs(residual) > _EXACT * size)  # NaN: outside a domain.
     if broken.size:
         raise InvalidProblemError(
-            "the states cannot be eliminated: a constraint was taken for linear in one "
-            f"of them and is not: {nlp.describe(int(used[broken[0]]))}"
+            "the states cannot be eliminated: a constraint seemed linear in one "
+            f"of them but is not: {nlp.describe(int(used[broken[0]]))}"
         )
 
 
@@ -278,6 +278,6 @@ def _refusal(
     ]
     return (
         f"state {nlp.name(index)} (time {times[state]}) cannot be eliminated; "
-        f"{_UNSUPPORTED}; unknown in this constraint: {', '.join(unknown)}; "
+        f"{_UNSUPPORTED}; still unknown here: {', '.join(unknown)}; "
         f"{nlp.describe(int(rows.numbers[row]))}"
     )

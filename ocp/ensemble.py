@@ -101,8 +101,8 @@ def ensemble(  # noqa: PLR0913 - the members, and how their costs count
         raise InvalidProblemError("problem must be that of one member, got an ensemble")
     if problem.soft:
         raise InvalidProblemError(
-            "ensemble needs a problem without soft constraints: their cost is that of "
-            "no member"
+            "ensemble needs a problem without soft constraints, whose cost "
+            "belongs to no single member"
         )
     if callable(parameters):
         parameters = _drawn(parameters, samples, rng)

@@ -220,13 +220,25 @@ class Fitness:
     def value(
         self, controls: Array, x0: ArrayLike, known: Known = NOTHING
     ) -> tuple[float, float]:
-        """Return cost and violation of one control sequence, shape (nu, N)."""
+        """Return cost and violation of one control sequence.
+
+        Args:
+            controls: Controls, shape (nu, N).
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+        """
         objective = self.objective(x0, known)
         cost, violation = objective(self.decision(controls, x0)[:, None])
         return float(cost[0]), float(violation[0])
 
     def states(self, controls: Array, x0: ArrayLike, known: Known = NOTHING) -> Array:
-        """Return the states at the nodes, shape (nx, nodes), of controls (nu, N)."""
+        """Return the states at the nodes, shape (nx, nodes).
+
+        Args:
+            controls: Controls, shape (nu, N).
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+        """
         return self.followed(controls, x0, known)[0]
 
     def followed(

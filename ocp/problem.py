@@ -109,7 +109,7 @@ class OptimalControlProblem:
         model: The model; all expressions are written in its symbols.
         horizon: Length of the prediction [s]; a `Free` if it is decided.
         intervals: Number N of control intervals in the horizon.
-        stage_cost: Scalar in states, controls, parameters, signals [cost / s].
+        stage_cost: Scalar in states, controls, parameters and signals [cost / s].
         step_cost: Scalar in the same symbols and the previous controls [cost], added at
             the start of each interval.
         initial_cost: Scalar in states, parameters and signals, at the start of the
@@ -128,7 +128,7 @@ class OptimalControlProblem:
             several names in a tuple share one value. Their entries in the initial state
             are the guess.
         periodic: Names of states whose final value equals their initial value.
-        decided: Names of the model's parameters that are decided, with their bounds.
+        decided: Names of the model's parameters that are decided, each with its bounds.
         previous: Symbols of the controls of the interval before, shape (nu, 1), for the
             step cost and the path constraints.
         clock: Name of the state that is the time of an answer [s]; empty: the time is
@@ -144,8 +144,10 @@ class OptimalControlProblem:
             are not given are found (scaling.py).
         signals: Symbols of the known signals, shape (ns, 1); those of the model come
             first, and are added if they are missing.
-        quadrature: "integral", "left" or "right".
-        integrator: A key of INTEGRATORS.
+        quadrature: Sum of the stage cost: "integral" (integrated with the model),
+            "left" or "right" (its value at the start or the end of each interval, times
+            dt).
+        integrator: "rk4", "euler" or "stiff"; see integrators.py.
         substeps: Number of integrator steps from one check to the next; with step size
             control, the expected number.
         integrator_tolerance: Allowed relative error of each step of "stiff"
@@ -154,7 +156,8 @@ class OptimalControlProblem:
         transcription: Treatment of the states within an interval by the polish:
             "shooting" (integrator steps) or "radau" (collocation, with the states as
             unknowns); a `Radau` sets its number of points.
-        checks: Number of checks in an interval.
+        checks: Number of checks in an interval: the points at which path constraints
+            are required.
         tolerance: Largest summed violation that counts as feasible, relative to the
             constraints' scales.
         path_tolerance: Largest excess of a constraint on the finely integrated path,
@@ -447,7 +450,7 @@ class OptimalControlProblem:
         """
         if isinstance(self.horizon, Free):
             raise InvalidProblemError(
-                "the horizon is free: its length is known of an answer only"
+                "the horizon is free: its length is known from an answer only"
             )
         return self.horizon
 

@@ -66,11 +66,11 @@ class Solution(Presented):
         controls: Controls, shape (nu, N); linear controls by their knots, (nu, N + 1).
         decided: Decisions besides controls and start: parameters by their names, a free
             end time as "end time" [s].
-        cost: Cost on the problem's own grid, as the problem states it.
-        violation: Summed violation on the problem's own grid, in parts of the scales.
+        cost: Cost on the problem's own grid, with the sign as the problem states it.
+        violation: Summed violation on the problem's own grid, relative to the scales.
         verified_cost: Cost on the finer path.
         verified_violation: Sum of the worst excess of each constraint row on the finer
-            path, in parts of the scales.
+            path, relative to the scales.
         path: The finer path, with the constraints that it breaks.
         plan: The plan, with its source and its effort.
         compile_seconds: Wall time of `solve` for loading and compiling machine code

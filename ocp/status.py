@@ -69,12 +69,12 @@ def advice_for(
 
 
 _DEFINED = (
-    "bound the states to where the model is defined, such as "
+    "bound the states to the domain of the model, such as "
     "Bounds(states=(1e-3, inf)), or start from a guess that stays there"
 )
 _WEAKER = (
     "try a larger budget, a guess, a longer horizon or weaker constraints; a search "
-    "without a cost shows how little the constraints can be broken"
+    "without a cost shows the smallest possible violation"
 )
 
 
@@ -83,8 +83,8 @@ def _too_fast(problem: OptimalControlProblem) -> str:
     if not problem.is_adaptive:
         return ""
     return (
-        f"; a model that needs more than {MOST_TICKS} steps from check to check is "
-        "given up: more intervals or checks, or a larger integrator_tolerance"
+        f"; the integration stops after {MOST_TICKS} steps from check to check: use "
+        "more intervals or checks, or a larger integrator_tolerance"
     )
 
 

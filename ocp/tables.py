@@ -237,8 +237,9 @@ def table(
     is held, and the end is a kink. `casadi.interpolant` extrapolates if it is linear;
     its B-spline is zero outside.
 
-    x: Breakpoints, increasing, shape (n,); for two inputs a pair of such arrays. At
-    least 2 for "linear", 4 for "bspline".
+    Args:
+        x: Breakpoints, increasing, shape (n,); for two inputs a pair of such arrays. At
+            least 2 for "linear", 4 for "bspline".
         y: Values, shape (n,); for two inputs (n, m), the first input along the rows.
         method: "linear" (continuous) or "bspline" (cubic, not-a-knot, twice
             continuously differentiable).

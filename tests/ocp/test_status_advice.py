@@ -131,7 +131,7 @@ def test_model_that_is_undefined_is_told_of_bounds() -> None:
     )
     found = judged(problem, [1, 0])
     assert found.status is SolutionStatus.NOT_FINITE
-    assert "bound the states to where the model is defined" in found.advice
+    assert "bound the states to the domain of the model" in found.advice
     assert found.reason.startswith("state x_1 is not a finite number from 0.0125 s")
 
 
