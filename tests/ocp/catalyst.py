@@ -1,7 +1,8 @@
 """The bifunctional catalyst: a stiff problem with many local optima.
 
-Methylcyclopentane to benzene over a blend of two catalysts, the fraction u of one held
-over each of ten parts of the reactor: x' = A(u) x, the yield 1000 x_7 at the end.
+Methylcyclopentane is turned into benzene over a blend of two catalysts. The fraction u
+of one is held over each of ten parts of the reactor: x' = A(u) x. The yield is 1000 x_7
+at the end.
 
 Source: Luus, Dittrich and Keil (1992), Multiplicity of solutions in the optimization of
 a bifunctional catalyst blend in a tubular reactor; best known 10.0942.

@@ -107,9 +107,9 @@ def test_end_time_must_be_able_to_shrink_to_the_period() -> None:
 
 
 def test_signals_of_a_shrinking_horizon_are_read_over_what_is_left_of_it() -> None:
-    """Against a headwind of 0.2 t from 1 to 0 with u in [-1, 1]: at t = 0.9161 s.
+    """From 1 to 0 against a headwind of 0.2 t with u in [-1, 1] takes 0.9161 s.
 
-    x(t) = 1 - t + 0.1 t^2, whatever time of a plan the nodes stand at.
+    x(t) = 1 - t + 0.1 t^2, for any times of the nodes of a plan.
     """
     x, u, wind = (ca.SX.sym(n) for n in ("x", "u", "wind"))
     problem = OptimalControlProblem(

@@ -91,9 +91,9 @@ def climb(
     """A mass pushed from 0 to 1 in a second, with limits of push and speed.
 
     Args:
-        moved: Limits that are not those of LIMITS, in the unit of length.
-        scaled: Unit of length, in metres; the cost's stays.
-        maximize: Whether the cost is a gain, times -1.
+        moved: Limits that replace those of LIMITS, in the unit of length.
+        scaled: Unit of length, in metres; the unit of the cost is not changed.
+        maximize: Whether the cost is negated and maximised.
     """
     limit = {**{name: v / scaled for name, v in LIMITS.items()}, **(moved or {})}
     z, v = ca.SX.sym("z", 2), ca.SX.sym("v")

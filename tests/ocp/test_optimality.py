@@ -78,8 +78,8 @@ def _at_limit(value: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
 def least_curvature(point: NlpPoint) -> float:
     """Return the smallest eigenvalue on the tangent space, relative to the Hessian.
 
-    Dense: the whole Hessian on the null space of all that its multipliers hold;
-    infinity if nothing is free.
+    The dense Hessian is reduced to the null space of the rows and bounds that
+    multipliers hold; infinity if there are no free directions.
     """
     derivatives = point.program.derivatives
     upper = np.array(derivatives["hess_lag"](point.w, point.q, 1.0, point.lam_g))

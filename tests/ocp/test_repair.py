@@ -179,8 +179,8 @@ def test_needed_is_what_the_path_breaks_of_path_constraints() -> None:
 def test_margin_begins_where_the_checks_are() -> None:
     """Between two checks, each 0.5 m away, the disc of 0.2 m is passed through.
 
-    The checks have 0.3 m to spare: a margin below it would leave them as they are. Of
-    twice as many checks, the nearest is at the centre, 0.2 m inside.
+    The checks have a distance of 0.3 m to the disc, so a smaller margin has no effect.
+    With twice as many checks, the nearest one is at the centre, 0.2 m inside.
     """
     problem = moving(disc(X, centre=[2.5, 0.0], radius=0.2))
     answer = evaluated(problem, [0.0] * 4)

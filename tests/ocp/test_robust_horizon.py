@@ -156,9 +156,9 @@ def test_block_that_begins_in_the_robust_horizon_is_shared_to_its_end() -> None:
 
 
 def test_what_members_share_is_one_direction_of_the_second_derivatives() -> None:
-    """Costs 2 x^2 and -x^2: a minimum of one control, a saddle of two.
+    """Costs 2 x^2 and -x^2: a minimum for one control, a saddle for two.
 
-    Costs x^2 and -2 x^2 are a saddle of one.
+    Costs x^2 and -2 x^2 are a saddle for one.
     """
     x, u, k = (ca.SX.sym(n) for n in "xuk")
     problem = OptimalControlProblem(

@@ -65,7 +65,7 @@ def test_error_falls_with_order_four_if_rates_depend_on_time_too() -> None:
 
 
 def test_coefficients_belong_together() -> None:
-    """Sums of each row, alpha to c and gamma to d, and order four of linear equations.
+    """Row sums of alpha (c) and gamma (d), and order four for linear equations.
 
     With the transformation of the book, u = Gamma k: C = I / gamma - Gamma^-1 and
     a = alpha Gamma^-1 (eq. IV.7.22 f.).

@@ -43,8 +43,8 @@ def sizes_of(
 def in_units(states: Array, controls: Array, cost: float) -> OptimalControlProblem:
     """A unicycle with drag, a disc, a bound and a target, in other units.
 
-    What has units enters as a number times its unit; `states` and `controls` are the
-    sizes of the old units in the new ones.
+    Quantities with units enter as a number times the unit; `states` and `controls` are
+    the sizes of the old units in the new ones.
     """
     z, v = ca.SX.sym("z", 4), ca.SX.sym("v", 2)
     x, u = z / states, v / controls
@@ -304,8 +304,8 @@ def rocket(unit: float = 1.0, **more: object) -> OptimalControlProblem:
     """A rocket brought to rest at 100 km; the bounds do not give the states' sizes.
 
     Args:
-        unit: Of the altitude: how many of it make a metre.
-        more: What is stated otherwise.
+        unit: Number of units of altitude in a metre.
+        more: Arguments that replace the default ones.
     """
     x, thrust = ca.vertcat(*map(ca.SX.sym, ("h", "v", "m"))), ca.SX.sym("thrust")
     height, v, m = x[0] / unit, x[1], x[2]

@@ -1,7 +1,7 @@
-"""The smallest problems there are: one state, one interval, no control, empty lists.
+"""Smallest possible problems: one state, one interval, no control, empty lists.
 
-CasADi's slices and products of 1 x 1 and of nothing have other shapes, and it drops
-what is always zero; all that must not be seen.
+CasADi's slices and products of 1 x 1 and of empty matrices have other shapes, and it
+drops expressions that are always zero. Users must not notice this.
 """
 
 import casadi as ca

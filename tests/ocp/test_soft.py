@@ -49,11 +49,11 @@ def mass(
     """A mass that should be at 1 after 2 s, with |speed| and speed + push limited.
 
     Args:
-        weight: Of both rows.
-        quadratic: Of both rows.
-        unit: Of length, in metres.
-        checks: In an interval.
-        limit: Of the speed, in metres a second.
+        weight: Weight of the excess of both rows.
+        quadratic: Weight of the squared excess of both rows.
+        unit: Unit of length, in metres.
+        checks: Number of checks in an interval.
+        limit: Limit of the speed, in metres per second.
     """
     z, v = ca.SX.sym("z", 2), ca.SX.sym("v")
     x, u = z * unit, v * unit

@@ -328,16 +328,16 @@ def test_stiff_model_is_told_from_a_wrong_one() -> None:
 def edged(
     jump: float, *, moved: str = "all controls", way: int = 1, at: float = 1e-3
 ) -> Solution:
-    """The answer 0 of a problem whose end steps up or down beside it.
+    """The answer 0 of a problem whose terminal cost has a step near it.
 
-    The cost is 2 along the path. The step is met if that is moved which is named, to
-    the side that is asked for; 1e-8 of the size of b is 2e-8.
+    The cost is 2 along the path. The step is reached if the named quantity is moved to
+    the given side; 1e-8 of the size of b is 2e-8.
 
     Args:
         jump: Height of the step.
         moved: "all controls", "every other control" or "start".
-        way: To which side.
-        at: Where the step is, in parts of 1e-8 of the sizes.
+        way: Side to which it is moved.
+        at: Position of the step, in units of 1e-8 of the sizes.
     """
     a, b, clock = ca.vertsplit(ca.SX.sym("x", 3))
     # Equal controls, or alternating ones, move a, since the clock is 0.5 in between.

@@ -115,8 +115,8 @@ def test_gradient_alone_passes_on_the_expensive_side(passing_side: Posed) -> Non
 def test_search_finds_the_cheap_side_and_the_polish_its_optimum(
     passing_side: Posed,
 ) -> None:
-    """Scenario passing_side: the best known is 446.7, but between its checks, 1/4 s
-    apart, it cuts the disc; an answer that keeps clear on the path costs more."""
+    """Scenario passing_side: the best known answer costs 446.7 and cuts the disc
+    between its checks, 1/4 s apart; an answer that keeps clear of it costs more."""
     problem, x0, known = passing_side
 
     def solved(

@@ -1,7 +1,8 @@
 """The same problem in other units has the same answer.
 
-A problem is restated by conversions, z = c x for every state and control, and its cost
-multiplied. Sizes are homogeneous (test_scaling.py); so is everything behind them.
+A problem is restated with z = c x for every state and control, and with its cost
+multiplied by a factor. Sizes are homogeneous (test_scaling.py), and so is all that
+depends on them.
 """
 
 from collections.abc import Callable
