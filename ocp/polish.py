@@ -504,7 +504,7 @@ class Polisher:
         *,
         is_guess: bool,
     ) -> Sizes:
-        """Return the sizes, with the cost's so small that IPOPT does not scale it up.
+        """Return the sizes, with the cost's so small that IPOPT scales the cost.
 
         IPOPT scales an objective down until no slope is above 100, but never up.
         """

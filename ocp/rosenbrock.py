@@ -12,7 +12,7 @@ the step. Nothing is iterated: a step is an explicit expression with derivatives
 
 W is factored symbolically: an LU factorisation by the pattern of its nonzeros, with
 pivots on the diagonal in the order of least fill, without exchanging rows for their
-values. A pivot h g J_ii = 1 cancels; it belongs to a mode that grows e^4-fold in a
+values. A pivot that vanishes, h g J_ii = 1, belongs to a mode that grows e^4-fold in a
 step, so the step is too long in any case, and the result is not finite.
 
 Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.7,
