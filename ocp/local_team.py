@@ -5,7 +5,7 @@ An agent receives these time-varying signals of its problem, in this order:
     the plan that it follows (the first planner's), or a reference of its own
     the positions of the agents it is linked to; each of them plans before it
     the positions of all agents within range: the new plans of those that have planned
-    before it, and the shifted last plans of those that plan after it
+        before it, and the shifted last plans of those that plan after it
 
 Another agent is within range if its plan comes within the range of the agent's own
 shifted last plan at any node, including the present. Before the first step, an agent's

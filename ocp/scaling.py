@@ -13,10 +13,8 @@ With the horizon T, the initial state x0 and the right-hand side f, the size of
     a control     the width of its bounds; without bounds the guess, else s_i / (T
                   |df_i/du_j|) of the known states
     a row         its limit, but at least a thousandth of the size of its expression;
-    for
-                  a limit of zero, the size of the expression: its value at x0, or
-                  around
-                  x0 if the value at x0 is negligible
+                  for a limit of zero, the size of the expression: its value at x0, or
+                  around x0 if the value at x0 is negligible
     the cost      T |stage cost| + |terminal cost|, the largest at those points
 
 A size that the problem gives by name (`scales`) replaces that of the state or control.

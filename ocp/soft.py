@@ -2,10 +2,8 @@
 
     cost of an interval   sum over the rows of dt (w e + q e^2)
     e >= 0                the largest excess of a row over its limits, in its units: at
-    the
-                          start of the interval, at every check, and after the jump at
-                          the
-                          interval's end, if there is one
+                          the start of the interval, at every check, and after the jump
+                          at the interval's end, if there is one
 
 In a rollout and along a finer path e is computed. In the NLP it is a variable of each
 row and interval, so that all functions are smooth:

@@ -7,8 +7,7 @@ a step ten times finer, and
     cost        may differ by `tolerance` of the integral of |stage cost| plus
                 |terminal cost|
     end state   each may differ by `tolerance` of its scale: the largest of its range
-    along
-                the path, the width of its bounds, its start and its target
+                along the path, the width of its bounds, its start and its target
     constraints may be broken by `path_tolerance` of their scale, anywhere on the path
 
 or the answer is not confirmed. A confirmed answer is called a local optimum if an NLP
