@@ -105,7 +105,7 @@ RULES = (
 )
 FLY = _rule(
     "fly",
-    r"\b(fly|flies|flew|flown|flying)\b",
+    r"(?<!ss\.)(?<!`)\b(fly|flies|flew|flown|flying)\b",
     '"simulate", "run" or "solve"; aircraft fly',
 )
 
