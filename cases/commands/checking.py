@@ -1,5 +1,9 @@
-"""`swarmstart check`: is this scenario valid, in all its variants."""
+"""`swarmstart check`: whether scenarios are valid, in all their variants."""
 
+import argparse
+
+from swarmstart.cases.commands.failures import reported
+from swarmstart.cases.commands.output import DONE, answer
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.scenario import (
     Flaw,
@@ -8,22 +12,34 @@ from swarmstart.cases.format.scenario import (
     resolve,
 )
 from swarmstart.cases.kinds.flight import flight_of
+from swarmstart.errors import SwarmstartError
+
+
+def check_command(options: argparse.Namespace) -> int:
+    """Check the scenarios that the options name; return the worst exit code."""
+    worst = DONE
+    for name in options.scenarios:
+        try:
+            answer(check(name))
+        except SwarmstartError as error:
+            worst = max(worst, reported(error))
+    return worst
 
 
 def check(name_or_path: str) -> str:
     """Return one sentence on a valid scenario.
 
-    Every variant is laid over, validated and built, so that what passes also runs; a
-    file of the user's is never run.
+    Every variant is validated and built, so that a scenario that passes also runs. The
+    Python file of a scenario is never run.
 
     Args:
         name_or_path: The name of a shipped scenario or a path.
 
     Raises:
-        SwarmstartError: With what is wrong.
+        SwarmstartError: If it is invalid; the message lists every error.
     """
     document = read_document(name_or_path)
-    flaws: dict[Flaw, None] = {}  # What both variants share is said once.
+    flaws: dict[Flaw, None] = {}  # Errors that variants share are reported once.
     variants = document.data.get("variants")
     not_run: dict[str, None] = {}
     names: list[str | None] = [*variants] if isinstance(variants, dict) else [None]

@@ -1,94 +1,270 @@
-"""`swarmstart list`: what there is. Imports nothing heavy."""
+"""`swarmstart list`: scenarios, searches, polishes, measures and kinds.
 
+Imports nothing heavy: scenarios are not parsed, their first keys are found in the text.
+"""
+
+import argparse
 import json
 import re
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from pkgutil import resolve_name
-from typing import Any
+from typing import Any, NamedTuple
 
-from swarmstart.cases.commands.output import answer
-from swarmstart.cases.format.document import shown
+from swarmstart.cases.commands.measure_list import measures_of_kinds, measures_of_one
+from swarmstart.cases.commands.output import DONE, answer
+from swarmstart.cases.commands.run_times import RUN_TIMES_S, rough
+from swarmstart.cases.format.document import meant, shown
 from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES
 from swarmstart.cases.format.scenario import shipped
 from swarmstart.errors import SwarmstartError
 
+SCHEMA = 2
+"""Version of what --json prints."""
+KIND_TITLES = {
+    "problem": "any system, written in YAML: one plan or a closed loop",
+    "python": "any system, built by a function in a Python file of your own",
+    "formation_flight": "UAVs that fly to their slots behind a leader",
+    "close_formation": "a wingman in the vortex of its leader",
+    "reconfiguration": "UAVs that change the shape of their formation",
+    "transfer": "UAVs that change places without a collision",
+}
+"""Kinds of scenario in a few words."""
+WIDTH = 80
+TOPICS = ("scenarios", "searches", "polishes", "measures", "kinds")
 _TITLE = re.compile(r"^title: *[\"']?(.*?)[\"']? *$", re.MULTILINE)
+_KIND = re.compile(r"^kind: *(\w+)", re.MULTILINE)
+_VARIANTS = re.compile(r"^variants: *\n((?:(?: +.*)?\n)*)", re.MULTILINE)
+_VARIANT = re.compile(r"^  (\w+):", re.MULTILINE)
+
+Entry = Mapping[str, Any]
 
 
 class NothingListedError(SwarmstartError, LookupError):
     """Nothing in the list contains the text asked for."""
 
 
-def listing(text: str = "") -> dict[str, dict[str, Any]]:
-    """Return scenarios, searches, polishes, and measures by kind of scenario.
+class Asked(NamedTuple):
+    """A request to the list.
 
-    Args:
-        text: Only entries that contain it, in name or title, or whose heading does.
+    Attributes:
+        topic: One of TOPICS; empty: all of them.
+        text: Only entries that contain it; empty: all.
+        kind: Only scenarios and measures of this kind; None: of all.
+    """
+
+    topic: str
+    text: str
+    kind: str | None = None
+
+    @property
+    def is_overview(self) -> bool:
+        """Whether nothing is asked for in particular."""
+        return not self.topic and not self.text and self.kind is None
+
+
+def list_command(options: argparse.Namespace) -> int:
+    """List what the options ask for; return the exit code.
 
     Raises:
-        NothingListedError: If nothing has it.
+        NothingListedError: If nothing fits.
     """
-    everything = {
-        "scenarios": {name: _title(path) for name, path in shipped().items()},
-        "searches": {name: entry.title for name, entry in SEARCHES.items()},
-        "polishes": dict(POLISHES),
+    asked = _asked(options)
+    found = listing(asked)
+    if options.json:
+        answer(json.dumps({"schema": SCHEMA, **found}))
+    elif asked.is_overview:
+        answer(_overview(found))
+    else:
+        answer("\n\n".join(_sections(found)))
+    return DONE
+
+
+def _asked(options: argparse.Namespace) -> Asked:
+    """Return the request; a first word that is no topic is searched for everywhere."""
+    topic, text = options.topic, options.text
+    if topic not in TOPICS:
+        topic, text = "", " ".join(filter(None, (topic, text)))
+    return Asked(topic, text, options.kind)
+
+
+def listing(asked: Asked) -> dict[str, Any]:
+    """Return the entries asked for: topic -> name -> entry; measures by kind.
+
+    Raises:
+        NothingListedError: If there is none.
+    """
+    makers = {
+        "scenarios": lambda: _scenarios(asked),
+        "searches": lambda: _titled({n: e.title for n, e in SEARCHES.items()}, asked),
+        "polishes": lambda: _titled(POLISHES, asked),
+        "measures": lambda: _measures(asked),
+        "kinds": lambda: _kinds(asked),
     }
-    found: dict[str, dict[str, Any]] = {
-        heading: _containing(text, heading, entries)
-        for heading, entries in everything.items()
-    }
-    found["measures"] = {
-        kind: _containing(
-            text, f"measures of {kind}", dict(resolve_name(entry.measures))
-        )
-        for kind, entry in KINDS.items()
-    }
-    if not any((*found["measures"].values(), *(found[name] for name in everything))):
-        raise NothingListedError(
-            f"expected a text that something in the list contains, found {shown(text)}"
-        )
+    topics = [asked.topic] if asked.topic else [*makers]
+    if asked.kind is not None and not asked.topic:
+        topics = ["scenarios", "measures"]
+    found = {topic: makers[topic]() for topic in topics}
+    if not any(found.values()):
+        raise NothingListedError(_nothing(asked))
     return found
 
 
-def print_listing(text: str, *, as_json: bool) -> None:
-    """Print the listing, as one JSON object or for a person.
+def scenario_entry(path: Path) -> Entry:
+    """Return title, kind, variants and run time of a shipped scenario.
 
     Args:
-        text: As in `listing`.
-        as_json: Whether as JSON.
+        path: Its file, of which only some lines are looked at.
     """
-    found = listing(text)
-    if as_json:
-        answer(json.dumps({"schema": 1, **found}))
-        return
-    measures = found.pop("measures")
-    sections = {**found, **{f"measures of {kind}": measures[kind] for kind in measures}}
-    parts = [_section(heading, entries) for heading, entries in sections.items()]
-    answer("\n\n".join(filter(None, parts)))
-
-
-def _containing(text: str, heading: str, entries: Mapping[str, str]) -> dict[str, str]:
-    """Return the entries with a text in name or title; all, if the heading has it."""
-    wanted = text.casefold()
+    text = path.read_text(encoding="utf-8")
+    title, kind = _TITLE.search(text), _KIND.search(text)
+    variants = _VARIANTS.search(text)
     return {
-        name: title
-        for name, title in entries.items()
-        if wanted in f"{heading}\n{name}\n{title}".casefold()
+        "title": title[1] if title else "",
+        "kind": kind[1] if kind else "",
+        "variants": _VARIANT.findall(variants[1]) if variants else [],
+        "run_time_s": RUN_TIMES_S.get(path.stem),
     }
 
 
-def _section(heading: str, entries: Mapping[str, str]) -> str:
-    """Return a heading and its entries, a line each; empty without any."""
-    if not entries:
-        return ""
-    width = max(map(len, entries))
-    return "\n".join(
-        [heading, *(f"  {name.ljust(width)}  {text}" for name, text in entries.items())]
-    )
+def _scenarios(asked: Asked) -> dict[str, Entry]:
+    entries = {name: scenario_entry(path) for name, path in shipped().items()}
+    return {
+        name: entry
+        for name, entry in entries.items()
+        if asked.kind in (None, entry["kind"])
+        and _contains(asked.text, "scenarios", name, entry["title"], entry["kind"])
+    }
 
 
-def _title(path: Path) -> str:
-    """Return a shipped scenario's title without parsing all of it."""
-    found = _TITLE.search(path.read_text(encoding="utf-8"))
-    return found.group(1) if found else ""
+def _titled(entries: Mapping[str, str], asked: Asked) -> dict[str, Entry]:
+    return {
+        name: {"title": title}
+        for name, title in entries.items()
+        if _contains(asked.text, name, title)
+    }
+
+
+def _measures(asked: Asked) -> dict[str, dict[str, Entry]]:
+    """Return measures by kind; of a scenario or a file, its own ones are among them."""
+    kinds = [asked.kind] if asked.kind else [*KINDS]
+    every = measures_of_kinds(kinds)
+    if asked.topic and asked.text in every:
+        return {asked.text: every[asked.text]}
+    if asked.topic and (asked.text in shipped() or asked.text.endswith(".yaml")):
+        return measures_of_one(asked.text)
+    found = {
+        kind: {
+            name: entry
+            for name, entry in measures.items()
+            if _contains(asked.text, f"measures of {kind}", name, entry["meaning"])
+        }
+        for kind, measures in every.items()
+    }
+    return {kind: measures for kind, measures in found.items() if measures}
+
+
+def _kinds(asked: Asked) -> dict[str, Entry]:
+    kinds = [scenario_entry(path)["kind"] for path in shipped().values()]
+    return {
+        kind: {"title": KIND_TITLES[kind], "scenarios": kinds.count(kind)}
+        for kind in KINDS
+        if _contains(asked.text, "kinds", kind, KIND_TITLES[kind])
+        and asked.kind in (None, kind)
+    }
+
+
+def _contains(text: str, *parts: str) -> bool:
+    return text.casefold() in "\n".join(parts).casefold()
+
+
+def _nothing(asked: Asked) -> str:
+    """Return the message if nothing fits."""
+    known = [*TOPICS, *shipped(), *SEARCHES, *POLISHES, *KINDS]
+    hint = meant(asked.text, known, otherwise="see swarmstart list")
+    of_kind = "" if asked.kind is None else f" of kind {asked.kind}"
+    place = f"the list of {asked.topic}{of_kind}" if asked.topic else "the list"
+    return f"expected a text that {place} contains, found {shown(asked.text)}; {hint}"
+
+
+def _overview(found: Mapping[str, Any]) -> str:
+    """Return how many entries each topic has, and how to go on."""
+    measures = {name for of_kind in found["measures"].values() for name in of_kind}
+    counts = {topic: len(found[topic]) for topic in TOPICS} | {
+        "measures": len(measures)
+    }
+    commands = [
+        ("swarmstart list scenarios", f"{counts['scenarios']} scenarios, to run"),
+        ("swarmstart list searches", f"{counts['searches']} search algorithms"),
+        ("swarmstart list polishes", f"{counts['polishes']} choices of a local solver"),
+        ("swarmstart list measures", f"{counts['measures']} measures of results"),
+        ("swarmstart list kinds", f"{counts['kinds']} kinds of scenario"),
+        ("swarmstart list TEXT", "all entries that contain a text"),
+        ("swarmstart run pendulum", "run a scenario, here pendulum"),
+        ("swarmstart new NAME", "write a scenario of your own"),
+    ]
+    width = max(len(command) for command, _ in commands)
+    return "\n".join(f"{command.ljust(width)}   {what}" for command, what in commands)
+
+
+def _sections(found: Mapping[str, Any]) -> Iterable[str]:
+    """Yield the entries topic by topic; scenarios and measures by kind."""
+    for topic, entries in found.items():
+        if topic == "scenarios":
+            yield from _scenario_sections(entries)
+        elif topic == "measures":
+            for kind, measures in entries.items():
+                rows = [(name, _told(entry)) for name, entry in measures.items()]
+                yield _section(f"measures of {kind}", rows)
+        elif entries:
+            rows = [(name, _title(entry)) for name, entry in entries.items()]
+            yield _section(topic, rows)
+
+
+def _scenario_sections(entries: Mapping[str, Entry]) -> Iterable[str]:
+    for kind in KINDS:
+        rows = [
+            (name, rough(entry["run_time_s"]), _title(entry))
+            for name, entry in entries.items()
+            if entry["kind"] == kind
+        ]
+        if rows:
+            yield _section(f"scenarios of kind {kind} (name, run time, title)", rows)
+
+
+def _title(entry: Entry) -> str:
+    """Return a title, with the variants or the number of scenarios."""
+    said = str(entry["title"])
+    if entry.get("variants"):
+        said += f" (variants: {', '.join(entry['variants'])})"
+    if "scenarios" in entry:
+        said += f" ({entry['scenarios']} scenarios)"
+    return said
+
+
+def _told(entry: Entry) -> str:
+    """Return what a measure means, with its unit."""
+    return f"{entry['meaning']}{unit_text(entry['unit'])}"
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit in brackets after a space; empty without one."""
+    return f" [{unit}]" if unit else ""
+
+
+def _section(heading: str, rows: list[tuple[str, ...]]) -> str:
+    """Return a heading and its rows; the last column is wrapped to the width."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
+    lines = [heading]
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
+        begin = "  " + "".join(f"{cell}  " for cell in cells)
+        lines += textwrap.wrap(
+            row[-1] or "-",
+            max(WIDTH, len(begin) + WIDTH // 3),
+            initial_indent=begin,
+            subsequent_indent=" " * len(begin),
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    return "\n".join(lines)
