@@ -6,13 +6,12 @@ Imports nothing heavy: scenarios are not parsed, their first keys are found in t
 import argparse
 import json
 import re
-import textwrap
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarmstart.cases.commands.measure_list import measures_of_kinds, measures_of_one
-from swarmstart.cases.commands.output import DONE, answer
+from swarmstart.cases.commands.output import DONE, answer, wrapped_table
 from swarmstart.cases.commands.run_times import RUN_TIMES_S, rough
 from swarmstart.cases.format.document import meant, shown
 from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES
@@ -30,7 +29,6 @@ KIND_TITLES = {
     "transfer": "UAVs that change places without a collision",
 }
 """Kinds of scenario in a few words."""
-WIDTH = 80
 TOPICS = ("scenarios", "searches", "polishes", "measures", "kinds")
 _TITLE = re.compile(r"^title: *[\"']?(.*?)[\"']? *$", re.MULTILINE)
 _KIND = re.compile(r"^kind: *(\w+)", re.MULTILINE)
@@ -253,18 +251,5 @@ def unit_text(unit: str) -> str:
 
 
 def _section(heading: str, rows: list[tuple[str, ...]]) -> str:
-    """Return a heading and its rows; the last column is wrapped to the width."""
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
-    lines = [heading]
-    for row in rows:
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
-        begin = "  " + "".join(f"{cell}  " for cell in cells)
-        lines += textwrap.wrap(
-            row[-1] or "-",
-            max(WIDTH, len(begin) + WIDTH // 3),
-            initial_indent=begin,
-            subsequent_indent=" " * len(begin),
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-    return "\n".join(lines)
+    """Return a heading and its rows."""
+    return "\n".join([heading, *wrapped_table(rows)])

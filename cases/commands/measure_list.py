@@ -37,7 +37,9 @@ def measures_of_one(name_or_path: str) -> dict[str, dict[str, Entry]]:
     data = read_document(name_or_path).data
     kind = data.get("kind")
     own = data.get("measures")
-    of_kind = measures_of_kinds([kind]) if isinstance(kind, str) and kind in KINDS else {}
+    of_kind = (
+        measures_of_kinds([kind]) if isinstance(kind, str) and kind in KINDS else {}
+    )
     found = _own(own if isinstance(own, dict) else {})
     return {name_or_path: found | of_kind.get(str(kind), {})}
 

@@ -1,13 +1,13 @@
-"""Output of a command: answers on standard output, else standard error; exit codes.
+"""Output of a command: answers on standard output, the rest on standard error.
 
-Characters that a terminal would obey are escaped, and those that it cannot show. A
-stream that is closed or full is no reason for a traceback, and never for an error to be
-said on the other one.
+Control characters are escaped, and those that the terminal cannot show. A stream that
+is closed or full never causes a traceback, and no message changes to the other stream.
 """
 
 import contextlib
 import os
 import sys
+import textwrap
 from collections.abc import Sequence
 from typing import TextIO
 
@@ -16,6 +16,10 @@ from swarmstart.errors import SwarmstartError
 
 DONE, INTERNAL, INVALID, GATE, INFEASIBLE, FILE, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 """Exit codes of the command line, as its help lists them."""
+WIDTH = 80
+"""Characters of a line in a wrapped table."""
+LEAST = 30
+"""Characters that its last column has at least."""
 
 
 class OutputError(SwarmstartError):
@@ -23,7 +27,7 @@ class OutputError(SwarmstartError):
 
 
 def answer(text: str) -> None:
-    """Print what a command was asked for.
+    """Print the answer of a command on standard output.
 
     Raises:
         OutputError: If it cannot be written.
@@ -42,10 +46,10 @@ def answer(text: str) -> None:
 
 
 def finish() -> None:
-    """Write what others have left in the streams; Python would do so too late.
+    """Flush both streams now: at its end Python would report a failure as its own.
 
     Raises:
-        OutputError: If standard output does not take it.
+        OutputError: If standard output cannot be written.
     """
     try:
         if sys.stdout is not None:
@@ -62,7 +66,7 @@ def finish() -> None:
 
 
 def tell(text: str) -> None:
-    """Say something on standard error, if there is one."""
+    """Print a text on standard error, if there is one."""
     if sys.stderr is None:
         return
     try:
@@ -72,7 +76,7 @@ def tell(text: str) -> None:
 
 
 def say(text: str) -> None:
-    """Say something on standard error in the program's name."""
+    """Print a message on standard error, after the program's name."""
     tell(f"swarmstart: {text}")
 
 
@@ -92,8 +96,33 @@ def table_lines(rows: Sequence[tuple[str, ...]]) -> list[str]:
     ]
 
 
+def wrapped_table(rows: Sequence[tuple[str, ...]], *, width: int = WIDTH) -> list[str]:
+    """Return rows as aligned lines whose last column is wrapped.
+
+    Args:
+        rows: The cells, of each row as many.
+        width: Characters of a line; more if the other columns leave too few.
+    """
+    if not rows:
+        return []
+    rows = [tuple(map(printable, row)) for row in rows]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
+    lines = []
+    for row in rows:
+        cells = [cell.ljust(w) for cell, w in zip(row, widths, strict=False)]
+        begin = "  " + "".join(f"{cell}  " for cell in cells)
+        lines += textwrap.wrap(
+            row[-1] or "-",
+            max(width, len(begin) + LEAST),
+            initial_indent=begin,
+            subsequent_indent=" " * len(begin),
+            break_on_hyphens=False,
+        )
+    return lines
+
+
 def silence(stream: TextIO | None) -> None:
-    """Send to nowhere what a stream still holds: Python would try again at its end."""
+    """Discard what a stream still holds: Python would write it again at its end."""
     if stream is None:
         return
     with contextlib.suppress(OSError, ValueError):
@@ -103,10 +132,10 @@ def silence(stream: TextIO | None) -> None:
 
 
 def occupy_closed_streams() -> None:
-    """Open nothing in the place of streams that are closed.
+    """Open the null device in the place of each closed stream.
 
-    Otherwise the next file that is opened takes their number, and gets what libraries
-    print.
+    Otherwise the next file that is opened gets the number of that stream, and what
+    libraries print is written into the file.
     """
     for number in range(3):
         try:

@@ -196,7 +196,12 @@ def parser() -> Parser:
 
 def subcommands() -> dict[str, argparse.ArgumentParser]:
     """Return the parser of each command by its name, in the order of the help."""
-    for action in parser()._actions:
+    return subcommands_of(parser())
+
+
+def subcommands_of(top: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """Return the parsers of the commands of a parser by name."""
+    for action in top._actions:
         if isinstance(action, argparse._SubParsersAction):
             return dict(action.choices)
     return {}

@@ -1,4 +1,4 @@
-"""`swarmstart run`: one scenario flown, told, and judged."""
+"""`swarmstart run`: run one scenario, print the result in words, judge its claims."""
 
 import argparse
 import contextlib
@@ -10,24 +10,19 @@ import yaml
 
 from swarmstart.cases.campaign.run import Run, default_folder, run
 from swarmstart.cases.commands.allowing import allowing
+from swarmstart.cases.commands.claim_lines import claim_table, short_claims
 from swarmstart.cases.commands.conditions import (
     Condition,
     condition_of,
     met_conditions,
 )
-from swarmstart.cases.commands.output import (
-    DONE,
-    GATE,
-    INFEASIBLE,
-    answer,
-    say,
-    table_lines,
-)
+from swarmstart.cases.commands.measure_lines import measure_lines
+from swarmstart.cases.commands.output import DONE, GATE, INFEASIBLE, answer, say
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.commands.seeds import run_seeds
+from swarmstart.cases.commands.words import extras, sentences
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.duration import seconds_of
-from swarmstart.cases.format.kind import NEVER, Measure
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.format.settings import Scenario
 from swarmstart.cases.record.bound_content import CERTIFICATE
@@ -41,7 +36,7 @@ RESULTS = Path("results")
 
 
 class BoundOfSeedsError(SwarmstartError, ValueError):
-    """A bound was asked for of runs over seeds, which have it in common."""
+    """A bound was asked for together with several seeds."""
 
 
 def run_command(options: argparse.Namespace) -> int:
@@ -58,7 +53,7 @@ def run_command(options: argparse.Namespace) -> int:
 
 
 def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> int:
-    """Run; `begin` is told of the scenario as soon as its form is known."""
+    """Run; `begin` gets the scenario as soon as its form is known."""
     bound_s = _bound_s(options)
     resolved = resolve(
         read_document(options.scenario),
@@ -98,18 +93,20 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
     except DivergedError as error:
         say(str(error))
         return INFEASIBLE
-    answer(to_json(finished.summary()) if options.json else _report(finished))
+    if options.json:
+        answer(to_json(finished.summary()))
+    else:
+        answer(_report(finished, measures=options.measures))
     return _exit_code(finished, conditions)
 
 
 def _bound_s(options: argparse.Namespace) -> float | None:
-    """Return the time for a bound [s]; None: none is sought."""
+    """Return the time for a bound [s]; None: no bound is asked for."""
     if options.bound is None:
         return None
     if options.seeds is not None:
         raise BoundOfSeedsError(
-            "expected --bound without --seeds: a bound is of the problem, the same for "
-            "all seeds"
+            "expected --bound without --seeds: the bound is the same for all seeds"
         )
     return seconds_of(options.bound)
 
@@ -128,66 +125,36 @@ def _exit_code(finished: Run, conditions: Sequence[Condition]) -> int:
     return GATE if failed else DONE
 
 
-def _report(finished: Run) -> str:
-    """Return what a person reads of a run."""
-    summary = finished.summary()
-    scenario = finished.resolved.scenario
-    title = printable(scenario.title or scenario.name)
-    variant = f", {finished.resolved.variant}" if finished.resolved.variant else ""
-    method = f"{summary['search']}, polish {summary['polish']}, seed {finished.seed}"
-    lines = [
-        f"{title} ({summary['scenario']}{variant}; {method})",
-        finished.status,
-    ]
-    sense = finished.flight.posed.agents[0].problem.sense
-    lines += finished.search_report.lines(sense)
-    if finished.starts is not None:
-        lines += finished.starts.lines(sense)
-    if finished.resumed:
-        lines.append(f"went on after step {finished.resumed}, where it had stopped")
-    if finished.bound_content is not None:
-        lines.append(f"bound: {printable(finished.bound_content['words'])}")
-    lines.append("")
-    lines += table_lines(
-        [(name, _shown(value)) for name, value in finished.measures.items()]
-    )
-    judged = [claim for claim in finished.claims if claim["holds"] is not None]
-    if judged:
-        lines += ["", "claims", *table_lines([_claim_row(claim) for claim in judged])]
-    others = [claim for claim in finished.claims if claim["holds"] is None]
-    if others:
-        lines += ["", "claims not judged, which need"]
-        lines += table_lines([(c["id"], c["text"], c["needs"]) for c in others])
+def _report(finished: Run, *, measures: bool) -> str:
+    """Return the text that a person reads of a run.
+
+    Args:
+        finished: The run.
+        measures: Whether all measures and all claims are told.
+    """
+    lines = [*sentences(finished), *extras(finished)]
+    if measures:
+        lines += ["", *_search_lines(finished), "", *measure_lines(finished)]
+        lines += claim_table(finished.claims)
+    else:
+        lines += short_claims(finished.claims)
     return "\n".join([*lines, *_files(finished)])
 
 
-def _files(finished: Run) -> list[str]:
-    """Return lines on what was written."""
-    if finished.folder is None:
-        return []
-    lines = ["", f"record   {finished.folder}"]
-    if finished.figures:
-        lines.append(f"figures  {finished.folder / 'figures'}")
-    if (finished.bound_content or {}).get("certificate"):
-        lines.append(f"proof    {finished.folder / CERTIFICATE}")
+def _search_lines(finished: Run) -> list[str]:
+    """Return what the search and the starts of the first plan led to."""
+    sense = finished.flight.posed.agents[0].problem.sense
+    lines = [finished.status, *finished.search_report.lines(sense)]
+    if finished.starts is not None:
+        lines += finished.starts.lines(sense)
     return lines
 
 
-VERDICTS = {True: "holds", False: "does not hold", None: "not judged"}
-
-
-def _claim_row(claim: dict[str, Any]) -> tuple[str, ...]:
-    bound = NEVER if claim["bound"] is None else f"{claim['bound']:.4g}"
-    undefined = claim["measured"] is None
-    measured = f"{claim['measure']} = "
-    measured += NEVER if undefined else _shown(claim["measured"])
-    question = f"{measured} {claim['relation']} {bound}"
-    return claim["id"], VERDICTS[claim["holds"]], question, claim["text"]
-
-
-def _shown(value: Measure) -> str:
-    if isinstance(value, list):
-        return "[" + ", ".join(_shown(item) for item in value) + "]"
-    if value is None:
-        return "-"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+def _files(finished: Run) -> list[str]:
+    """Return lines on what was written; the last one is the record's folder."""
+    if finished.folder is None:
+        return []
+    lines = []
+    if (finished.bound_content or {}).get("certificate"):
+        lines.append(f"Proof: {finished.folder / CERTIFICATE}")
+    return [*lines, f"Record: {finished.folder}"]

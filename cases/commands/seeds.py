@@ -1,4 +1,4 @@
-"""`swarmstart run --seeds`: one scenario flown many times, its measures with spread."""
+"""`swarmstart run --seeds`: one scenario run with many seeds, measures with spread."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from swarmstart.cases.campaign.engine.cells import Cell, Outcome, carried_out
 from swarmstart.cases.campaign.seeds import SEEDS, seeds_content, spread_of
 from swarmstart.cases.campaign.trials.flight_trial import flight_cell
 from swarmstart.cases.commands.conditions import Condition, met_conditions
+from swarmstart.cases.commands.measure_lines import measure_table
 from swarmstart.cases.commands.output import (
     DONE,
     GATE,
@@ -23,6 +24,7 @@ from swarmstart.cases.commands.output import (
     table_lines,
 )
 from swarmstart.cases.commands.progress import Progress
+from swarmstart.cases.commands.words_of_seeds import sentences_of_seeds
 from swarmstart.cases.drawing.drawing import write_figures
 from swarmstart.cases.drawing.seed_figures import seed_figures
 from swarmstart.cases.format.document import printable
@@ -36,7 +38,7 @@ from swarmstart.cases.record.files import (
 )
 from swarmstart.cases.record.record import FIGURES
 
-HEAD = ("measure", "lowest", "median", "highest", "")
+HEAD = ("measure", "lowest", "median", "highest", "unit", "meaning")
 CELLS = "cells"
 
 
@@ -46,7 +48,7 @@ def run_seeds(
     root: Path,
     conditions: Sequence[Condition],
 ) -> int:
-    """Fly a scenario with seeds 0 to N - 1; return the exit code.
+    """Run a scenario with seeds 0 to N - 1; return the exit code.
 
     Args:
         resolved: The scenario.
@@ -73,7 +75,10 @@ def run_seeds(
         drawn = write_figures(figures, folder / FIGURES)
         content["figures"] = [file.name for file in drawn]
         write_json(folder / SEEDS, content)
-    answer(to_json(content) if options.json else _report(content, folder))
+    if options.json:
+        answer(to_json(content))
+    else:
+        answer(_report(content, folder, resolved, measures=options.measures))
     return _exit_code(content, outcomes, resolved, conditions)
 
 
@@ -83,32 +88,26 @@ def _name(resolved: Resolved, cells: Sequence[Cell]) -> Path:
     return Path(resolved.scenario.name) / f"seeds-{keys[:16]}"
 
 
-def _report(content: Mapping[str, Any], folder: Path) -> str:
-    """Return what a person reads."""
-    runs, feasible = len(content["seeds"]), sum(content["feasible"])
-    title = printable(content["title"] or content["scenario"])
-    variant = f", {content['variant']}" if content["variant"] else ""
-    method = f"{content['search']}, polish {content['polish']}"
-    lines = [
-        f"{title} ({content['scenario']}{variant}; {method})",
-        f"{runs} runs, seeds 0 to {runs - 1}: {feasible} feasible along the whole path",
-    ]
+def _report(
+    content: Mapping[str, Any], folder: Path, resolved: Resolved, *, measures: bool
+) -> str:
+    """Return the text that a person reads."""
+    lines = sentences_of_seeds(content, folder / FIGURES)
     failed = [(n, text) for n, text in enumerate(content["failures"]) if text]
-    lines += [f"seed {number} failed: {printable(text)}" for number, text in failed]
-    rows = [(name, *spread_of(values)) for name, values in content["measures"].items()]
-    lines += ["", *[line.rstrip() for line in table_lines([HEAD, *rows])]]
-    judged = [_claim_row(claim) for claim in content["claims"]]
-    judged = [row for row in judged if row]
-    if judged:
-        lines += ["", "claims", *table_lines(judged)]
-    lines += ["", f"record   {folder}"]
-    if content["figures"]:
-        lines.append(f"figures  {folder / FIGURES}")
-    return "\n".join(lines)
+    lines += [f"Seed {number} failed: {printable(text)}" for number, text in failed]
+    claims = [row for row in map(_claim_row, content["claims"]) if row]
+    if measures:
+        spreads = {name: spread_of(v) for name, v in content["measures"].items()}
+        values = {name: cells for name, (*cells, _) in spreads.items()}
+        notes = {name: note for name, (*_, note) in spreads.items() if note}
+        lines += ["", *measure_table(resolved, values, HEAD, notes), ""]
+    if claims:
+        lines += ["Claims:", *table_lines(claims)]
+    return "\n".join([*lines, f"Record: {folder}"])
 
 
 def _claim_row(claim: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return a claim and in how many runs it holds; empty if none can judge it."""
+    """Return a claim and in how many runs it holds; empty if no run can judge it."""
     known = [held for held in claim["holds"] if held is not None]
     if not known:
         return ()
