@@ -48,9 +48,14 @@ def claim_table(claims: Iterable[Claim]) -> list[str]:
 
 
 def _needs(claims: Iterable[Claim]) -> str:
-    """Return what the claims need that were not judged, if they need the same."""
-    needs = {claim["needs"] for claim in claims if claim["holds"] is None}
-    return f" (needs {needs.pop()})" if len(needs) == 1 else ""
+    """Return what most of the claims need that were not judged."""
+    needs = Counter(claim["needs"] for claim in claims if claim["holds"] is None)
+    if not needs:
+        return ""
+    (most, count), total = needs.most_common(1)[0], needs.total()
+    if count == total:
+        return f" (needs {most})"
+    return f" ({count} of them: needs {most}; --measures shows all)"
 
 
 def _row(claim: Claim) -> tuple[str, ...]:

@@ -5,7 +5,8 @@ import shlex
 from types import ModuleType
 
 from swarmstart.cases.commands.output import DONE, answer
-from swarmstart.cases.commands.parser import TOPICS, parser, subcommands_of
+from swarmstart.cases.commands.parsing import subcommands_of
+from swarmstart.cases.commands.topics import TOPICS
 from swarmstart.cases.format.scenario import shipped
 from swarmstart.errors import SwarmstartError
 
@@ -20,27 +21,31 @@ def completion_command(options: argparse.Namespace) -> int:
     Raises:
         MissingPackageError: If shtab is not installed.
     """
-    answer(script(options.shell).rstrip())
+    answer(script(options.top, options.shell).rstrip())
     return DONE
 
 
-def script(shell: str) -> str:
-    """Return the script for a shell: bash, zsh or tcsh.
+def script(top: argparse.ArgumentParser, shell: str) -> str:
+    """Return the script for a shell.
+
+    Args:
+        top: The parser of the command line; its actions are marked for completion.
+        shell: bash, zsh or tcsh.
 
     Raises:
         MissingPackageError: If shtab is not installed.
     """
     shtab = _shtab()
-    top = parser()
+    completed = {
+        "SCENARIO": _scenarios(),
+        "TEXT": _scenarios(),
+        "TOPIC": _topics(),
+        "DIR": shtab.DIRECTORY,
+    }
     for command in subcommands_of(top).values():
         for action in command._actions:
-            kind = str(action.metavar)
-            if kind in ("SCENARIO", "TEXT"):
-                setattr(action, "complete", _scenarios())
-            elif kind == "TOPIC":
-                setattr(action, "complete", _topics())
-            elif kind == "DIR":
-                setattr(action, "complete", shtab.DIRECTORY)
+            if action.metavar in completed:
+                vars(action)["complete"] = completed[str(action.metavar)]
     return str(shtab.complete(top, shell=shell, preamble=_preamble()))
 
 

@@ -6,13 +6,14 @@ Imports nothing heavy: scenarios are not parsed, their first keys are found in t
 import argparse
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarmstart.cases.commands.measure_list import measures_of_kinds, measures_of_one
 from swarmstart.cases.commands.output import DONE, answer, wrapped_table
 from swarmstart.cases.commands.run_times import RUN_TIMES_S, rough
+from swarmstart.cases.commands.topics import TOPICS
 from swarmstart.cases.format.document import meant, shown
 from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES
 from swarmstart.cases.format.scenario import shipped
@@ -29,13 +30,13 @@ KIND_TITLES = {
     "transfer": "UAVs that change places without a collision",
 }
 """Kinds of scenario in a few words."""
-TOPICS = ("scenarios", "searches", "polishes", "measures", "kinds")
 _TITLE = re.compile(r"^title: *[\"']?(.*?)[\"']? *$", re.MULTILINE)
 _KIND = re.compile(r"^kind: *(\w+)", re.MULTILINE)
 _VARIANTS = re.compile(r"^variants: *\n((?:(?: +.*)?\n)*)", re.MULTILINE)
 _VARIANT = re.compile(r"^  (\w+):", re.MULTILINE)
 
-Entry = Mapping[str, Any]
+Entry = dict[str, Any]
+"""What is known of a scenario, a search, a measure or a kind."""
 
 
 class NothingListedError(SwarmstartError, LookupError):
@@ -86,23 +87,23 @@ def _asked(options: argparse.Namespace) -> Asked:
     return Asked(topic, text, options.kind)
 
 
-def listing(asked: Asked) -> dict[str, Any]:
+def listing(asked: Asked) -> dict[str, dict[str, Any]]:
     """Return the entries asked for: topic -> name -> entry; measures by kind.
 
     Raises:
         NothingListedError: If there is none.
     """
-    makers = {
-        "scenarios": lambda: _scenarios(asked),
-        "searches": lambda: _titled({n: e.title for n, e in SEARCHES.items()}, asked),
-        "polishes": lambda: _titled(POLISHES, asked),
-        "measures": lambda: _measures(asked),
-        "kinds": lambda: _kinds(asked),
+    makers: dict[str, Callable[[Asked], dict[str, Any]]] = {
+        "scenarios": _scenarios,
+        "searches": _searches,
+        "polishes": _polishes,
+        "measures": _measures,
+        "kinds": _kinds,
     }
     topics = [asked.topic] if asked.topic else [*makers]
     if asked.kind is not None and not asked.topic:
         topics = ["scenarios", "measures"]
-    found = {topic: makers[topic]() for topic in topics}
+    found = {topic: makers[topic](asked) for topic in topics}
     if not any(found.values()):
         raise NothingListedError(_nothing(asked))
     return found
@@ -133,6 +134,14 @@ def _scenarios(asked: Asked) -> dict[str, Entry]:
         if asked.kind in (None, entry["kind"])
         and _contains(asked.text, "scenarios", name, entry["title"], entry["kind"])
     }
+
+
+def _searches(asked: Asked) -> dict[str, Entry]:
+    return _titled({name: entry.title for name, entry in SEARCHES.items()}, asked)
+
+
+def _polishes(asked: Asked) -> dict[str, Entry]:
+    return _titled(POLISHES, asked)
 
 
 def _titled(entries: Mapping[str, str], asked: Asked) -> dict[str, Entry]:
@@ -250,6 +259,6 @@ def unit_text(unit: str) -> str:
     return f" [{unit}]" if unit else ""
 
 
-def _section(heading: str, rows: list[tuple[str, ...]]) -> str:
+def _section(heading: str, rows: Sequence[tuple[str, ...]]) -> str:
     """Return a heading and its rows."""
     return "\n".join([heading, *wrapped_table(rows)])

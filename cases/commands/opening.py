@@ -62,8 +62,8 @@ def newest_file(folder: Path) -> Path:
             return file
     if records:
         raise RecordError(
-            f"{folder}: expected a record with a page or figures, found none; swarmstart "
-            "report makes a page of a record"
+            f"{folder}: expected a record with a page or figures, found none; "
+            "swarmstart report makes a page of a record"
         )
     missing = "" if folder.is_dir() else "; there is no such folder"
     raise RecordError(
@@ -100,7 +100,7 @@ def shown_file(record: Path) -> Path | None:
 
 
 def opener() -> list[str] | None:
-    """Return the command that opens a file; None without a display or such a command."""
+    """Return the command that opens a file; None: there is no display for it."""
     if sys.platform == "darwin":
         return ["open"]
     if sys.platform == "win32":

@@ -15,8 +15,8 @@ from swarmstart.ocp import SolutionStatus
 _SETTLING = "settling("
 _MEANINGS = {
     SolutionStatus.CONVERGED: "a local optimum, confirmed by a finer integration",
-    SolutionStatus.FEASIBLE: "feasible, confirmed by a finer integration, but not shown "
-    "to be a local optimum",
+    SolutionStatus.FEASIBLE: "feasible, confirmed by a finer integration, but not "
+    "shown to be a local optimum",
 }
 """Statuses of a plan that can be used, in plain words; others speak for themselves."""
 
@@ -66,7 +66,9 @@ def _cost(finished: Run, name: str) -> str:
     sense = finished.flight.posed.agents[0].problem.sense
     word = "Cost" if sense > 0 else "Value (maximised)"
     return (
-        f"{word} {quantity(float(value))}" if is_number(value) else f"{word} not finite"
+        f"{word} {quantity(_float(value))}"
+        if is_number(value)
+        else f"{word} not finite"
     )
 
 
@@ -78,7 +80,7 @@ def _own_settling(finished: Run) -> str:
         if str(expression).startswith((_SETTLING, f"max({_SETTLING}")):
             value = finished.measures.get(name)
             when = (
-                f"after {quantity(float(value))} s"
+                f"after {quantity(_float(value))} s"
                 if is_number(value)
                 else "not settled"
             )

@@ -12,23 +12,19 @@ from typing import NamedTuple, NoReturn
 
 from swarmstart.cases.commands import invocations
 from swarmstart.cases.commands.output import DONE, answer
-from swarmstart.cases.commands.parsing import HelpFormatter, Parser
+from swarmstart.cases.commands.parsing import (
+    HelpFormatter,
+    Parser,
+    subcommands_of,
+)
 from swarmstart.cases.commands.run_options import (
     add_compare,
     add_replicate,
     add_run,
 )
+from swarmstart.cases.commands.topics import SHELLS, TOPICS
 from swarmstart.cases.format.registry import KINDS
 
-TOPICS = {
-    "scenarios": "with kind, variants and run time",
-    "searches": "search algorithms, for --search",
-    "polishes": "local solvers that finish a search, for --polish",
-    "measures": "numbers that a run returns, with unit and meaning",
-    "kinds": "kinds of scenario",
-}
-"""The parts of `swarmstart list`, and what each shows."""
-SHELLS = ("bash", "zsh", "tcsh")
 NEW_KINDS = ("problem", "python")
 """Kinds that `new` writes a file of."""
 RESULTS = "results"
@@ -190,21 +186,13 @@ def parser() -> Parser:
             parents=[common],
         )
         one.add(made)
-        made.set_defaults(command=one.command, parser=made)
+        made.set_defaults(command=one.command, parser=made, top=top)
     return top
 
 
 def subcommands() -> dict[str, argparse.ArgumentParser]:
     """Return the parser of each command by its name, in the order of the help."""
     return subcommands_of(parser())
-
-
-def subcommands_of(top: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    """Return the parsers of the commands of a parser by name."""
-    for action in top._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            return dict(action.choices)
-    return {}
 
 
 def _add_report(report: argparse.ArgumentParser) -> None:
@@ -332,8 +320,8 @@ SUBCOMMANDS = {
     ),
     "report": Subcommand(
         "write a page from what run, compare or replicate recorded",
-        "Write one self-contained page (HTML, Markdown or LaTeX) from what run, compare "
-        "or replicate recorded. It needs no network.",
+        "Write one self-contained page (HTML, Markdown or LaTeX) from what run, "
+        "compare or replicate recorded. It needs no network.",
         _REPORT,
         _add_report,
         invocations.report,

@@ -88,6 +88,14 @@ def _as_run(word: str) -> str:
     return ""
 
 
+def subcommands_of(top: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """Return the parsers of the commands of a parser by name, in its order."""
+    for action in top._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            return dict(action.choices)
+    return {}
+
+
 def share(text: str) -> float:
     """Return a part such as 10% or 0.1."""
     try:

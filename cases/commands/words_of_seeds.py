@@ -106,7 +106,7 @@ def _spread(told: Told, values: list[Any]) -> str:
     known = [float(value) for value in values if is_number(value)]
     missing = len(values) - len(known)
     if not known:
-        return f"{told.undefined} in any run".replace("not", "none", 1)
+        return f"{told.undefined.capitalize()} in any run"
     unit = f" {told.unit}" if told.unit else ""
     middle, low, high = statistics.median(known), min(known), max(known)
     said = f"{told.words}: median {quantity(middle)}{unit}"

@@ -55,9 +55,9 @@ def test_the_bound_is_in_the_report_in_run_json_and_its_certificate_beside_it(
     found = Found(with_evidence(NEAR, monkeypatch)).instead(monkeypatch)
     said = command("run", *PLAN, "--bound", "2m", "--out", tmp_path / "a")
     assert said.code == 0 and said.err == ""
-    line = "bound: 11.75 proven; the optimum is at most 2.4 % below the answer"
+    line = "Bound: 11.75 proven; the optimum is at most 2.4 % below the answer"
     assert line in said.out.splitlines()
-    assert f"proof    {tmp_path / 'a' / 'bound_certificate.json'}" in said.out
+    assert f"Proof: {tmp_path / 'a' / 'bound_certificate.json'}" in said.out
     assert [call["seconds"] for call in found.calls] == [120.0]
     bound = kept(tmp_path / "a")["bound"]
     cost = 12 * 400 / 399
@@ -121,7 +121,7 @@ def test_a_bound_without_a_word_in_certificates_is_kept(
 ) -> None:
     Found(with_evidence(NEAR, monkeypatch, fails=True)).instead(monkeypatch)
     said = command("run", *PLAN, "--bound", "1s", "--out", tmp_path)
-    assert said.code == 0 and "proof" not in said.out
+    assert said.code == 0 and "Proof" not in said.out
     bound = kept(tmp_path)["bound"]
     assert (bound["value"], bound["certificate"]) == (11.75, None)
 
@@ -209,7 +209,7 @@ def test_what_is_no_length_of_time_is_refused(command: Command, text: str) -> No
         ),
         (
             (*PLAN, "--seeds", "2"),
-            "expected --bound without --seeds: a bound is of the ",
+            "expected --bound without --seeds: the bound is the same",
         ),
     ],
 )

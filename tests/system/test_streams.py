@@ -96,7 +96,7 @@ def test_titles_and_claims_never_command_the_terminal(
 ) -> None:
     claims = (
         r'claims=[{id: "\e[1m", text: "\e[2J\nforged", source: s, '
-        'measure: linear_steps, relation: "<", bound: 0}]'
+        'measure: linear_steps, relation: "<", bound: 0, when: {steps: 1}}]'
     )
     said: Said = command(
         *("run", "formation_v", "--variant", "literal", "--no-figures", "--quiet"),

@@ -34,7 +34,8 @@ def test_what_lanes_found_is_in_the_record_and_on_the_screen(
     file = tmp_path / "swing.yaml"
     file.write_text(SWING)
     folder = tmp_path / "out"
-    assert main(["run", str(file), "--no-figures", "--out", str(folder)]) == 0
+    plain = ["run", str(file), "--no-figures", "--measures"]
+    assert main([*plain, "--out", str(folder)]) == 0
     assert "  searched    8 starts: " in capsys.readouterr().out
     found = json.loads((folder / "run.json").read_text())
     assert found["search"] == "multistart"

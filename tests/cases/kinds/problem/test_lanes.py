@@ -30,7 +30,10 @@ def test_account_is_in_the_record_and_on_the_screen(
     file = tmp_path / "swing.yaml"
     file.write_text(SWING)
     folder = tmp_path / "out"
-    assert main(["run", str(file), "--no-figures", "--out", str(folder)]) == 0
+    assert (
+        main(["run", str(file), "--no-figures", "--measures", "--out", str(folder)])
+        == 0
+    )
     said = capsys.readouterr().out
     assert "  won         zero controls" in said
     assert "  lanes       17 starts: " in said
