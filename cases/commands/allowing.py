@@ -1,4 +1,4 @@
-"""The permission to run a file of the user's: only a command's option gives it."""
+"""The permission to run a user's Python file; only an option of a command gives it."""
 
 import argparse
 from collections.abc import Callable
@@ -13,12 +13,12 @@ def allowing(
     options: argparse.Namespace,
     told: Callable[[str], object] = say,
 ) -> Resolved:
-    """Return the scenario with the permission that the options give, and say so.
+    """Return the scenario with the permission that the options give, and print it.
 
     Args:
         resolved: The scenario.
-        options: Those of the command.
-        told: Says it.
+        options: The options of the command.
+        told: Prints a message.
     """
     if resolved.code is None or not options.allow_python:
         return resolved

@@ -1,4 +1,4 @@
-"""`swarmstart cache`: where machine code is kept, how large it is; removes it."""
+"""`swarmstart cache`: show the cache of machine code, or remove its files."""
 
 import argparse
 import json
@@ -11,7 +11,7 @@ _MB = 1e6
 
 
 def cache_command(options: argparse.Namespace) -> int:
-    """Tell of the cache, or clear it; return the exit code.
+    """Print folder and size of the cache, or clear it; return the exit code.
 
     Raises:
         RecordError: If a file cannot be removed.

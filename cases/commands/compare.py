@@ -80,7 +80,7 @@ from swarmstart.errors import SwarmstartError
 RESULTS = Path("results") / "compare"
 TABLE, CONTENT, CELLS = "results.csv", "comparison.json", "cells"
 TYPICAL_S = 2.5
-"""Of a cell of which nothing is known yet, with a budget in evaluations."""
+"""Estimated time of a cell that has never been run, without a time budget [s]."""
 
 
 class SeveralPlansGivenError(SwarmstartError, ValueError):
@@ -92,13 +92,13 @@ class MissingOptionError(SwarmstartError, ValueError):
 
 
 def compare_command(options: argparse.Namespace) -> int:
-    """Compare what the options ask for; return the exit code."""
+    """Compare the solvers that the options choose; return the exit code."""
     if (options.engine == "dask") != bool(options.scheduler):
         raise MissingOptionError(
             "expected --engine dask and --scheduler ADDRESS together"
         )
     if options.parquet:
-        pyarrow_module()  # Missed now, not when all is done.
+        pyarrow_module()  # Raise now if it is missing, not at the end.
     plan, documents = _asked(options)
     baseline = _baseline(options)
     solvers = with_null_hypothesis(solvers_of(",".join(plan.solvers)))
@@ -155,7 +155,7 @@ def compare_command(options: argparse.Namespace) -> int:
 
 
 def _asked(options: argparse.Namespace) -> tuple[ComparisonPlan, list[Document]]:
-    """Return what the options and a plan among the scenarios ask for together."""
+    """Return the plan that the options and a plan among the scenarios make together."""
     names = list(dict.fromkeys(options.scenarios))
     read = {name: read_document(name) for name in names}
     plans = [name for name in names if is_plan(read[name])]
@@ -204,7 +204,7 @@ def _bound_s(given: str | float | None) -> float | None:
 def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:
     """Return the solvers with IPOPT from random starts among them, at the end if new.
 
-    A search is worth its while only if it beats that.
+    A search is worth its time only if it is better than that.
     """
     if any(solver.name.startswith(NULL_HYPOTHESIS) for solver in solvers):
         return list(solvers)
@@ -212,7 +212,7 @@ def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:
 
 
 def _baseline(options: argparse.Namespace) -> tuple[Mapping[str, Any], str] | None:
-    """Return an earlier comparison and where it is, read before any work."""
+    """Return the earlier comparison and its path; None if there is no --baseline."""
     if options.baseline is None:
         if options.fail_on:
             raise MissingOptionError(
@@ -227,7 +227,7 @@ def _baseline(options: argparse.Namespace) -> tuple[Mapping[str, Any], str] | No
 def _dry_run(
     cells: Sequence[Cell], root: Path, workers: int, budget: Mapping[str, float | int]
 ) -> str:
-    """Return how many runs there are and are kept, and how long the rest takes."""
+    """Return the number of runs, of those kept from before, and the estimated time."""
     distinct = {cell.key: cell for cell in cells}
     kept = [finished(cell, root) for cell in distinct.values()]
     seconds = [outcome.seconds for outcome in kept if outcome is not None]
@@ -278,20 +278,17 @@ def _content(
 
 
 def _unbounded(contests: Sequence[Contest], plan: ComparisonPlan) -> list[str]:
-    """Return of what no bound was sought though it was asked for, a sentence each."""
+    """Return a sentence for scenarios that get no bound although one was asked for."""
     flown = [one.name for one in contests if one.of == "flight"]
     if plan.bound_s is None or not flown:
         return []
-    return [
-        f"A lower bound is of one plan, and there is none of whole flights: "
-        f"{listed(flown)}."
-    ]
+    return [f"A lower bound is of one plan; whole flights have none: {listed(flown)}."]
 
 
 def _known(
     contest: Contest, plan: ComparisonPlan, outcomes: Mapping[str, Outcome]
 ) -> float | None:
-    """Return the cost that the plan says is known, to be minimised like all."""
+    """Return the known cost of the plan, with the sign of a cost to be minimised."""
     known = plan.known.get(contest.name)
     if known is None:
         return None
@@ -308,7 +305,7 @@ def _write(
     *,
     parquet: bool,
 ) -> Path:
-    """Append the runs to the table, which is returned; keep an earlier comparison."""
+    """Append the runs to the table; return its path. Keep an earlier comparison."""
     entries = [entry for contest in contests for entry in contest.entries]
     runs = list(tabled_runs(entries, outcomes))
     with locked(root):
@@ -322,7 +319,7 @@ def _write(
 
 
 def _put_aside(file: Path, content: Mapping[str, Any]) -> None:
-    """Rename an earlier comparison of other things after its date."""
+    """Rename an earlier comparison by another command after its date."""
     try:
         earlier = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -349,7 +346,7 @@ def _say_what_is_left_out(contests: Sequence[Contest], plan: ComparisonPlan) -> 
 
 
 def _report(content: Mapping[str, Any], table: Path, *, times: bool) -> str:
-    """Return what a person reads; without wall times, so that all see the same."""
+    """Return the result as text; without wall times it is the same on every run."""
     lines = [report_text(content, times=times), ""]
     found = content["regression"]
     if found is not None:
@@ -361,7 +358,7 @@ def _report(content: Mapping[str, Any], table: Path, *, times: bool) -> str:
 
 
 def _change(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return how a quantity has changed, as a row of a table."""
+    """Return the change of a quantity as a row of a table."""
     names = (row["scenario"], row["solver"], row["quantity"], row["verdict"])
     return (*names, row["words"])
 

@@ -1,4 +1,4 @@
-"""Conditions on measures: what `run --fail-on` takes."""
+"""Conditions on measures, for `run --fail-on`."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ _CONDITION = re.compile(r"\s*([a-z_0-9]+)\s*(<=|>=|==|<|>)\s*(\S+)\s*")
 
 
 class InvalidConditionError(SwarmstartError, ValueError):
-    """The text after --fail-on is no condition on a measure."""
+    """The text after --fail-on is not a condition on a measure."""
 
 
 def condition_of(text: str, resolved: Resolved) -> Condition:
-    """Return (measure, relation, bound) of a --fail-on; null is a bound too.
+    """Return measure, relation and bound of a --fail-on; null as a bound gives None.
 
     Raises:
-        InvalidConditionError: If it is no condition on a measure of the scenario.
+        InvalidConditionError: If the text is not a condition on a measure of the
+            scenario.
     """
     known = resolved.kind.measures_of(resolved.scenario)
     match = _CONDITION.fullmatch(text)
@@ -36,7 +37,7 @@ def condition_of(text: str, resolved: Resolved) -> Condition:
         raise InvalidConditionError(f"{expected}, found {text!r}")
     measure, relation, bound = match.groups()
     if measure not in known:
-        hint = meant(measure, known, otherwise="see swarmstart list")
+        hint = meant(measure, known, otherwise="see swarmstart list measures")
         raise InvalidConditionError(
             f"expected a measure in --fail-on, found {measure!r}; {hint}"
         )
@@ -56,15 +57,15 @@ def condition_of(text: str, resolved: Resolved) -> Condition:
 
 
 def _met(condition: Condition, measured: Measure, why: str) -> bool | None:
-    """Return whether a condition holds; of a list, whether it does for any entry.
+    """Return whether a condition is true; for a list, whether it is for any entry.
 
     Args:
         condition: The condition.
-        measured: Its measure.
-        why: Why that may not be defined, as in `Kind`.
+        measured: The value of its measure.
+        why: Reason for which the measure may be undefined, as in `Kind`.
 
     Returns:
-        None if it is not defined: the condition is not judged.
+        None if the measure is undefined and the condition cannot be judged.
     """
     _, relation, bound = condition
     if isinstance(measured, list):
@@ -77,11 +78,11 @@ def met_conditions(
     measures: Mapping[str, Measure],
     resolved: Resolved,
 ) -> list[str]:
-    """Return in words those conditions that hold; say which cannot be judged.
+    """Return the conditions that are true, in words; print which cannot be judged.
 
     Args:
         conditions: The conditions.
-        measures: Of one run.
+        measures: The measures of one run.
         resolved: The scenario.
     """
     met = []

@@ -1,4 +1,4 @@
-"""When a constraint is broken most along a simulated path."""
+"""The time at which a simulated path breaks a constraint most."""
 
 from dataclasses import replace
 

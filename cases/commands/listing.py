@@ -24,7 +24,7 @@ SCHEMA = 2
 KIND_TITLES = {
     "problem": "any system, written in YAML: one plan or a closed loop",
     "python": "any system, built by a function in a Python file of your own",
-    "formation_flight": "UAVs that fly to their slots behind a leader",
+    "formation_flight": "UAVs that take their slots in a formation behind a leader",
     "close_formation": "a wingman in the vortex of its leader",
     "reconfiguration": "UAVs that change the shape of their formation",
     "transfer": "UAVs that change places without a collision",
@@ -36,7 +36,7 @@ _VARIANTS = re.compile(r"^variants: *\n((?:(?: +.*)?\n)*)", re.MULTILINE)
 _VARIANT = re.compile(r"^  (\w+):", re.MULTILINE)
 
 Entry = dict[str, Any]
-"""What is known of a scenario, a search, a measure or a kind."""
+"""Facts about a scenario, a search, a measure or a kind."""
 
 
 class NothingListedError(SwarmstartError, LookupError):
@@ -58,7 +58,7 @@ class Asked(NamedTuple):
 
     @property
     def is_overview(self) -> bool:
-        """Whether nothing is asked for in particular."""
+        """True if no topic, text or kind is asked for."""
         return not self.topic and not self.text and self.kind is None
 
 

@@ -58,8 +58,8 @@ examples:
   swarmstart run two_drones --seeds 20 --measures
   swarmstart run pendulum --json --no-figures --fail-on 'cost > 37'
 
-A run that was interrupted goes on where it had stopped if the same command is given
-again. Exit code 3: a gate failed; 4: no feasible or no confirmed solution."""
+A run that was interrupted continues if you give the same command again.
+Exit code 3: a gate failed; 4: no feasible or no confirmed solution."""
 
 _REPLICATE = """\
 examples:
@@ -67,8 +67,8 @@ examples:
   swarmstart replicate --seeds 10 --workers 4
   swarmstart replicate --only 9
 
-Finished runs are kept: the same command again only does what is missing. Exit code 3:
-a claim that must hold does not, or a run failed."""
+Finished runs are kept: the same command again does only the missing ones.
+Exit code 3: a verdict differs from the expected one, or a run failed."""
 
 _COMPARE = """\
 examples:
@@ -76,8 +76,9 @@ examples:
   swarmstart compare pendulum mine.yaml --seeds 20 --budget 2s
   swarmstart compare my_plan.yaml --dry-run
 
-Finished runs are kept: the same command again only does what is missing. Exit code 3:
-a regression against --baseline; 4: no solver has solved one of the scenarios."""
+Finished runs are kept: the same command again does only the missing ones.
+Exit code 3: a regression against --baseline; 4: no solver has solved one of
+the scenarios."""
 
 _REPORT = """\
 examples:
@@ -124,17 +125,20 @@ examples:
   swarmstart open results               the newest record
   swarmstart open results/pendulum/916ba650e7ef81b6
 
-The page that `swarmstart report` wrote is opened if there is one, otherwise the first
-figure. The path is printed in any case; without a display nothing else happens, and the
-exit code is 0. Exit code 5: there is nothing to open."""
+The page that `swarmstart report` wrote is opened if there is one, otherwise
+the first figure. The path is always printed; without a display nothing else
+happens, and the exit code is 0. Exit code 5: there is nothing to open."""
 
 _COMPLETION = """\
 to install it:
   bash   swarmstart completion bash >> ~/.bash_completion
-  zsh    swarmstart completion zsh > ~/.zfunc/_swarmstart, with these two lines in
-         ~/.zshrc:  fpath=(~/.zfunc $fpath)  and  autoload -U compinit && compinit
-  tcsh   swarmstart completion tcsh > ~/.swarmstart.tcsh, with this line in ~/.tcshrc:
-         source ~/.swarmstart.tcsh
+  zsh    swarmstart completion zsh > ~/.zfunc/_swarmstart
+         with these lines in ~/.zshrc:
+           fpath=(~/.zfunc $fpath)
+           autoload -U compinit && compinit
+  tcsh   swarmstart completion tcsh > ~/.swarmstart.tcsh
+         with this line in ~/.tcshrc:
+           source ~/.swarmstart.tcsh
 
 Then open a new terminal. It needs the package shtab:
   pip install 'swarmstart[completion]'"""

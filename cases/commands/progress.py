@@ -1,9 +1,9 @@
-"""Progress of long work, told on standard error.
+"""Progress of long work, on standard error.
 
-First that the command is at work: loading libraries takes a second or two, and
-compiling at the first use ten, before any step is done. Then a bar on a terminal, and
-elsewhere (a notebook, a file, a pipe, CI) a plain line now and then; nothing within the
-first two seconds.
+The first message says that the command is at work: loading libraries takes a second or
+two, and compiling takes ten at the first use, before any step is finished. A bar
+follows on a terminal, and a plain line every few seconds elsewhere (a notebook, a file,
+a pipe, CI). Nothing is printed within the first two seconds.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 AT_WORK = "at work: loading and checking"
 FIRST_SIGN_S = 0.6
-"""A command that takes longer says so; quicker ones say nothing."""
+"""A command that takes longer says that it is at work."""
 QUIET_S = 2.0
 LINE_EVERY_S = 5.0
 
@@ -36,16 +36,16 @@ def fancy() -> bool:
 
 
 class _Saying(logging.Handler):
-    """A handler that says what the library logs, as the command line does."""
+    """A handler that prints log records of the library as the command line does."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Say a record."""
+        """Print a record."""
         say(record.getMessage())
 
 
 @contextlib.contextmanager
 def first_sign(*, quiet: bool) -> Iterator[None]:
-    """Say after a moment that the command is at work, and when something is compiled.
+    """Print after a moment that the command is at work, and when it compiles something.
 
     Args:
         quiet: Whether to stay silent.
@@ -81,7 +81,7 @@ class Progress:
         """Prepare; nothing is shown yet.
 
         Args:
-            title: What the whole of the work is.
+            title: Name of the work.
             quiet: Whether to stay silent.
         """
         self._title, self._quiet = title, quiet
@@ -100,17 +100,17 @@ class Progress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar is not None:
             self._bar.stop()
 
     def update(self, done: int, total: int, what: str) -> None:
-        """Tell how far the work is.
+        """Show how far the work is.
 
         Args:
             done: Steps finished.
-            total: Steps in all; 0 if that cannot be told.
-            what: What is being done.
+            total: Steps in all; 0 if their number is unknown.
+            what: The part of the work that is being done.
         """
         now = clock.monotonic()
         if self._pace_from is None and done:
@@ -153,7 +153,7 @@ class Progress:
         )
 
     def _left(self, now: float, done: int, total: int) -> str:
-        """Return the time left in words; empty where it cannot be told."""
+        """Return the time left in words; empty if it cannot be estimated."""
         since, first = self._pace_from or (now, done)
         if done <= first or done >= total:
             return ""

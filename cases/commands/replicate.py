@@ -45,7 +45,7 @@ from swarmstart.errors import SwarmstartError
 RESULTS = Path("results") / "replication"
 COMMAND = "swarmstart replicate"
 TYPICAL_S = 2.5
-"""Of a cell of which nothing is known yet."""
+"""Estimated time of a cell that has never been run [s]."""
 WORST_FIRST = (
     Verdict.NOT_JUDGED,
     Verdict.FAILS,
@@ -57,7 +57,7 @@ WORST_FIRST = (
 
 
 class UnknownClaimError(SwarmstartError, LookupError):
-    """The number after --only is that of no claim."""
+    """A number after --only belongs to no claim."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -66,9 +66,9 @@ class Plan:
 
     Attributes:
         chapter: The chapter.
-        claims: Those asked for.
-        parts: Of each claim, in the same order.
-        figures: Cells of the figures; none where single claims are asked for.
+        claims: The claims to judge.
+        parts: The parts of each claim, in the same order.
+        figures: Cells of the figures; empty if single claims are chosen.
     """
 
     chapter: Chapter
@@ -77,13 +77,13 @@ class Plan:
     figures: list[Cell]
 
     def cells(self) -> list[Cell]:
-        """Return every distinct cell, those with figures first: they take longest."""
+        """Return every distinct cell; those with figures, the longest, come first."""
         every = [cell for parts in self.parts for cell in cells_of(parts)]
         return list({cell.key: cell for cell in (*self.figures, *every)}.values())
 
 
 def replicate_command(options: argparse.Namespace) -> int:
-    """Replicate what the options ask for; return the exit code."""
+    """Judge the claims that the options choose; return the exit code."""
     began = clock.perf_counter()
     seeds = 1 if options.quick else options.seeds
     plan = _planned(options.only, seeds)
@@ -122,7 +122,7 @@ def replicate_command(options: argparse.Namespace) -> int:
 
 
 def _require_own(root: Path, stem: str) -> None:
-    """Refuse to replace a record and a page that this command has not written."""
+    """Raise if a record or a page is there that this command has not written."""
     record, page = root / f"{stem}.json", root / f"{stem}.html"
     command = f'"command": "{COMMAND}'
     require_ours(record, lambda text: command in text, "the record of a replication")
@@ -130,7 +130,7 @@ def _require_own(root: Path, stem: str) -> None:
 
 
 def _planned(only: Sequence[int], seeds: int | None) -> Plan:
-    """Return what is to be done; raises UnknownClaimError for an unknown number."""
+    """Return the work to do; raise UnknownClaimError for an unknown number."""
     whole = chapter()
     known = {claim.id: claim for claim in whole.claims}
     unknown = [number for number in only if number not in known]
@@ -149,7 +149,7 @@ def _planned(only: Sequence[int], seeds: int | None) -> Plan:
 
 
 def _foreseen(cells: Sequence[Cell], folder: Path, workers: int) -> dict[str, Any]:
-    """Return how many cells there are, how many are kept, and how long it takes."""
+    """Return the number of cells, of those kept from before, and the estimated time."""
     kept = [outcome for cell in cells if (outcome := finished(cell, folder))]
     missing = len(cells) - len(kept)
     known = [outcome.seconds for outcome in kept if outcome.seconds > 0]
@@ -165,7 +165,7 @@ def _foreseen(cells: Sequence[Cell], folder: Path, workers: int) -> dict[str, An
 
 
 def _dry(foreseen: Mapping[str, Any]) -> str:
-    """Return what is foreseen, for a person."""
+    """Return the estimate of a dry run as text."""
     text = "{runs} runs, {kept} kept from before, {missing} to do".format(**foreseen)
     if not foreseen["missing"]:
         return text
@@ -179,7 +179,7 @@ def _content(
     runs: int,
     options: argparse.Namespace,
 ) -> dict[str, Any]:
-    """Return what replication.json holds and the page shows."""
+    """Return the content of replication.json and of the page."""
     counts = Counter(str(claim.verdict) for claim in claims)
     if options.quick:
         seeds = "one seed each"
@@ -254,7 +254,7 @@ def _part(judged_part: JudgedPart) -> dict[str, Any]:
 
 
 def _measured(judged_part: JudgedPart) -> str:
-    """Return what was measured; of ratios also the medians of what they are of."""
+    """Return the measured values; of ratios also the medians of both sides."""
     said = spread(judged_part.values, digits=_digits(judged_part.planned.part))
     if not judged_part.pairs:
         return said
@@ -264,7 +264,7 @@ def _measured(judged_part: JudgedPart) -> str:
 
 
 def _digits(part: PartOfClaim) -> int:
-    """Return how many digits are shown: enough for a bound of a part's own."""
+    """Return the number of digits to show: more if the part has its own bound."""
     return 6 if part.scenario and part.measure else 4
 
 
@@ -274,7 +274,7 @@ def _median(values: Sequence[Measure]) -> str:
 
 
 def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]]:
-    """Return the chapter's figures whose runs were done: where their files lie."""
+    """Return the chapter's figures whose runs are finished, with their files."""
     drawn = []
     for figure, cell in zip(
         plan.chapter.figures, figure_cells(plan.chapter), strict=True
@@ -303,10 +303,10 @@ def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]
 
 
 def deciding(claim: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the parts that make a claim's verdict, for a table of a row a claim.
+    """Return the parts that decide a claim's verdict, for its row in a table.
 
-    The first of those that are farthest from holding; of a claim that holds in part
-    also the first that holds.
+    That is the first of the parts that are farthest from holding. If a claim holds in
+    part, the first part that holds follows.
     """
     judged = [p for p in claim["parts"] if p["verdict"] != str(Verdict.BESIDE)]
     told = [min(judged, key=lambda part: WORST_FIRST.index(part["verdict"]))]
@@ -316,7 +316,7 @@ def deciding(claim: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def markdown(content: Mapping[str, Any]) -> str:
-    """Return a row a claim, with the parts that decide, as a Markdown table."""
+    """Return a Markdown table: a row for each claim, with the parts that decide."""
     lines = [
         "| claim | what the chapter says | asked | measured | verdict |",
         "| --- | --- | --- | --- | --- |",
@@ -341,11 +341,11 @@ def _run_of(part: Mapping[str, Any]) -> str:
 
 
 def _asked(part: Mapping[str, Any], *, where: bool) -> str:
-    """Return what a part asks, with its reading and whose bound it is.
+    """Return the condition of a part, with its reading and the origin of its bound.
 
     Args:
         part: The part.
-        where: Whether the scenario is told too.
+        where: Whether the scenario is named too.
     """
     notes = [_run_of(part)] if where and part["scenario"] else []
     notes += [part["reading"]] if part["reading"] else []
@@ -354,7 +354,7 @@ def _asked(part: Mapping[str, Any], *, where: bool) -> str:
 
 
 def _found(part: Mapping[str, Any], *, alone: bool) -> str:
-    """Return what was measured of a part; nothing beside one that is not judged."""
+    """Return the measured value of a part; "-" if the part is not judged."""
     if part["verdict"] == str(Verdict.NOT_JUDGED):
         return "-"
     said: str = part["measured"]
@@ -362,7 +362,7 @@ def _found(part: Mapping[str, Any], *, alone: bool) -> str:
 
 
 def _report(content: Mapping[str, Any], path: Path) -> str:
-    """Return what a person reads."""
+    """Return the result as text."""
     plural = "" if content["runs"] == 1 else "s"
     lines = [f"{content['runs']} run{plural}, {content['seeds_in_words']}", ""]
     width = max(len(claim["verdict"]) for claim in content["claims"])

@@ -1,4 +1,4 @@
-"""`swarmstart report`: pages of what the other commands recorded."""
+"""`swarmstart report`: pages of the records of other commands."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _REPORT = "swarmstart.cases.drawing.report."
 
 
 class Recorded(NamedTuple):
-    """A sort of record, and what makes pages of it.
+    """A sort of record, and the functions that make pages of it.
 
     Attributes:
-        file: The file that tells it, in its folder.
-        name: What it is called.
-        makers: A format -> "module:function" that makes it.
-        takes: What that takes: "folder", or "content" of the file.
+        file: The file in the folder by which the record is recognised.
+        name: Its name in messages.
+        makers: Format -> "module:function" that makes the page.
+        takes: The argument of that function: "folder", or "content" of the file.
     """
 
     file: str
@@ -75,9 +75,9 @@ RECORDED = (
         "content",
     ),
 )
-"""What a folder may hold; the first that it does is shown."""
+"""Records that a folder may hold; the first one found is shown."""
 WITH_FOLDER = ("replication_page",)
-"""Makers that take the folder after the content: they show figures in it."""
+"""Makers that take the folder as a second argument, to show its figures."""
 
 
 def report_command(options: argparse.Namespace) -> int:
@@ -99,10 +99,10 @@ def report_command(options: argparse.Namespace) -> int:
 
 
 def recorded_in(folder: Path) -> Recorded:
-    """Return what is recorded in a folder.
+    """Return the sort of record in a folder.
 
     Raises:
-        RecordError: If nothing is.
+        RecordError: If the folder holds no record.
     """
     for recorded in RECORDED:
         if (folder / recorded.file).exists():
@@ -121,8 +121,8 @@ def page_of(folder: Path, recorded: Recorded, form: str) -> str:
     """Return a record as a page or a table.
 
     Args:
-        folder: Where it is.
-        recorded: What it is.
+        folder: The folder of the record.
+        recorded: The sort of record.
         form: A key of SUFFIXES.
 
     Raises:
@@ -139,7 +139,7 @@ def page_of(folder: Path, recorded: Recorded, form: str) -> str:
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise RecordError(
             f"{folder / recorded.file}: expected a whole {recorded.name} as this "
-            f"version writes it, found one without, or with other: {error!r}"
+            f"version writes it, found another one: {error!r}"
         ) from error
 
 

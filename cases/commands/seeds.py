@@ -52,9 +52,9 @@ def run_seeds(
 
     Args:
         resolved: The scenario.
-        options: Of the command `run`.
-        root: Where results lie by default.
-        conditions: Of --fail-on: the gate fails if one holds in any run.
+        options: The options of the command `run`.
+        root: The default folder of results.
+        conditions: Those of --fail-on: the gate fails if one is true in any run.
     """
     cells = [flight_cell(resolved, seed, named=True) for seed in range(options.seeds)]
     folder = Path(options.out) if options.out else root / _name(resolved, cells)
@@ -83,7 +83,7 @@ def run_seeds(
 
 
 def _name(resolved: Resolved, cells: Sequence[Cell]) -> Path:
-    """Return <scenario>/seeds-<key>, a hash of all that determines the runs."""
+    """Return <scenario>/seeds-<key>, with a hash of all that determines the runs."""
     keys = hashlib.sha256("".join(cell.key for cell in cells).encode()).hexdigest()
     return Path(resolved.scenario.name) / f"seeds-{keys[:16]}"
 

@@ -16,7 +16,7 @@ from swarmstart.cases.commands.quantities import duration, plural, quantity
 from swarmstart.cases.format.document import printable
 
 FLIGHTS = ("formation_flight", "close_formation", "reconfiguration", "transfer")
-"""Kinds in which UAVs fly."""
+"""Kinds whose scenarios are flights of aircraft."""
 SHEET = "a_sheet"
 """Stem of the figure that shows a run on one sheet."""
 LONGEST_TITLE = 100
@@ -59,12 +59,12 @@ def _task(finished: Run) -> str:
 
 
 def _what(finished: Run) -> str:
-    """Return what was solved, simulated or flown, and for how long."""
+    """Return what was solved or simulated, and for how long."""
     flight, trajectory = finished.flight, finished.trajectory
     steps, end = len(trajectory.decisions), float(trajectory.times[-1])
     length = f"{quantity(end)} s"
     if finished.resolved.scenario.kind in FLIGHTS:
-        return f"{_aircraft(finished)} for {length}, {_plans(finished)}"
+        return f"flight of {_aircraft(finished)} for {length}, {_plans(finished)}"
     if flight.posed.open_loop:
         intervals = plural(flight.posed.agents[0].problem.intervals, "interval")
         return f"one plan of {length} in {intervals}"
@@ -73,11 +73,11 @@ def _what(finished: Run) -> str:
 
 
 def _aircraft(finished: Run) -> str:
-    """Return which aircraft fly."""
+    """Return which aircraft take part."""
     if finished.resolved.scenario.kind == "close_formation":
-        return "a wingman flown behind its leader"
+        return "a wingman behind its leader"
     uavs = getattr(finished.resolved.scenario, "uavs", ())
-    return f"{plural(len(uavs) or finished.flight.agents, 'UAV')} flown"
+    return f"{plural(len(uavs) or finished.flight.agents, 'UAV')}"
 
 
 def _plans(finished: Run) -> str:

@@ -16,13 +16,13 @@ from swarmstart.cases.commands.words import heading, method, picture
 
 
 class Told(NamedTuple):
-    """A measure that is told in words.
+    """A measure that a sentence gives.
 
     Attributes:
         name: The measure.
-        words: What it is.
+        words: The beginning of the sentence.
         unit: Its unit; empty: none.
-        undefined: What is said of runs in which it is undefined; empty: nothing.
+        undefined: The words for runs in which it is undefined; empty: none.
     """
 
     name: str
@@ -40,14 +40,14 @@ OUTCOMES = (
     Told("closed_loop_cost", "Closed-loop cost", ""),
     Told("cost", "Cost of the first plan", ""),
 )
-"""Measures of the result: the first that any run defines is told."""
+"""Measures of the result: the first one that some run defines is used."""
 CONSTRAINTS = (
     Told("min_distance_m", "Closest distance of two UAVs", "m"),
     Told("min_range_ft", "Closest distance of the two aircraft", "ft"),
     Told("obstacle_clearance_m", "Closest to the edge of an obstacle", "m"),
     Told("constraint_excess", "Largest excess of a constraint along the path", ""),
 )
-"""Measures of what must be kept: the first that any run defines is told."""
+"""Measures of what must be kept: the first one that some run defines is used."""
 TIMES = ("step_seconds_median", "step_seconds_max", "plan_seconds")
 
 

@@ -1,4 +1,4 @@
-"""What a command says never fails on its stream, nor goes to the wrong one."""
+"""Streams: a message never fails because of its stream, nor goes to the wrong one."""
 
 from __future__ import annotations
 

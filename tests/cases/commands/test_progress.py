@@ -1,4 +1,4 @@
-"""Progress on standard error: lines where there is no terminal, silence at first."""
+"""Progress on standard error: lines without a terminal, silence at first."""
 
 import pytest
 

@@ -18,7 +18,7 @@ def part(name: str, verdict: str, **more: Any) -> dict[str, Any]:
 
 
 def claim(verdict: str, *parts: dict[str, Any]) -> dict[str, Any]:
-    return {"id": 1, "text": "It flies.", "verdict": verdict, "parts": list(parts)}
+    return {"id": 1, "text": "It holds.", "verdict": verdict, "parts": list(parts)}
 
 
 @pytest.mark.parametrize(
