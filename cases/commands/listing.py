@@ -188,7 +188,8 @@ def _contains(text: str, *parts: str) -> bool:
 def _nothing(asked: Asked) -> str:
     """Return the message if nothing fits."""
     known = [*TOPICS, *shipped(), *SEARCHES, *POLISHES, *KINDS]
-    hint = meant(asked.text, known, otherwise="see swarmstart list")
+    topic = f" {asked.topic}" if asked.topic else ""
+    hint = meant(asked.text, known, otherwise=f"see swarmstart list{topic}")
     of_kind = "" if asked.kind is None else f" of kind {asked.kind}"
     place = f"the list of {asked.topic}{of_kind}" if asked.topic else "the list"
     return f"expected a text that {place} contains, found {shown(asked.text)}; {hint}"
@@ -244,7 +245,7 @@ def _title(entry: Entry) -> str:
     said = str(entry["title"])
     if entry.get("variants"):
         said += f" (variants: {', '.join(entry['variants'])})"
-    if "scenarios" in entry:
+    if entry.get("scenarios"):
         said += f" ({entry['scenarios']} scenarios)"
     return said
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from swarmstart.cases.commands.output import DONE, answer, say
+from swarmstart.cases.format.document import shown
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.record import FIGURES
 
@@ -25,6 +26,8 @@ MARKS = ("run.json", "seeds.json", "comparison.json", "replication.json")
 DEEPEST = 3
 """Folders below the given one in which a record is looked for."""
 MOST_FOLDERS = 10_000
+LONGEST = 1000
+"""Characters of a path."""
 START_S = 10.0
 """Time in which the system's program has to start [s]."""
 
@@ -51,6 +54,8 @@ def newest_file(folder: Path) -> Path:
     Raises:
         RecordError: If there is no record, or no page and no figure.
     """
+    if len(str(folder)) > LONGEST or "\0" in str(folder):
+        raise RecordError(f"{shown(str(folder))}: expected the path of a folder")
     if any((folder / name).is_file() for name in (*MARKS, *PAGES)):
         records = [folder]
     else:

@@ -84,3 +84,9 @@ def test_with_a_display_the_program_of_the_system_gets_the_path(
     opened = (tmp_path / "opened").read_text().strip()
     assert opened == str(folder / "figures" / "-a b.png")
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "a\0b"])
+def test_a_path_that_no_folder_has_is_refused(name: str) -> None:
+    with pytest.raises(RecordError, match="expected the path of a folder"):
+        newest_file(Path(name))
