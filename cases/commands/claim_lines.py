@@ -55,6 +55,8 @@ def _needs(claims: Iterable[Claim]) -> str:
     (most, count), total = needs.most_common(1)[0], needs.total()
     if count == total:
         return f" (needs {most})"
+    if 2 * count <= total:
+        return " (--measures shows what they need)"
     return f" ({count} of them: needs {most}; --measures shows all)"
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from swarmstart.cases.campaign.claims import holds
 from swarmstart.cases.commands.output import say
-from swarmstart.cases.format.document import meant
+from swarmstart.cases.format.document import meant, shown
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.record.files import to_json
@@ -16,7 +16,7 @@ from swarmstart.errors import SwarmstartError
 
 Condition = tuple[str, str, float | None]
 """Measure, relation, and number; None: the measure is undefined."""
-_CONDITION = re.compile(r"\s*([a-z_0-9]+)\s*(<=|>=|==|<|>)\s*(\S+)\s*")
+_CONDITION = re.compile(r"\s*(\w+)\s*(<=|>=|==|<|>)\s*(\S+)\s*")
 
 
 class InvalidConditionError(SwarmstartError, ValueError):
@@ -34,12 +34,12 @@ def condition_of(text: str, resolved: Resolved) -> Condition:
     match = _CONDITION.fullmatch(text)
     expected = "expected --fail-on 'MEASURE RELATION NUMBER'"
     if match is None:
-        raise InvalidConditionError(f"{expected}, found {text!r}")
+        raise InvalidConditionError(f"{expected}, found {shown(text)}")
     measure, relation, bound = match.groups()
     if measure not in known:
         hint = meant(measure, known, otherwise="see swarmstart list measures")
         raise InvalidConditionError(
-            f"expected a measure in --fail-on, found {measure!r}; {hint}"
+            f"expected a measure in --fail-on, found {shown(measure)}; {hint}"
         )
     if bound == "null":
         if relation != "==":
@@ -52,7 +52,7 @@ def condition_of(text: str, resolved: Resolved) -> Condition:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise InvalidConditionError(f"{expected}, found {bound!r} as the number")
+        raise InvalidConditionError(f"{expected}, found {shown(bound)} as the number")
     return measure, relation, number
 
 

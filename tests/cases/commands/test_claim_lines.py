@@ -41,6 +41,13 @@ def test_what_claims_need_that_are_not_judged_is_said() -> None:
     ]
 
 
+def test_needs_that_most_do_not_share_are_not_listed() -> None:
+    several = [claim(n, holds=None, needs=f"run {n}") for n in range(2)]
+    assert short_claims(several) == [
+        "Claims: 2 not judged (--measures shows what they need)."
+    ]
+
+
 def test_many_claims_that_do_not_hold_are_counted() -> None:
     lines = short_claims([claim(n, holds=False) for n in range(SHOWN + 3)])
     assert lines[-1] == "  and 3 more, see --measures" and len(lines) == SHOWN + 2
