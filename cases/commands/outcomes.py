@@ -52,7 +52,9 @@ def _of_problem(finished: Run) -> str:
         cost = _cost(finished, "cost")
         if not status.is_confirmed:
             said = printable(finished.status).partition("the plan is ")[2]
-            return f"{cost}: {said}."
+            if status in (SolutionStatus.INFEASIBLE, SolutionStatus.NOT_FINITE):
+                return f"{said[:1].upper()}{said[1:]}."
+            return f"{cost}, {said}."
         return f"{cost}: {_MEANINGS[status]}.{settled}"
     said = "The cost of the simulated path is not finite"
     if is_number(measures.get("flown_cost")):

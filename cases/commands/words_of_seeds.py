@@ -63,7 +63,7 @@ def sentences_of_seeds(content: Mapping[str, Any], figures: Path) -> list[str]:
     return [
         _task(content),
         f"{_feasible(content)}. {_first_of(OUTCOMES, measures, 'No result')}.",
-        f"{_kept(measures)}.",
+        f"{_kept(content)}.",
         _times(measures),
         picture(drawn),
     ]
@@ -82,9 +82,15 @@ def _feasible(content: Mapping[str, Any]) -> str:
     return f"{sum(content['feasible'])} of {plural(runs, 'run')} found feasible plans"
 
 
-def _kept(measures: Mapping[str, list[Any]]) -> str:
+def _kept(content: Mapping[str, Any]) -> str:
     """Return what had to be kept, and how well it was."""
+    measures, broken = content["measures"], content["feasible"].count(False)
     excess = measures.get("constraint_excess", [])
+    if excess and broken:
+        ends = measures.get("terminal_excess", [])
+        known = [float(value) for value in (*excess, *ends) if is_number(value)]
+        most = f", by up to {quantity(max(known), 3)}" if known else ""
+        return f"Constraints are broken in {plural(broken, 'run')}{most}"
     if excess and all(is_number(value) and value <= KEPT for value in excess):
         return "All constraints are kept along the simulated paths"
     return _first_of(CONSTRAINTS, measures, "No constraints are measured")

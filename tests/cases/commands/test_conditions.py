@@ -29,7 +29,7 @@ def resolved(tmp_path: Path) -> Resolved:
 
 
 @pytest.mark.parametrize(
-    "name", ["formation_v", "close_formation", "reconfiguration", "swap_5", "pendulum"]
+    "name", ["passing_side", "close_formation", "reconfiguration", "swap_5", "pendulum"]
 )
 def test_every_measure_of_a_scenario_can_be_named(name: str) -> None:
     shipped = resolve(read_document(name))

@@ -50,6 +50,12 @@ def test_kept_constraints_and_runs_that_never_settle_are_told_in_words() -> None
     assert told[3] == "Time per step: median 2 s, worst of all runs 2 s."
 
 
+def test_runs_without_a_feasible_plan_break_constraints() -> None:
+    found = content(constraint_excess=[0.0, 0.0], terminal_excess=[3.0, 0.0])
+    told = sentences_of_seeds(found | {"feasible": [False, True]}, FOLDER)
+    assert told[2] == "Constraints are broken in 1 run, by up to 3."
+
+
 def test_failed_runs_give_no_none() -> None:
     told = sentences_of_seeds(content(cost=[None, None]), FOLDER)
     assert "None" not in "".join(told)
