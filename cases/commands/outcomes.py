@@ -81,12 +81,8 @@ def _own_settling(finished: Run) -> str:
     for name, expression in own.items():
         if str(expression).startswith((_SETTLING, f"max({_SETTLING}")):
             value = finished.measures.get(name)
-            when = (
-                f"after {quantity(_float(value))} s"
-                if is_number(value)
-                else "not settled"
-            )
-            said.append(f"{name}: {when}")
+            when = f"{quantity(_float(value))} s" if is_number(value) else "not settled"
+            said.append(f"{name} {when}")
     return f" Settling time: {', '.join(said)}." if said else ""
 
 
@@ -95,7 +91,8 @@ def _of_formation(finished: Run) -> str:
     measures = finished.measures
     settle, tail = measures["settle_time_s"], measures["tail_error_m"]
     if is_number(measures.get("plan_cost")):
-        return f"Cost of the plan {quantity(_float(measures['plan_cost']))}."
+        cost = quantity(_float(measures["plan_cost"]))
+        return f"Cost of the plan {cost}{_polished(finished)}."
     cost = f"closed-loop cost {quantity(_float(measures['closed_loop_cost']))}"
     if is_number(settle):
         said = f"Settled after {quantity(_float(settle))} s"
@@ -104,6 +101,13 @@ def _of_formation(finished: Run) -> str:
         f"Not settled: in the last 10 s a UAV is up to {quantity(_float(tail), 3)} m "
         f"off its slot (settled: at most 1 m); {cost}."
     )
+
+
+def _polished(finished: Run) -> str:
+    """Return how IPOPT ended for the first plan; empty without a polish."""
+    plans = finished.trajectory.decisions[0].plans
+    ended = [one.polish_status for one in plans if one.polish_status is not None]
+    return f"; IPOPT {ended[0].value}" if ended else ""
 
 
 def _of_close_formation(finished: Run) -> str:
@@ -160,13 +164,13 @@ def _constraints(finished: Run) -> str:
     parts = []
     if not along <= KEPT:
         when = "" if is_plan else time_of_excess(finished)
-        parts.append(f"by up to {_amount(along)} along the path{when}")
+        parts.append(f"{_amount(along)} along the path{when}")
     if not at_end <= KEPT:
-        parts.append(f"by up to {_amount(at_end)} at the end")
-    listed = " and ".join(parts)
+        parts.append(f"{_amount(at_end)} at the end")
+    listed = f"largest excess {' and '.join(parts)}, in the unit of the constraint"
     if is_plan:
-        return f"All constraints are kept within the tolerance: exceeded {listed}."
-    return f"Constraints are broken {listed}."
+        return f"All constraints are kept within the tolerance ({listed})."
+    return f"Constraints are broken: {listed}."
 
 
 def _amount(excess: float) -> str:

@@ -55,6 +55,15 @@ def test_bash_completes(typed: str, completed: str, tmp_path: Path) -> None:
     assert done.stdout.split() == completed.split(), done.stderr
 
 
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_a_shell_can_read_its_script(shell: str, tmp_path: Path) -> None:
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not installed")
+    file = tmp_path / "completion"
+    file.write_text(script(parser(), shell))
+    subprocess.run([shell, "-n", str(file)], check=True)
+
+
 def test_without_shtab_one_sentence_says_how_to_install_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
