@@ -268,7 +268,7 @@ from swarmstart.cases.commands import cli
 from swarmstart.cases.commands import listing
 def interrupted(*arguments, **options):
     exec("raise KeyboardInterrupt")
-listing.print_listing = interrupted
+listing.list_command = interrupted
 sys.exit(cli.program())
 """
 
