@@ -7,7 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from swarmstart.cases.commands.output import DONE, answer, say
@@ -15,13 +15,13 @@ from swarmstart.cases.format.document import shown
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.record import FIGURES
 
-PAGES = ("report.html", "replication.html")
+PAGES = ("report.html", "replication*.html")
 """Pages of a record, the one to open first."""
 SHEET = "a_sheet"
 """Stem of the figure that shows a run on one sheet."""
 ENDINGS = (".png", ".svg", ".pdf", ".gif", ".mp4")
 """Files of figures; of one figure the first of these is opened."""
-MARKS = ("run.json", "seeds.json", "comparison.json", "replication.json")
+MARKS = ("run.json", "seeds.json", "comparison.json", "replication*.json")
 """Files that a folder of a record has one of."""
 DEEPEST = 3
 """Folders below the given one in which a record is looked for."""
@@ -56,7 +56,7 @@ def newest_file(folder: Path) -> Path:
     """
     if len(str(folder)) > LONGEST or "\0" in str(folder):
         raise RecordError(f"{shown(str(folder))}: expected the path of a folder")
-    if any((folder / name).is_file() for name in (*MARKS, *PAGES)):
+    if any(True for _ in _matching(folder, (*MARKS, *PAGES))):
         records = [folder]
     else:
         found = sorted(_records_below(folder), reverse=True)
@@ -81,7 +81,7 @@ def _records_below(folder: Path) -> Iterator[tuple[float, Path]]:
     """Yield records below a folder, each with the time of its last change."""
     for seen, (place, folders, files) in enumerate(os.walk(folder)):
         here = Path(place)
-        marks = [here / name for name in MARKS if name in files]
+        marks = [*_matching(here, MARKS)] if files else []
         if marks:
             yield max(file.stat().st_mtime for file in marks), here
         if marks or len(here.relative_to(folder).parts) >= DEEPEST:
@@ -90,11 +90,16 @@ def _records_below(folder: Path) -> Iterator[tuple[float, Path]]:
             return
 
 
+def _matching(folder: Path, patterns: Sequence[str]) -> Iterator[Path]:
+    """Yield the files of a folder that match patterns, in the order of these."""
+    for pattern in patterns:
+        yield from sorted(file for file in folder.glob(pattern) if file.is_file())
+
+
 def shown_file(record: Path) -> Path | None:
     """Return the page of a record, else its first figure; None if it has neither."""
-    for name in PAGES:
-        if (record / name).is_file():
-            return (record / name).absolute()
+    for page in _matching(record, PAGES):
+        return page.absolute()
     figures = [f for f in (record / FIGURES).glob("*.*") if f.suffix in ENDINGS]
     best = min(
         figures,

@@ -9,7 +9,7 @@ from swarmstart.cases.campaign.run import Run
 from swarmstart.cases.commands.excess import time_of_excess
 from swarmstart.cases.commands.quantities import KEPT, is_number, quantity
 from swarmstart.cases.format.document import printable
-from swarmstart.cases.kinds.planar import pair_distances
+from swarmstart.cases.kinds.planar import STATES, pair_distances
 from swarmstart.ocp import SolutionStatus
 
 _SETTLING = "settling("
@@ -229,8 +229,8 @@ def _safe_distance(finished: Run) -> float | None:
 def _closest_time(finished: Run) -> str:
     """Return when two UAVs are closest, to a step of the plant [s]."""
     trajectory = finished.trajectory
-    agents = len(getattr(finished.resolved.scenario, "uavs", ()))
-    apart = pair_distances(trajectory.dense_states, agents).min(axis=0)
+    uavs = trajectory.dense_states.shape[0] // len(STATES)
+    apart = pair_distances(trajectory.dense_states, uavs).min(axis=0)
     return quantity(float(trajectory.dense_times[int(apart.argmin())]), 4)
 
 

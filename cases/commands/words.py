@@ -68,8 +68,15 @@ def _what(finished: Run) -> str:
     if flight.posed.open_loop:
         intervals = plural(flight.posed.agents[0].problem.intervals, "interval")
         return f"one plan of {length} in {intervals}"
-    who = "" if flight.agents == 1 else f"{plural(flight.agents, 'vehicle')} in "
+    count = _vehicles(finished)
+    who = "" if count == 1 else f"{plural(count, 'vehicle')} in "
     return f"{who}closed loop for {length} in {plural(steps, 'step')}"
+
+
+def _vehicles(finished: Run) -> int:
+    """Return the number of vehicles, whether one plan is made for all or several."""
+    vehicles: Any = getattr(finished.resolved.scenario, "vehicles", None)
+    return finished.flight.agents if vehicles is None else len(vehicles.members)
 
 
 def _aircraft(finished: Run) -> str:

@@ -32,6 +32,13 @@ def test_a_page_is_shown_before_figures_and_the_sheet_before_others(
     assert newest_file(folder) == folder / "report.html"
 
 
+def test_the_page_of_single_claims_is_shown(tmp_path: Path) -> None:
+    for name in ("replication-9.json", "replication-9.html"):
+        (tmp_path / name).write_text("{}")
+    assert newest_file(tmp_path) == tmp_path / "replication-9.html"
+    assert newest_file(tmp_path.parent) == tmp_path / "replication-9.html"
+
+
 def test_of_several_records_the_newest_with_a_figure_is_shown(tmp_path: Path) -> None:
     record(tmp_path / "s" / "old", "figures/a.png", when=1e9)
     new = record(tmp_path / "s" / "new", "figures/a.png", when=2e9)
