@@ -326,13 +326,12 @@ the objective, a generation of PSO, DE, jDE or L-SHADE in the compiled loop cost
 most {bar:g} times what drawing its random numbers in compiled code costs. PSO has two
 neighbourhoods here, the whole swarm and a ring.
 
-How it is measured. All calls of one shape take turns of some 10 ms, {rounds} rounds;
-numbers are medians. A generation: a search of 1 + {generations} generations less one of
-1, both in the compiled loop of `Search`, divided by {generations}; from that the
-objective is subtracted, a compiled sum of squares, measured alone on as many
-generations. Settings are the defaults, the box is [-1, 2] in each variable. The budget
-is without end, so that the population of L-SHADE does not shrink: all its generations
-have the size given.
+All calls of one shape take turns of about 10 ms, {rounds} rounds; numbers are medians.
+A generation: a search of 1 + {generations} generations less one of 1, both in the
+compiled loop of `Search`, divided by {generations}; from that the objective is
+subtracted, a compiled sum of squares, measured alone on as many generations. Settings
+are the defaults, the box is [-1, 2] in each variable. The budget is without end, so
+that the population of L-SHADE does not shrink: all its generations have the size given.
 
 The draws: compiled code that draws into an array, with the same kind of generator, as
 many uniform, normal and Cauchy numbers (a tangent of a uniform one) as a generation

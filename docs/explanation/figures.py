@@ -98,9 +98,7 @@ def draw_passing() -> Figure:
     problem = passing()
     turns = 0.3 * np.sign(np.cos(np.linspace(0, 2 * np.pi, 40)))[None, :]
     above, below = (
-        ss.solve(
-            problem, [0, 0, 0], guess=sign * turns, search=None, lanes=0, seed=0
-        )
+        ss.solve(problem, [0, 0, 0], guess=sign * turns, search=None, lanes=0, seed=0)
         for sign in (1, -1)
     )
     figure, (left, right) = plt.subplots(
@@ -128,10 +126,17 @@ def _landscape(axes: Axes) -> None:
     axes.axvspan(-1.2, 1.8, fc="#d9dee3", ec=GREY, hatch="///", alpha=0.6, lw=0)
     axes.plot(-1.2, 24 * 1.2**2 / 125, "o", color=BLUE)
     axes.plot(1.8, 24 * 1.8**2 / 125, "o", color=RED)
-    axes.text(0.3, 1.1, "inside the disc", ha="center", fontsize=8, backgroundcolor="#ffffff")
+    axes.text(
+        0.3, 1.1, "inside the disc", ha="center", fontsize=8, backgroundcolor="#ffffff"
+    )
     axes.annotate("the optimum", (-1.2, 0.28), (-2.6, 0.1), fontsize=8, color=BLUE)
     axes.annotate("local optimum", (1.8, 0.62), (1.9, 0.45), fontsize=8, color=RED)
-    axes.set(xlabel="y of the way at x = 5 [m]", ylabel="cost", ylim=(0, 1.35), xlim=(-2.8, 3.6))
+    axes.set(
+        xlabel="y of the way at x = 5 [m]",
+        ylabel="cost",
+        ylim=(0, 1.35),
+        xlim=(-2.8, 3.6),
+    )
     axes.set_title("The cost has two valleys", loc="left", fontsize=10)
 
 
@@ -162,9 +167,7 @@ def draw_terminal_set() -> Figure:
         path = _under_the_law(right_side, found.K, shape @ _direction(k), found.dt or 0)
         axes.plot(*path, color=BLUE, lw=0.9)
         axes.plot(*path[:, 0], "o", color=BLUE, ms=3)
-    lost = _under_the_law(
-        right_side, found.K, np.array([0.9, 0.7]), found.dt or 0, 0.9
-    )
+    lost = _under_the_law(right_side, found.K, np.array([0.9, 0.7]), found.dt or 0, 0.9)
     axes.plot(*lost, "--", color=RED, label="from outside: 8 is too little, it falls")
     axes.plot(*lost[:, 0], "s", color=RED, ms=5)
     axes.plot(0, 0, "+", color="#16191d", ms=10)
@@ -179,7 +182,11 @@ def _direction(k: int) -> NDArray[np.float64]:
 
 
 def _under_the_law(
-    f: ca.Function, K: NDArray[np.float64], e: NDArray[np.float64], dt: float, s: float = 3
+    f: ca.Function,
+    K: NDArray[np.float64],
+    e: NDArray[np.float64],
+    dt: float,
+    s: float = 3,
 ) -> NDArray[np.float64]:
     """Return the states under u = -K e, bounded by 8 and held for dt [s]."""
     states, step = [e], dt / 10
