@@ -44,7 +44,7 @@ SAME = 1e-6
 """Of a cost, relative: a difference that is rounding."""
 LONGEST, TIMES_COLD = 5.0, 3.0
 """A solve is to end within so many seconds, or so many cold ones."""
-TEXT = """# Answers, measured
+TEXT = """# How often the best answer is found
 
 Made by `python benchmarks/answers.py --write docs/measured/answers_measured.md`:
 `solve` with its defaults{lanes}, from several seeds, on every shipped problem. Seconds

@@ -179,7 +179,7 @@ Made by `python benchmarks/lane_searches.py --write docs/measured/lane_searches.
 Each search is followed by IPOPT from its best point, and from three more basins if end
 time, parameters or starts are decided too or lanes are used. A hit is feasible, and
 within 1e-4 of the least cost that any run found. Evaluations (median) count local
-solves as [heuristics.md](../heuristics.md#local-solves) says, and IPOPT's; a batch that
+solves as [Local solves](../heuristics.md#local-solves) says, and IPOPT's; a batch that
 has begun is finished, so a multistart with 2,000 evaluations solves one or two starts.
 Seconds are means of the process, with machine code loaded. Other work ran at the same
 time, so compare them within a problem only. "lshade, then cma" is half of the budget

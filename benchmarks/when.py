@@ -151,8 +151,8 @@ def _preface(
         "The best known cost is that of these runs, so a basin that none of them finds "
         "is missing here. The problems are those that come with this package, some "
         "chosen since they have local optima. Yours may differ: `swarmstart compare` "
-        "shows it ([compare.md](compare.md)). Why local optima appear is explained in "
-        "[local_optima.md](explanation/local_optima.md).",
+        "shows it ([Compare solvers](compare.md)). Why local optima appear: "
+        "[Local optima](explanation/local_optima.md).",
         "",
         f"Shipped and not compared here: {', '.join(_left_out(contents))}.",
         "",
