@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 import swarmstart as ss
@@ -28,7 +29,7 @@ def cart() -> ss.Solution:
     position, velocity, u = (ca.SX.sym(name) for name in ("position", "velocity", "u"))
     state = ca.vertcat(position, velocity)
     problem = ss.OptimalControlProblem(
-        ss.Model(states=state, controls=u, ode=[velocity, u]),
+        ss.Model(states=state, controls=u, ode=ca.vertcat(velocity, u)),
         horizon=2.0,
         intervals=8,
         stage_cost=u**2,
@@ -83,7 +84,7 @@ def passing() -> ss.OptimalControlProblem:
     """Return the problem of local_optima.md: pass a disc on either side."""
     x, y, w, u = (ca.SX.sym(name) for name in "xywu")
     return ss.OptimalControlProblem(
-        ss.Model(states=ca.vertcat(x, y, w), controls=u, ode=[1, w, u]),
+        ss.Model(states=ca.vertcat(x, y, w), controls=u, ode=ca.vertcat(1, w, u)),
         horizon=10.0,
         intervals=40,
         stage_cost=u**2,
@@ -104,7 +105,7 @@ def draw_passing() -> Figure:
     figure, (left, right) = plt.subplots(
         1, 2, figsize=(8.2, 3.3), layout="constrained", width_ratios=[1.25, 1]
     )
-    left.add_patch(plt.Circle((5, 0.3), 1.5, fc="#d9dee3", ec=GREY, hatch="///"))
+    left.add_patch(Circle((5, 0.3), 1.5, fc="#d9dee3", ec=GREY, hatch="///"))
     for found, colour, style in ((above, RED, "--"), (below, BLUE, "-")):
         label = f"cost {found.cost:.3f}"
         left.plot(found.states[0], found.states[1], style, color=colour, label=label)
