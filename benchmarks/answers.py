@@ -44,42 +44,41 @@ SAME = 1e-6
 """Of a cost, relative: a difference that is rounding."""
 LONGEST, TIMES_COLD = 5.0, 3.0
 """A solve is to end within so many seconds, or so many cold ones."""
-TEXT = """# Answers, measured
+TEXT = """# How often the best answer is found
 
 Made by `python benchmarks/answers.py --write docs/measured/answers_measured.md`:
 `solve` with its defaults{lanes}, from several seeds, on every shipped problem. Seconds
-are those of the process on all cores, whole calls with what posing, verifying and
-loading machine code takes, but for the first call of a process, which makes or loads it
-("code"); by the clock in brackets. "Cold" is IPOPT alone from zero controls, a whole
-call, too.
+are those of the process on all cores, in brackets those of the clock. They are of whole
+calls, with posing, verifying and loading machine code, except the first call of a
+process, which makes or loads that code ("code"). "Cold" is a whole call of IPOPT alone
+from zero controls.
 
 - A seed hits if its answer is feasible and costs at most 1e-4 more, relative, than the
-  best that is known at the problem's checks (`docs/measured/kept_values.json`); "along
-  the path" the same of confirmed answers with the constraints kept along it, with
-  `repair=True` where a seed's answer breaks one.
+  best known at the problem's checks (`docs/measured/kept_values.json`). "Along the
+  path" counts confirmed answers that keep the constraints along it, with `repair=True`
+  if a seed's answer breaks one.
 - "Worse" is the number of seeds whose answer costs more, by 1e-6 of it, than IPOPT from
-  zero controls, from the middle of the bounds (where that is not zero), from the guess
-  that the problem's file states, or from the best of the starts that the account of
-  that seed names.
+  zero controls, from the middle of the bounds (if that is not zero), from the guess in
+  the problem's file, or from the best start that the answer of that seed names.
 
 """
 RACE_TEXT = """
 ## Seconds until the best optimum is found with 95 % probability
 
 With p the share of starts that hit and t their mean seconds:
-t max(1, log(0.05) / log(1 - p)). For IPOPT, starts are smooth random controls as the
-lanes have them, one after the other on the same solver. Of both ways only the seconds
-of solving count, by the clock: of `solve` those of the cold starts, the search, the
-lanes and the polish until the best answer was there
-(`solution.plan.starts.found_after`), not those of posing, verifying and machine code,
-which are in the table above. Where no start hits, p is the largest that would be so in
-5 % of all cases, and the seconds are a lower bound: those that all starts took. In
-brackets is what 90 % of 2,000 samples of the runs with replacement give.
+t max(1, log(0.05) / log(1 - p)). For IPOPT, starts are the smooth random controls of
+the lanes, one after another on the same solver. Only the seconds of solving count, by
+the clock. Of `solve` these are the cold starts, the search, the lanes and the polish
+until the best answer was found (`solution.plan.starts.found_after`), without posing,
+verifying and machine code, which are in the table above. If no start hits, p is the
+largest value with which that happens in 5 % of all cases, and the seconds are a lower
+bound: those of all starts. The brackets hold 90 % of 2,000 samples of the runs with
+replacement.
 
-Asked for: {sooner} times less where IPOPT hits in less than 30 % of its starts; not
-slower on the others that have several optima, which are those where feasible answers of
-IPOPT's starts differ by more than 1e-4; where there is one, at most 1.3 times the cold
-solve and 0.2 s.
+The bars: {sooner} times less time if IPOPT hits in less than 30 % of its starts; not
+slower on the other problems with several optima (feasible answers of IPOPT's starts
+differ by more than 1e-4); with a single optimum, at most 1.3 times the cold solve and
+0.2 s.
 
 """
 

@@ -200,21 +200,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 TEXT = """# Searches on CEC 2017 at small budgets
 
-A portfolio has no advantage: with half of the budget each, L-SHADE and then CMA-ES from
-its best rank behind L-SHADE alone or level with it in every column, before and after a
-descent that stands for the polish. Own CMA-ES alone has smaller errors in places (0.16
-times L-SHADE's in 10 variables at 5,000, 0.35 times in 30 at 20,000), and no better
-ranks after the descent. So the default stays L-SHADE. Of minionpy's searches RCMAES
-leads with few evaluations (after the descent clearly at 2,000 in 30 variables), RDEX at
-20,000 in 10; ARRDE is level with L-SHADE. What is left of all this on planning
-problems: [lane_searches.md](lane_searches.md).
-
 Made by `python benchmarks/cec2017.py --write docs/measured/search_2017.md` (`pip
 install minionpy`), {seeds} seeds of each of the 29 functions, every search with its
 defaults. An error is the least value within the budget above the optimum's. The descent
 from there is L-BFGS-B with at most 50 iterations, gradients by differences, not
-counted. Ranks are among these six, 1 is best; differences below 0.6 are ties. None is
-nearer: by more than 1e-4 of the error.
+counted. Ranks are among these six, 1 is best; differences below 0.6 are ties. "None is
+nearer" means: by more than 1e-4 of the error.
 
 """
 

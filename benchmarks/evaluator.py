@@ -294,17 +294,17 @@ def _picture(options: argparse.Namespace) -> str:
 
 _HEAD = """# How fast populations are evaluated
 
-Made by `python benchmarks/evaluator.py`. One rollout is cost and violation of one
-control sequence. One thread. All contestants of a problem have the same population,
-uniform in the bounds, and take turns of some 10 ms; numbers are medians over the
-rounds, with quartiles in brackets, those of a ratio against the map's median. Ratios
-from one run can be compared, nanoseconds of different runs cannot; where a
-process happens to lie in memory moves ours by up to a quarter, which the quartiles do
-not show. Before it is timed, every contestant's values are compared with the map's.
+Made by `python benchmarks/evaluator.py`. A rollout is cost and violation of one control
+sequence. One thread is used. All contestants of a problem have the same population,
+uniform in the bounds, and take turns of about 10 ms. Numbers are medians over the
+rounds with quartiles in brackets; those of a ratio are relative to the map's median.
+Ratios from one run can be compared, nanoseconds of different runs cannot. The position
+of a process in memory changes ours by up to a quarter, which the quartiles do not show.
+Before the timing, every contestant's values are compared with the map's.
 
 The map is CasADi's own, serial, its buffers in place. "Prepared" calls our machine code
-by its address on fixed buffers; "from Python" allocates and checks as everybody's calls
-do. CasADi's C code is compiled with `-O3 -march=native` and called in a loop in C. "By
+by its address on fixed buffers; "from Python" allocates and checks, as usual calls do.
+CasADi's C code is compiled with `-O3 -march=native` and called in a loop in C. "By
 hand" is written for the UAVs alone, in NumPy over the whole population, or in C with
 vectors of individuals (`benchmarks/five_uavs.c`).
 

@@ -146,16 +146,13 @@ def _table(flights: Sequence[Flown]) -> list[str]:
     return lines
 
 
-_HEAD = """# A hundred UAVs that plan one after the other
+_HEAD = """# 100 UAVs that plan one after another
 
 Made by `python benchmarks/formation_100.py --write docs/measured/formation_100.md`,
 seed 0, 60 steps of 0.5 s. A neighbour of a UAV is another whose plan comes within range
-of its own. The time of a step is that of all UAVs, one after the other on one core: its
-median. The smallest distance is that of the whole path, between the plant's steps too;
-5 m are asked.
-
-The time of a step grows with the number of UAVs, and with that of their neighbours more
-slowly than linearly: the milliseconds for each UAV and neighbour do not rise.
+of its own. The time of a step is the median of the time of all UAVs, one after another
+on one core. The smallest distance is that of the whole path, also between the plant's
+steps; 5 m are demanded.
 
 """
 

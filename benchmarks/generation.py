@@ -323,22 +323,22 @@ _HEAD = """# What a generation costs
 
 Made by `python benchmarks/generation.py`. One core, one process. The bar: apart from
 the objective, a generation of PSO, DE, jDE or L-SHADE in the compiled loop costs at
-most {bar:g} times what drawing its random numbers in compiled code costs. PSO has two
+most {bar:g} times as much as drawing its random numbers in compiled code. PSO has two
 neighbourhoods here, the whole swarm and a ring.
 
-How it is measured. All calls of one shape take turns of some 10 ms, {rounds} rounds;
-numbers are medians. A generation: a search of 1 + {generations} generations less one of
-1, both in the compiled loop of `Search`, divided by {generations}; from that the
-objective is subtracted, a compiled sum of squares, measured alone on as many
-generations. Settings are the defaults, the box is [-1, 2] in each variable. The budget
+All calls of one shape take turns of about 10 ms, {rounds} rounds; numbers are medians.
+The time of a generation is that of a search with 1 + {generations} generations minus
+that of one with 1, both in the compiled loop of `Search`, divided by {generations}. The
+objective, a compiled sum of squares, is measured alone on as many generations and
+subtracted. Settings are the defaults, the box is [-1, 2] in each variable. The budget
 is without end, so that the population of L-SHADE does not shrink: all its generations
 have the size given.
 
-The draws: compiled code that draws into an array, with the same kind of generator, as
-many uniform, normal and Cauchy numbers (a tangent of a uniform one) as a generation
+The draws are compiled code that draws into an array, with the same kind of generator,
+as many uniform, normal and Cauchy numbers (a tangent of a uniform one) as a generation
 does on average. The counts are derived from the kernels. L-SHADE draws about 2 % more:
-what a full archive draws to delete members is left out, and the memory is taken as at
-the beginning. The numbers are stored and not added up: a sum carried through the calls
+the draws that delete members of a full archive are left out, and the memory has its
+first values. The numbers are stored and not added up: a sum carried through the calls
 of the generator makes them take twice as long, and the ratios half as large.
 
 """

@@ -175,22 +175,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 TEXT = """# Searches that use local solves in lanes
 
-On the shipped problems with several optima the default search, L-SHADE, needs neither:
-by equal evaluations the memetic form hits the best optimum as often as the default, and
-costs more time; the multistart needs more evaluations for the same hits, and is the one
-that says what else there is. Neither is the default.
-
 Made by `python benchmarks/lane_searches.py --write docs/measured/lane_searches.md`.
-Each search is followed by IPOPT from its best point, and from three more basins where
-more than the controls is decided or lanes are used. A hit is feasible, and within 1e-4
-of the least cost that any run found. Evaluations (median) count local solves as
-[heuristics.md](../heuristics.md#local-solves) says, and IPOPT's; a batch that has begun
-ends, whatever the budget, so that a multistart with 2,000 evaluations solves one or two
-starts. Seconds are means of the process, with machine code loaded, taken while other
-work ran beside: compare them within a problem. "lshade, then cma" is half of the budget
+Each search is followed by IPOPT from its best point, and from three more basins if end
+time, parameters or starts are decided too or lanes are used. A hit is feasible, and
+within 1e-4 of the least cost that any run found. Evaluations (median) count local
+solves as [Local solves](../heuristics.md#local-solves) says, and IPOPT's; a batch that
+has begun is finished, so a multistart with 2,000 evaluations solves one or two starts.
+Seconds are means of the process, with machine code loaded. Other work ran at the same
+time, so compare them within a problem only. "lshade, then cma" is half of the budget
 each, CMA-ES from L-SHADE's best; "none" is IPOPT from zero controls. `swap_5` searches
-paths, which lanes do not know: there the memetic form is L-SHADE, and the multistart is
-IPOPT from random paths.
+paths, for which there are no lanes: there the memetic search is L-SHADE, and the
+multistart is IPOPT from random paths.
 
 """
 

@@ -46,20 +46,19 @@ TEXT = """# Local solves in lanes
 
 Made by `python benchmarks/lanes.py --write docs/measured/lanes.md --plot
 docs/measured/lanes.png`. Each problem is solved from the same smooth random starts
-([answers](../answers.md#many-starts)), all at once in lanes on one core, and a few of
-them one after the other by IPOPT, at most 500 iterations each: on the faster of two
-NLPs, with the interval's functions mapped over the intervals, or with all of them
-expanded. Seconds are those of the process. "Sweeps" are second-order, "slopes"
-gradients, for stages that are too long for sweeps. A lane of sweeps takes at most 500
-steps; one that ends without having met its limits begins once more, which is in its
-time. A solve counts as feasible to 1e-6 in the NLP's numbers near one; "best" is the
-share of solves within 1e-4 of the cheapest optimum that either found. "Warm" is how
-many iterations IPOPT takes from the best optimum of the lanes, and by how much,
-relative, it changes its cost. "Not seen" is
-Good's estimate of the share of such starts that would end in an optimum not seen yet,
-with the end of its interval ([measured](unseen_share.md)). "Two threads" is how many
-times faster they are than one, by the clock, with the same answers: less where all
-lanes together take few milliseconds.
+([Many starts](../answers.md#many-starts)), all at once in lanes on one core, and a few
+of them one after another by IPOPT, at most 500 iterations each: on the faster of two
+NLPs, with the interval's functions mapped over the intervals or all of them expanded.
+Seconds are those of the process. "Sweeps" are second-order steps; "slopes" are gradient
+steps, for stages that are too long for sweeps. A lane of sweeps takes at most 500
+steps; if it ends infeasible, it starts once more, and both count. A solve counts as
+feasible to 1e-6 in the NLP's numbers near one; "best" is the share of solves within
+1e-4 of the cheapest optimum that either found. "Warm" is the number of iterations of
+IPOPT from the best optimum of the lanes, and the relative change of its cost. "Not
+seen" is Good's estimate of the share of such starts that would end in a new optimum,
+with the end of its interval ([The share of optima not seen](unseen_share.md)). "Two
+threads" is the speed of two threads relative to one, by the clock, with the same
+answers; it is lower if all lanes together take few milliseconds.
 
 """
 

@@ -2,7 +2,7 @@
 
 Two problems, at 100 and at 400 intervals: the race car of CasADi's documentation, and a
 UAV's way through four discs whose states' start is left at 0. Prints the table of
-docs/opti.md:
+docs/measured/opti_warm_start.md:
 
     python benchmarks/opti_warm_start.py [--seeds 10]
 

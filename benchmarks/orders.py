@@ -247,19 +247,19 @@ _HEAD = """# Which order to take
 Made by `python benchmarks/orders.py --write docs/measured/orders.md`. Problems of CEC
 2006 in pygmo's version, {seeds} paired seeds; the first table of each pair has
 inequality constraints only, the second one equality constraints, met up to 1e-4. The
-violation is the plain sum of what the constraints are violated by. The cells are: how
-many of the {seeds} answers are feasible (violation at most 1e-6); how many are solved
-(feasible, and within 1e-4 of the best known cost, relative where that is above 1); and
-the median gap (- where most are infeasible). (+) and (-): better or worse than
+violation is the plain sum of the excesses of the constraints. A cell has three numbers:
+feasible answers of {seeds} (violation at most 1e-6); solved ones (feasible, and within
+1e-4 of the best known cost, relative if that is above 1); and the median gap (- if most
+are infeasible). (+) and (-): better or worse than
 feasibility first, by Wilcoxon's signed-rank test on the paired seeds, solved runs taken
 as equal, corrected by Holm over the orders of a column, at 5 %; no mark: no difference
 shown.
 
 **The default** of `minimize` is the adaptive epsilon level. On the problems with
 inequality constraints no difference from feasibility first is shown in any column; with
-equality constraints it is better in 11 of 20 columns and worse in none. Where a tenth
-of the first population is feasible, the two are the same, bit for bit. The quantile 0.1
-was chosen on these problems: the paper's 0.2 is better still with equality constraints,
+equality constraints it is better in 11 of 20 columns and worse in none. If a tenth of
+the first population is feasible, the two are the same, bit for bit. The quantile 0.1
+was chosen on these problems: the paper's 0.2 is even better with equality constraints,
 but L-SHADE then misses feasibility on g10.
 
 **A static penalty** of 1e4 is too small for the violations of g10, and depends on the
@@ -269,22 +269,22 @@ another.
 **The epsilon level as published** loses without equality constraints, since its level
 stays above zero for 0.8 of the budget, however many feasible points there are. L-SHADE
 and DE then settle on the optimum of the relaxed problem, outside of the feasible set,
-and what is left of budget and population does not bring them back: worst on g10, whose
-violations span six decades, so that a level still too high for one constraint has long
-been strict for another. With the level over 0.2 of the budget L-SHADE's loss is gone,
-DE's is not, and most of the gain is gone too. A level that follows the violations of
-the last generation keeps most of the gain. To weigh improvements of cost and of
-violation apart in L-SHADE's memory, which its units ask for, makes no difference here.
+and the rest of budget and population does not bring them back. This is worst on g10,
+whose violations span six decades: a level that is too high for one constraint is
+already strict for another. With the level over 0.2 of the budget L-SHADE's loss is
+gone, DE's is not, and most of the gain is gone too. A level that follows the violations
+of the last generation keeps most of the gain. It makes no difference here if L-SHADE's
+memory weighs improvements of cost and of violation separately, as their units suggest.
 
 **The tolerance** of 1e-6 changes nothing but the last digits: an answer may then be
-better than the best known cost by what the tolerance is worth.
+better than the best known cost by the effect of the tolerance.
 """
 
 _UNITS = """## Units of the cost
 
-{search}, {evaluations} evaluations, the six problems with inequality constraints: how
-many answers are feasible, and how many solved, where the same cost is given in another
-unit. All but the penalty give the same bits in every unit."""
+{search}, {evaluations} evaluations, the six problems with inequality constraints:
+numbers of feasible and of solved answers if the same cost is given in another unit. All
+but the penalty give the same bits in every unit."""
 
 
 if __name__ == "__main__":

@@ -180,12 +180,12 @@ _HEAD = """# How long whole searches take
 
 Made by `python benchmarks/search.py`. One core. All contestants of a table take turns,
 {rounds} rounds in all; the numbers are medians (and quartiles) of the wall time of one
-search, each with another seed. What is built once for a problem is built before the
-clock runs. All minimise cost + 1e4 violation with the same number of evaluations; the
-best cost is the median over {seeds} seeds. In A all run DE/rand/1/bin with F = 0.7 and
-CR = 0.7, and differ in what they do at the bounds; SciPy evaluates whole generations
-with our evaluator, pygmo's DE one individual at a time with CasADi, since it never asks
-for a whole generation: against it search and evaluator are measured together. In B the
+search, each with another seed. Parts that are built once for a problem are built before
+the clock runs. All minimise cost + 1e4 violation with the same number of evaluations;
+the best cost is the median over {seeds} seeds. In A all run DE/rand/1/bin with F = 0.7
+and CR = 0.7, with different rules at the bounds. SciPy evaluates whole generations with
+our evaluator. pygmo's DE evaluates one individual at a time with CasADi, since it never
+asks for a whole generation; so its row measures search and evaluator together. In B the
 swarm has the settings of the formation flight; pygmo's PSO is another algorithm with
 its own settings, with either evaluator, shown for information.
 

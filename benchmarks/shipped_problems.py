@@ -41,13 +41,13 @@ TEXT = """# The shipped problems
 Made by `python benchmarks/shipped_problems.py --write
 docs/measured/shipped_problems.md`; each run is `swarmstart run PROBLEM --seed N`. A
 seed counts if the answer is confirmed and claims 1a and 1b hold: the value on the grid,
-within 1e-4 on both sides. The gap is that to the value without a grid, relative to it;
-claim 2a states how large it may be.
+within 1e-4 on both sides. The gap is relative to the value without a grid; claim 2a
+states its limit.
 
-- Pendulum: no value is published. It is compared with its own on 400 intervals.
+- Pendulum: no value is published. It is compared with our own value on 400 intervals.
 - Pendulum on a cart: the value on 20 intervals is that of CasADi's Opti with the same
-  grid. acados, whose first example it is, publishes no value of a finer one; it is
-  compared with its own on 400 intervals.
+  grid. acados, whose first example it is, publishes no value of a finer grid; it is
+  compared with our own value on 400 intervals.
 - Catalyst mixing: the share of the closed form is 1, then 0.2271, then 0, with the best
   of both switches and of the share, by matrix exponentials. The 0.0480559 of COPS 3 is
   4.5e-6 above it (claim 3).
@@ -67,9 +67,9 @@ claim 2a states how large it may be.
   best known ones is that of matrix exponentials, and the published 10.0942 (claim 2).
 - Batch reactor: the first plan of do-mpc's example without its penalty of moves; each
   step of time is paid for, so the grid belongs to the problem.
-- Lynx and hares: an estimate, with a free start, four decided parameters, what is known
-  of them from before, and the weather of each year. SciPy's least squares with DOP853
-  leave 14.1312985 (claim 2); the rates are within a standard deviation of those that
+- Lynx and hares: an estimate, with a free start, four decided parameters and their
+  priors, and the weather of each year. SciPy's least squares with DOP853 leave
+  14.1312985 (claim 2); the rates are within a standard deviation of those that
   Carpenter (2018) found without weather (claims 3 and 4).
 - Two-stage launch: the tangent of the best pitch is linear in time, through both
   stages; its two numbers and the time of the second stage are roots, with DOP853.
@@ -80,13 +80,13 @@ claim 2a states how large it may be.
 TWO_VALUES = """
 ## At the checks, and along the path
 
-Constraints are asked for at checks. The path between them may break them, by so much of
-their scale; then the defaults solve again with a margin, and, if the margin costs, with
-more checks in its place. Both values are those of `python benchmarks/kept_values.py
---write docs/measured/kept_values.json`, on the same grid of controls, with margins and
-checks of its own: nothing of `repair` decides where it ends. A seed counts if its cost
-is within 1e-4. Where less is broken than `path_tolerance`, nothing is repaired, and the
-runs are the same. The gap with doubled intervals is that of one seed.
+Constraints are imposed at checks. Between them the path may break them; the table has
+the excess in parts of their scale. Then the defaults solve again with a margin, and, if
+the margin costs something, with more checks instead. Both values are those of `python
+benchmarks/kept_values.py --write docs/measured/kept_values.json`, on the same grid of
+controls, with its own margins and checks, independent of `repair`. A seed counts if its
+cost is within 1e-4. If the excess is below `path_tolerance`, nothing is repaired, and
+the runs are the same. The gap with doubled intervals is that of one seed.
 
 The supersonic climb misses it. A path counts as kept up to 1e-4 of a scale; of its
 height that is 6.9 ft below the ground, of which the least time uses 4.2 as it starts.
@@ -96,9 +96,9 @@ WHOLE_TEXT = """
 ## Whole numbers
 
 `lotka_volterra_whole` is the fishing on 60 intervals with the fleet out or in harbour.
-No best plan is known. Its bar was written down before it was measured: the worst and
-the best answer of a genetic algorithm (1.3508 and 1.3501), and the 1.34466 that fishing
-with any part of the fleet costs.
+The best plan is unknown. The bars were written before they were measured: the worst and
+the best answer of a genetic algorithm (1.3508 and 1.3501), and the cost 1.34466 of
+fishing with any part of the fleet.
 
 """
 

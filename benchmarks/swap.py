@@ -96,7 +96,7 @@ def starts_of(
 
     still = np.repeat(x0[:, None], problem.nodes, axis=1)
     return {
-        "zero controls, where they lead": (
+        "zero controls, rolled out": (
             1,
             lambda rng: Start(zero_controls(problem)),
         ),
@@ -192,28 +192,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 _HEAD = """# The antipodal swap
 
-UAVs on a circle of 25 m, headed for its centre, change places in 10 s: the integral of
-(a / 2 m/s^2)^2 + (phi / 30 degrees)^2 is the cost, 5 m the least distance. Scenarios
-`swap_5` and `swap_8`, solved as one problem by IPOPT from several starts.
-
-The tables have the distance kept at 40 checks and nothing repaired; between the checks
-it falls to 4.95 m and 4.98 m. `swarmstart run` repairs the plan, so that 5 m hold along
-the whole path: the best known cost of 0.3865 becomes 0.3894 (seeds 0 to 9), that of
-1.4952 becomes 1.5117 (seeds 0 to 4). The repaired plans keep 5.004 m and 5.017 m. The
-bars of [reconfiguration_bars.md](reconfiguration_bars.md) were set without repair: that
-of `swap_5`, 0.39, holds with it; that of `swap_8`, 1.51, is missed by 0.002. With 80 or
-160 checks the repaired plan of `swap_8` costs 1.5012 (seed 0).
-
-Plainly: the problem has many local minima, and starts at random end in worse ones.
-L-SHADE in flat paths followed by IPOPT finds the best known cost every time, the other
-searches not always. But IPOPT alone does as well from zero controls, which lead along
-the straight lines, from the straight lines themselves, and from these with a millimetre
-of noise: at this size a search gains nothing over such a start. With a metre of noise
-it ends there in 6 of 10 and in 3 of 5 cases, after more iterations.
-
 Made by `python benchmarks/swap.py --write docs/measured/swap.md`; seeds from 0, cost
 lowest / median / highest of the feasible ones, seconds the median of one start. A
 deterministic start is tried once.
+
+UAVs on a circle of 25 m, headed for its centre, change places in 10 s: the integral of
+(a / 2 m/s^2)^2 + (phi / 30 degrees)^2 is the cost, 5 m the least distance. The
+scenarios `swap_5` and `swap_8` are solved as one problem by IPOPT from several starts.
+The tables keep the distance at 40 checks and repair nothing.
 
 """
 

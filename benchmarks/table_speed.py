@@ -183,8 +183,8 @@ have the same points and take turns of some 10 ms, numbers are medians. Ratios o
 run can be compared, nanoseconds of different runs cannot. Before they are timed their
 values are compared. "map" is `casadi.interpolant` in an SX function, evaluated by
 CasADi's map; "read" the same function in machine code, the interpolant read from its
-serialisation; `table` is `swarmstart.table`. From Python, as everybody's calls are. A
-rollout takes four substeps of RK4 an interval, so some 800 evaluations of the table.
+serialisation; `table` is `swarmstart.table`. All are called from Python. A rollout
+takes four substeps of RK4 in each interval, so about 800 evaluations of the table.
 
 """
 

@@ -2,6 +2,8 @@
 
 import argparse
 import operator
+import re
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -59,6 +61,33 @@ def page_options(documentation: str | None) -> argparse.ArgumentParser:
     return parser
 
 
+MADE = "Made by `"
+"""Beginning of the paragraph below the findings of a page."""
+
+
+def with_findings(text: str, page: Path) -> str:
+    """Return a page's new text with the findings of the page that it replaces.
+
+    Findings are the paragraphs between the title and "Made by". They are written by
+    hand, except on pages whose benchmark computes them; those are not changed here.
+
+    Args:
+        text: The new page.
+        page: The file; it need not exist.
+    """
+    title, _, rest = text.partition("\n\n")
+    if not rest.startswith(MADE):
+        return text
+    old = page.read_text(encoding="utf-8") if page.is_file() else ""
+    found = re.match(rf"# [^\n]*\n\n(.*?)(?={MADE})", old, re.DOTALL)
+    if not found or not found[1]:
+        print(f"{page}: write the finding below its title", file=sys.stderr)
+        return text
+    print(f"{page}: its findings were kept; compare them with the new numbers",
+          file=sys.stderr)  # fmt: skip
+    return f"{title}\n\n{found[1]}{rest}"
+
+
 def publish(lines: Sequence[str], options: argparse.Namespace, above: str = "") -> None:
     """Print a page's tables, and write the page if that is asked for.
 
@@ -70,4 +99,5 @@ def publish(lines: Sequence[str], options: argparse.Namespace, above: str = "") 
     text = "\n".join(lines) + "\n"
     print(text)
     if options.write:
-        options.write.write_text(above + text, encoding="utf-8")
+        page = with_findings(above + text, options.write)
+        options.write.write_text(page, encoding="utf-8")

@@ -35,13 +35,13 @@ _HEAD = """# Proven and refuted levels
 
 Made by `python benchmarks/terminal_sets.py --samples {number}`. Refuted: the nearest
 deviation found at which e'Pe does not decrease, the integrator's margin of a held input
-included (a local answer). Gap: refuted over
-proven, less 1; where nothing is refuted the level is that of the bounds or, of the
-tank, ends with the model's domain. Seconds: the last proof alone. Violations: of
-{samples} random states of the set, half of them on its edge, flown for one hold (or
-1 s) by another integrator (DOP853, 1e-10): how many broke an input's bound, left the
-set at the end, or did not decrease. New: nobody looked at it
-before the proof was finished, and nothing was changed after.
+included (a local answer). Gap: refuted over proven, minus 1. If nothing is refuted, the
+level is that of the bounds or, for the tank, the largest within the model's domain.
+Seconds: the last proof alone. Violations: of {samples} random states of the set, half
+of them on its edge, simulated for one hold (or 1 s) by another integrator (DOP853,
+1e-10), the number that broke an input's bound, left the set at the end, or did not
+decrease. New: the system was not tried before the proof was finished, and nothing was
+changed afterwards.
 
 """
 

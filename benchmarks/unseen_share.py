@@ -49,17 +49,19 @@ HELD = 0.9
 TEXT = """# The share of optima not seen
 
 Made by `python benchmarks/unseen_share.py --write docs/measured/unseen_share.md`. The
-account of [many starts](../answers.md#many-starts) states up to which share of such
-starts, solved in the same way, end in an optimum that none of them found. Here each
-problem is solved from {lanes:,} starts; {draws} times some of them are drawn without
-replacement, and the account of a draw, with its own distinct optima, is compared with
+summary of [many starts](../answers.md#many-starts) states an upper limit of the share
+of such starts that, solved in the same way, end in an optimum that none of them found.
+Here each problem is solved from {lanes:,} starts; {draws} times some of them are drawn
+without replacement, and the statement of a draw, with its own distinct optima, is
+compared with
 
 - the share of all {lanes:,} that ended in an optimum which no start of the draw found,
   by the distinct optima of all {lanes:,};
 - the same share of those that were not drawn: the draw's own starts, which are seen,
   are not among them;
 - the share of those that were not drawn and are apart, by more than {apart}, from each
-  optimum of the draw: what the account speaks of, told apart as the account does it.
+  optimum of the draw: the share that the statement is about, with optima distinguished
+  in its way.
 
 Starts that ended without an optimum count nowhere. Share and "at most" are means over
 the draws; the interval is that from 0 up to "at most", at 95 %. "More alone" is the

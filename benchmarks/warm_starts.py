@@ -4,7 +4,7 @@
 
 Twelve problems, each with a feature that multipliers must survive, are solved cold, and
 again from that answer: the same, on another grid, over another horizon, from another
-start. The sums are those of docs/answers.md, "Warm starts that travel".
+start. The sums are those of docs/measured/warm_starts.md.
 """
 
 from collections.abc import Callable, Iterator

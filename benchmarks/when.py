@@ -97,11 +97,11 @@ def _table(found: Sequence[tuple[Scenario, str]]) -> list[str]:
 NOTES = {
     "formation_obstacle_uav3": "is checked once a second, as in the chapter: searches "
     "and random starts find plans that are cheaper at these instants, cut the obstacle "
-    "between them, and cannot be repaired; see [compare.md](compare.md)",
+    "between them, and cannot be repaired",
     "lotka_volterra_whole": "has controls of whole numbers: IPOPT relaxes and rounds "
-    "them, from random starts not at all",
+    "them, but not from random starts",
     "swap_5": "and `swap_8` search smooth paths to the goals, for which there are no "
-    "lanes; what these columns show is IPOPT from random paths",
+    "lanes; these columns show IPOPT from random paths",
     "bifunctional_catalyst": "is stiff: it has no lanes, and hundreds of local optima",
 }
 """What must be known to read a row."""
@@ -140,18 +140,19 @@ def _preface(
         f"a search find more on {counts[2]}"
         + (f"; no solver is reliable on {counts[3]}." if counts[3] else "."),
         "",
-        "Each cell: runs that end within 1 % of the best cost known, verified along "
-        "the whole path, and seconds until the first such answer as expected with "
-        "restarts (failed runs count with all their time; building and compiling do "
-        "not). IPOPT once begins at zero controls and is run once, where nothing is "
-        "random. A budget of a flight is that of each plan; "
+        "Each cell has the number of runs that end within 1 % of the best known cost, "
+        "verified along the whole path, and the expected seconds until the first such "
+        "answer with restarts (failed runs count with all their time; building and "
+        "compiling do not count). IPOPT once starts at zero controls. It is run once, "
+        "since nothing is random. The budget of a flight is that of each plan; "
         f"{_seeds(contents)}, {' and '.join(map(str, sorted(cores)))} cores"
-        + (", other work beside: seconds are rough." if noisy else "."),
+        + (", with other work: seconds are rough." if noisy else "."),
         "",
-        "The best known is the best of these runs: a basin that none of them finds is "
-        "not seen here. The problems are those that come with this package, some "
-        "chosen since they have local optima; yours may be otherwise, and "
-        "`swarmstart compare` says so ([compare.md](compare.md)).",
+        "The best known cost is that of these runs, so a basin that none of them finds "
+        "is missing here. The problems are those that come with this package, some "
+        "chosen since they have local optima. Yours may differ: `swarmstart compare` "
+        "shows it ([Compare solvers](compare.md)). Why local optima appear: "
+        "[Local optima](explanation/local_optima.md).",
         "",
         f"Shipped and not compared here: {', '.join(_left_out(contents))}.",
         "",

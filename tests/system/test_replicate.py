@@ -1,4 +1,4 @@
-"""The chapter replicated as a user types it, and what the README says of it."""
+"""The chapter replicated as a user types it, and the table of docs/chapter/index.md."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
 
 ROOT = Path(__file__).parents[2]
-README, NOTED = ROOT / "README.md", ROOT / "docs" / "chapter" / "claims.json"
+PAGE, NOTED = (ROOT / "docs" / "chapter" / name for name in ("index.md", "claims.json"))
 CLAIMS, FIGURES = 25, 8
 SOME = (8, 9, 18, 19, 24)
 """Claims of each kind of scenario and a computed one, in the time of `make test`."""
@@ -150,8 +150,8 @@ def noted() -> Any:
     return json.loads(NOTED.read_text(encoding="utf-8"))
 
 
-def test_the_readme_has_the_table_of_all_seeds(noted: Any) -> None:
-    table = [line for line in README.read_text("utf-8").splitlines() if "|" in line]
+def test_the_page_has_the_table_of_all_seeds(noted: Any) -> None:
+    table = [line for line in PAGE.read_text("utf-8").splitlines() if "|" in line]
     expected = markdown(noted).splitlines()
     begin = table.index(expected[0])
     assert table[begin : begin + len(expected)] == expected

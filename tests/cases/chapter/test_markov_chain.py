@@ -58,7 +58,7 @@ TIMES = [
     (0.1, 5.171620, 15.380252),
     (0.3, 2.015, 5.391),
 ]
-PAGE = Path(__file__).parents[3] / "docs" / "chapter" / "markov_chain.md"
+PAGE = Path(__file__).parents[3] / "docs" / "chapter" / "stability.md"
 
 
 def chain_of(
