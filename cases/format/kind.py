@@ -297,10 +297,11 @@ class Kind:
         measure: (scenario, flight, trajectory) -> measures by name.
         flown: (scenario, flight, trajectory, measures) -> what whole flights are
             compared by.
-        measures: Name -> what it is, for the list.
+        measures: Name -> meaning, with its unit in brackets at the end.
         undefined: Name of a measure that may be null -> why; NEVER for a time.
         own_measures: Scenario -> measures that it defines itself: name -> why one may
             be null.
+        own_meanings: Scenario -> the same measures: name -> meaning.
         flaws: Scenario -> what is wrong across its parts, with the place: text, or
             the error of an expression.
         drawn_by: "module:function" of what draws: (scenario, flight, trajectory,
@@ -321,6 +322,7 @@ class Kind:
     flaws: Callable[..., Iterator[LocatedFlaw]]
     drawn_by: str
     own_measures: Callable[..., Mapping[str, str]] = no_measures
+    own_meanings: Callable[..., Mapping[str, str]] = no_measures
     animated_by: str = ""
     code: Callable[..., Path] | None = None
 
@@ -382,6 +384,14 @@ class Kind:
     def measures_of(self, scenario: Scenario) -> list[str]:
         """Return the names of all measures of a scenario."""
         return [*self.own_measures(scenario), *self.measures]
+
+    def meanings_of(self, scenario: Scenario) -> dict[str, str]:
+        """Return the meaning of every measure of a scenario, by name.
+
+        The unit stands in brackets at the end. A count has none, and a measure that the
+        scenario defines itself shows its expression instead.
+        """
+        return {**self.own_meanings(scenario), **self.measures}
 
     def undefined_of(self, scenario: Scenario) -> dict[str, str]:
         """Return why measures of a scenario may be null, by name."""

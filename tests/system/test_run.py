@@ -234,7 +234,7 @@ def test_a_condition_on_what_is_not_defined_is_not_judged_and_says_so(
     assert said.code == 0
     assert said.err == (
         "swarmstart: --fail-on not judged: lyapunov_ratio_max is not defined: "
-        "never under the linear law\n"
+        "no step was under the linear law\n"
     )
 
 

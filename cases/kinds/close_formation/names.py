@@ -1,53 +1,71 @@
-"""The measures of a close formation flight, by name; imports nothing, for the list."""
+"""Measures of a close formation: name -> meaning, its unit in brackets at the end.
+
+Imports nothing, so that `swarmstart list` is quick. A count has no unit, and [-] means
+that a number has no unit.
+"""
 
 MEASURES = {
-    "x_settle_s": "time after the leader's last change from which on x stays within "
-    "1 ft of its slot until the end; null if never",
-    "y_settle_s": "the same of y",
-    "x_max_dev_ft": "largest x less its slot",
-    "x_min_dev_ft": "smallest x less its slot",
-    "y_max_dev_ft": "largest |y less its slot|",
-    "y_min_dev_ft": "smallest y less its slot",
-    "z_max_ft": "largest |z|",
-    "x_rms_last_5s_ft": "root mean square of x less its slot over the last 5 s",
-    "y_rms_last_5s_ft": "the same of y",
-    "z_rms_last_5s_ft": "the same of z",
-    "position_error_late_ft": "largest distance from the slot in the last 5 s",
-    "speed_max_ft_s": "largest speed of the wingman",
-    "heading_max_deg": "largest heading of the wingman less the leader's first",
-    "turn_rate_max_deg_s": "largest turn rate of the wingman between two samples",
-    "steady_altitude_command_ft": "mean height command of the last 5 s",
-    "cost_max": "largest cost J of a plan",
-    "cost_rises": "steps from the manoeuvre on whose J is above the last one by 1e-6",
-    "cost_rises_early": "those within the first 10 s of the manoeuvre",
-    "cost_rises_late": "those after that",
-    "candidate_losses": "plans worse than the last command, held (5.29)",
-    "drag_saving_percent": "mean drag saved by the vortex over all samples",
-    "drag_saving_min_percent": "smallest drag saved",
-    "drag_saving_ideal_percent": "drag saved in the slot of (5.20), y = pi b / 4",
-    "drag_saving_best_percent": "largest drag saved at the leader's height",
-    "drag_saving_shortfall_percent": "what the slot of (5.20) misses of the largest "
-    "saving, in percent of that",
-    "drag_saving_low_s": "time with less than 30 percent of drag saved",
-    "min_range_ft": "smallest distance of the two aircraft over the whole path flown",
-    "gap_relative_median": "median of (J - J*) / J* in the first 10 s of the "
-    "manoeuvre; null without reference",
-    "gap_absolute_median": "median of J - J* after that",
-    "gap_absolute_p90": "its 90th percentile",
-    "gap_min": "smallest (J - J*) / max(1, J*)",
-    "evaluations": "trajectories evaluated by searches and polishes",
-    "steps_starting_outside": "steps at which a plan starts outside the bounds of "
+    "x_settle_s": "Time from the leader's last change until x stays within 1 ft of the "
+    "slot; null if never [s]",
+    "y_settle_s": "Time from the leader's last change until y stays within 1 ft of the "
+    "slot; null if never [s]",
+    "x_max_dev_ft": "Largest deviation of x from the slot, with its sign [ft]",
+    "x_min_dev_ft": "Smallest deviation of x from the slot, with its sign [ft]",
+    "y_max_dev_ft": "Largest deviation of y from the slot, without its sign [ft]",
+    "y_min_dev_ft": "Smallest deviation of y from the slot, with its sign [ft]",
+    "z_max_ft": "Largest deviation of z from the slot, without its sign [ft]",
+    "x_rms_last_5s_ft": "Root mean square deviation of x from the slot over the last "
+    "5 s [ft]",
+    "y_rms_last_5s_ft": "Root mean square deviation of y from the slot over the last "
+    "5 s [ft]",
+    "z_rms_last_5s_ft": "Root mean square deviation of z from the slot over the last "
+    "5 s [ft]",
+    "position_error_late_ft": "Largest distance from the slot during the last 5 s [ft]",
+    "speed_max_ft_s": "Largest speed of the wingman [ft/s]",
+    "heading_max_deg": "Largest heading of the wingman, counted from the leader's "
+    "first heading [deg]",
+    "turn_rate_max_deg_s": "Largest turn rate of the wingman, as the mean between two "
+    "samples [deg/s]",
+    "steady_altitude_command_ft": "Mean altitude command during the last 5 s [ft]",
+    "cost_max": "Largest cost J of a plan [-]",
+    "cost_rises": "Number of steps, from the manoeuvre on, whose cost J is more than "
+    "1e-6 above that of the step before",
+    "cost_rises_early": "Number of these rises within the first 10 s of the manoeuvre",
+    "cost_rises_late": "Number of these rises after the first 10 s of the manoeuvre",
+    "candidate_losses": "Number of plans that cost more than the last plan shifted by "
+    "one step, see (5.29)",
+    "drag_saving_percent": "Mean drag saved in the leader's vortex, over all control "
+    "instants [%]",
+    "drag_saving_min_percent": "Smallest drag saved at a control instant [%]",
+    "drag_saving_ideal_percent": "Drag saved in the slot of (5.20), y = pi b / 4 [%]",
+    "drag_saving_best_percent": "Largest drag saving possible at the leader's height "
+    "[%]",
+    "drag_saving_shortfall_percent": "Part of the largest possible drag saving that "
+    "the slot of (5.20) loses [%]",
+    "drag_saving_low_s": "Total time with less than 30 percent of drag saved [s]",
+    "min_range_ft": "Smallest distance between the two aircraft over the whole path "
+    "flown [ft]",
+    "gap_relative_median": "Median of (J - J*) / J* in the first 10 s of the "
+    "manoeuvre, J* from the reference; null without a reference [-]",
+    "gap_absolute_median": "Median of J - J* after the first 10 s of the manoeuvre; "
+    "null without a reference [-]",
+    "gap_absolute_p90": "90th percentile of J - J* after the first 10 s of the "
+    "manoeuvre; null without a reference [-]",
+    "gap_min": "Smallest (J - J*) / max(1, J*) of all steps; null without a reference "
+    "[-]",
+    "evaluations": "Number of trajectories that searches and polishes evaluated",
+    "steps_starting_outside": "Number of steps whose plan starts outside the bounds of "
     "the states or the path constraints",
-    "step_seconds_median": "median wall time of a decision [s]",
-    "step_seconds_max": "largest wall time of a decision [s]",
+    "step_seconds_median": "Median wall time of planning one step [s]",
+    "step_seconds_max": "Largest wall time of planning one step [s]",
 }
 
 UNDEFINED = {
     "x_settle_s": "never",
     "y_settle_s": "never",
-    "gap_relative_median": "there is no reference then",
-    "gap_absolute_median": "there is no reference then",
-    "gap_absolute_p90": "there is no reference then",
-    "gap_min": "there is no reference then",
+    "gap_relative_median": "there is no reference, or no step in that time",
+    "gap_absolute_median": "there is no reference, or no step in that time",
+    "gap_absolute_p90": "there is no reference, or no step in that time",
+    "gap_min": "there is no reference",
 }
-"""Why a measure is null, where it is."""
+"""Reason why a measure can be null, by name of the measure."""

@@ -1,49 +1,61 @@
-"""The measures of a formation flight, by name; imports nothing, for the list."""
+"""Measures of a formation flight: name -> meaning, its unit in brackets at the end.
+
+Imports nothing, so that `swarmstart list` is quick. A count has no unit, and [-] means
+that a number has no unit.
+"""
 
 MEASURES = {
-    "settle_time_s": "first control instant after which max(|dx|, |dy|) <= 1 m for "
-    "every UAV until the end; null if never",
-    "tail_error_m": "largest max(|dx|, |dy|) over the UAVs in the last 10 s",
-    "tail_error_by_uav_m": "the same for each UAV",
-    "lone_failure": "number of the UAV that alone is off by more than 1 m in the last "
-    "10 s; 0 if none or several are",
-    "closed_loop_cost": "sum of e'e + u'u over steps and UAVs",
-    "plan_cost": "J of the one plan of a flight of one step in which one UAV plans; "
-    "null in any other",
-    "min_distance_m": "smallest distance of two UAVs over the whole path flown",
-    "min_distance_sampled_m": "the same at the control instants",
-    "obstacle_clearance_m": "smallest distance to an obstacle's edge over the whole "
-    "path flown, negative inside",
-    "obstacle_clearance_sampled_m": "the same at the control instants",
-    "speed_min_m_s": "smallest speed of a UAV",
-    "speed_max_m_s": "largest speed of a UAV",
-    "terminal_exits": "linear steps after which a UAV is outside its terminal set; "
-    "null without a linear step",
-    "linear_steps": "steps flown under the linear law",
-    "lyapunov_ratio_max": "largest ratio of e'Pe after a linear step to before it, "
-    "while above 1e-12; null without one",
-    "held_spectral_radius": "spectral radius of the linear law, its input held",
-    "input_excess_ratio": "largest |K e| over the terminal set, divided by its bound",
-    "terminal_level": "alpha of the terminal set",
-    "infeasible_steps": "steps at which some UAV found no feasible plan",
-    "evaluations": "trajectories evaluated by searches and polishes",
-    "steps_starting_outside": "steps at which a plan starts outside the bounds of "
+    "settle_time_s": "Time after which every UAV stays within 1 m of its slot in x and "
+    "in y until the end; null if never [s]",
+    "tail_error_m": "Largest deviation of any UAV from its slot, in x or in y, during "
+    "the last 10 s [m]",
+    "tail_error_by_uav_m": "List of the same deviation for each UAV [m]",
+    "lone_failure": "Number (name) of the only UAV that is more than 1 m from its slot "
+    "during the last 10 s; 0 if there is none or more than one",
+    "closed_loop_cost": "Sum over all steps and UAVs of the squared deviation e'e and "
+    "the squared control u'u [-]",
+    "plan_cost": "Cost J of the plan, if the run has one step and one UAV plans; else "
+    "null [-]",
+    "min_distance_m": "Smallest distance between two UAVs over the whole path flown; "
+    "null with one UAV [m]",
+    "min_distance_sampled_m": "Smallest distance between two UAVs at the control "
+    "instants only; null with one UAV [m]",
+    "obstacle_clearance_m": "Smallest distance to the edge of an obstacle over the "
+    "whole path flown, negative inside; null without obstacles [m]",
+    "obstacle_clearance_sampled_m": "Smallest distance to the edge of an obstacle at "
+    "the control instants only; null without obstacles [m]",
+    "speed_min_m_s": "Smallest speed of any UAV [m/s]",
+    "speed_max_m_s": "Largest speed of any UAV [m/s]",
+    "terminal_exits": "Number of steps under the linear law after which a UAV is "
+    "outside its terminal set; null without such a step",
+    "linear_steps": "Number of steps flown under the linear law",
+    "lyapunov_ratio_max": "Largest ratio of e'Pe after a step under the linear law to "
+    "e'Pe before it, while that is above 1e-12; null without such a step [-]",
+    "held_spectral_radius": "Spectral radius of the loop closed by the linear law, its "
+    "control held over a step; null without a terminal set [-]",
+    "input_excess_ratio": "Largest |K e| over the terminal set divided by the bound of "
+    "that control; null without a terminal set [-]",
+    "terminal_level": "Level alpha of the terminal set e'Pe <= alpha; null without a "
+    "terminal set [-]",
+    "infeasible_steps": "Number of steps at which a UAV found no feasible plan",
+    "evaluations": "Number of trajectories that searches and polishes evaluated",
+    "steps_starting_outside": "Number of steps whose plan starts outside the bounds of "
     "the states or the path constraints",
-    "step_seconds_median": "median wall time of a decision of all UAVs [s]",
-    "step_seconds_max": "largest wall time of a decision of all UAVs [s]",
+    "step_seconds_median": "Median wall time of planning one step for all UAVs [s]",
+    "step_seconds_max": "Largest wall time of planning one step for all UAVs [s]",
 }
 
 UNDEFINED = {
     "settle_time_s": "never",
-    "plan_cost": "there are several plans",
-    "min_distance_m": "there is one UAV",
-    "min_distance_sampled_m": "there is one UAV",
+    "plan_cost": "there is more than one plan",
+    "min_distance_m": "there is only one UAV",
+    "min_distance_sampled_m": "there is only one UAV",
     "obstacle_clearance_m": "there is no obstacle",
     "obstacle_clearance_sampled_m": "there is no obstacle",
-    "terminal_exits": "never under the linear law",
-    "lyapunov_ratio_max": "never under the linear law",
+    "terminal_exits": "no step was under the linear law",
+    "lyapunov_ratio_max": "no step was under the linear law",
     "held_spectral_radius": "there is no terminal set",
     "input_excess_ratio": "there is no terminal set",
     "terminal_level": "there is no terminal set",
 }
-"""Why a measure is null, where it is."""
+"""Reason why a measure can be null, by name of the measure."""

@@ -2,6 +2,7 @@
 
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.problem.flaws import flaws
+from swarmstart.cases.kinds.problem.meanings import own_meanings
 from swarmstart.cases.kinds.problem.measures import flown, measure, own_measures
 from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.problem.pose import pose
@@ -14,6 +15,7 @@ KIND = Kind(
     flown=flown,
     measures=MEASURES,
     own_measures=own_measures,
+    own_meanings=own_meanings,
     undefined=UNDEFINED,
     flaws=flaws,
     drawn_by="swarmstart.cases.kinds.problem.figures:draw",

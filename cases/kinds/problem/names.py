@@ -1,34 +1,44 @@
-"""The measures of any problem, by name; imports nothing, for the list."""
+"""Measures of any problem: name -> meaning, its unit in brackets at the end.
+
+Imports nothing, so that `swarmstart list` is quick. A count has no unit; [cost] is the
+unit of the scenario's cost, and [-] means that a number has no unit of its own.
+"""
 
 END_TIME_MEASURE = "end_time"
-"""Length of the first plan's horizon [s], where it is decided; other numbers that are
-decided have measures called decided_NAME."""
+"""Measure of the length of the first plan's horizon, if the plan decides it [s]."""
 
 MEMBERS_MEASURE = "member_costs"
-"""Costs of the first plan for each member of uncertain parameters, a list."""
+"""Measure of the costs of the first plan, one for each member; a list."""
 
 MEASURES = {
-    "cost": "cost of the first plan, of all vehicles together",
-    "violation": "summed violation of the first plan",
-    "verified_cost": "the plan's, integrated ten times finer; null in closed loop",
-    "confirmed": "1 if the finer integration confirms the plan; null in closed loop",
-    "converged": "1 if IPOPT has converged at the first step, else 0",
-    "search_cost": "cost of the search's own first answer; null without a search",
-    "flown_cost": "cost of the simulated path; null if it is not finite",
-    "constraint_excess": "largest excess of a path constraint or bound on that path",
-    "terminal_excess": "largest excess of a terminal constraint at its end",
-    "infeasible_steps": "steps at which planning found no feasible plan",
-    "linear_steps": "steps under the linear law of a dual mode",
-    "evaluations": "members evaluated by the search, and the objective by IPOPT",
-    "steps_starting_outside": "steps from a state that breaks a constraint already",
-    "step_seconds_median": "median wall time of planning a step [s]",
-    "step_seconds_max": "longest wall time of planning a step [s]",
+    "cost": "Cost of the first plan, of all vehicles together [cost]",
+    "violation": "Sum of the constraint violations of the first plan [-]",
+    "verified_cost": "Cost of the plan, integrated ten times finer; null in closed "
+    "loop [cost]",
+    "confirmed": "1 if the finer integration confirms the plan, else 0; null in closed "
+    "loop",
+    "converged": "1 if IPOPT converged at the first step, else 0",
+    "search_cost": "Cost of the first answer of the search, before the polish; null "
+    "without a search [cost]",
+    "flown_cost": "Cost of the simulated path; null if it is not finite [cost]",
+    "constraint_excess": "Largest excess over a path constraint or a bound on the "
+    "simulated path [-]",
+    "terminal_excess": "Largest excess over a terminal constraint at the end of the "
+    "simulated path [-]",
+    "infeasible_steps": "Number of steps at which no feasible plan was found",
+    "linear_steps": "Number of steps under the linear law of a dual mode",
+    "evaluations": "Number of trajectories that searches evaluated, plus the "
+    "evaluations of the objective by IPOPT",
+    "steps_starting_outside": "Number of steps whose initial state breaks a constraint "
+    "already",
+    "step_seconds_median": "Median wall time of planning one step [s]",
+    "step_seconds_max": "Largest wall time of planning one step [s]",
 }
 
 UNDEFINED = {
-    "verified_cost": "plans are made anew at every step",
-    "confirmed": "plans are made anew at every step",
+    "verified_cost": "the run is in closed loop",
+    "confirmed": "the run is in closed loop",
     "search_cost": "there is no search",
-    "flown_cost": "the costs are not finite on the path",
+    "flown_cost": "the cost is not finite on the simulated path",
 }
-"""Why a measure is null, where it is."""
+"""Reason why a measure can be null, by name of the measure."""

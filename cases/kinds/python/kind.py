@@ -6,6 +6,7 @@ from swarmstart.cases.format.expressions import CONSTANTS, parse
 from swarmstart.cases.format.kind import Flight, Kind, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.flown_path import rows_of
+from swarmstart.cases.kinds.problem.meanings import own_meanings
 from swarmstart.cases.kinds.problem.measures import (
     PATH,
     flown,
@@ -52,6 +53,7 @@ KIND = Kind(
     flown=flown,
     measures=MEASURES,
     own_measures=own_measures,
+    own_meanings=own_meanings,
     undefined=UNDEFINED,
     flaws=flaws,
     drawn_by="swarmstart.cases.kinds.python.figures:draw",

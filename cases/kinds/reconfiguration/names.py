@@ -1,38 +1,45 @@
-"""The measures of a reconfiguration, by name; imports nothing, for the list."""
+"""Measures of a reconfiguration: name -> meaning, its unit in brackets at the end.
+
+Imports nothing, so that `swarmstart list` is quick. A count has no unit, and [-] means
+that a number has no unit.
+"""
 
 MEASURES = {
-    "position_error_m": "largest distance of a UAV from its slot, both relative to the "
-    "leader, at the end",
-    "position_error_per_horizon_m": "the same after each control step, a list",
-    "cost_per_horizon": "J of each plan, a list; summed over the UAVs where each plans "
-    "alone",
-    "cost_rises": "steps whose J is above that of the step before",
-    "candidate_losses": "plans worse than the last plan, shifted, its end held (5.29); "
-    "null where each UAV plans alone",
-    "gap_per_horizon": "J less the best J found from the same state, a list; null "
-    "without reference",
-    "gap_max": "largest of these",
-    "min_distance_m": "smallest distance of two UAVs over the whole path flown",
-    "max_distance_m": "largest distance of two UAVs over the whole path flown",
-    "max_link_distance_m": "largest distance of two UAVs that keep the communication "
-    "distance, over the whole path flown",
-    "penalty_max": "largest summed violation of a plan; 0: all limits kept",
-    "heading_error_rad": "largest difference of a UAV's heading from the leader's, at "
-    "the end; whole turns count",
-    "speed_min_m_s": "smallest speed of a UAV",
-    "speed_max_m_s": "largest speed of a UAV",
-    "bank_max_rad": "largest bank",
-    "infeasible_steps": "steps at which some plan was not feasible",
-    "evaluations": "trajectories evaluated by searches and polishes",
-    "steps_starting_outside": "steps at which a plan starts outside the bounds of "
+    "position_error_m": "Largest distance of a UAV from its slot at the end, both "
+    "relative to the leader [m]",
+    "position_error_per_horizon_m": "List of the largest distance from a slot after "
+    "each control step [m]",
+    "cost_per_horizon": "List of the cost J of the plan of each step, summed over the "
+    "UAVs if each plans on its own [-]",
+    "cost_rises": "Number of steps whose cost J is above that of the step before",
+    "candidate_losses": "Number of plans that cost more than the last plan shifted by "
+    "one step, see (5.29); null if each UAV plans on its own",
+    "gap_per_horizon": "List of the cost J of each plan minus the lowest cost found "
+    "from the same state; null without a reference [-]",
+    "gap_max": "Largest entry of gap_per_horizon; null without a reference [-]",
+    "min_distance_m": "Smallest distance between two UAVs over the whole path flown "
+    "[m]",
+    "max_distance_m": "Largest distance between two UAVs over the whole path flown [m]",
+    "max_link_distance_m": "Largest distance between two UAVs that must stay within "
+    "the communication distance, over the whole path flown [m]",
+    "penalty_max": "Largest summed violation of the limits by a plan; 0 if every plan "
+    "keeps them [-]",
+    "heading_error_rad": "Largest difference between a UAV's heading and the leader's "
+    "at the end, with full turns counted [rad]",
+    "speed_min_m_s": "Smallest speed of any UAV [m/s]",
+    "speed_max_m_s": "Largest speed of any UAV [m/s]",
+    "bank_max_rad": "Largest bank angle of any UAV, without its sign [rad]",
+    "infeasible_steps": "Number of steps at which a plan was not feasible",
+    "evaluations": "Number of trajectories that searches and polishes evaluated",
+    "steps_starting_outside": "Number of steps whose plan starts outside the bounds of "
     "the states or the path constraints",
-    "step_seconds_median": "median wall time of a decision of all UAVs [s]",
-    "step_seconds_max": "largest wall time of a decision of all UAVs [s]",
+    "step_seconds_median": "Median wall time of planning one step for all UAVs [s]",
+    "step_seconds_max": "Largest wall time of planning one step for all UAVs [s]",
 }
 
 UNDEFINED = {
-    "candidate_losses": "each UAV plans alone",
+    "candidate_losses": "each UAV plans on its own",
     "gap_per_horizon": "there is no reference",
     "gap_max": "there is no reference",
 }
-"""Why a measure is null, where it is."""
+"""Reason why a measure can be null, by name of the measure."""

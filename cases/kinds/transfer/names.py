@@ -1,27 +1,38 @@
-"""The measures of a transfer, by name; imports nothing, for the list."""
+"""Measures of a transfer: name -> meaning, its unit in brackets at the end.
+
+Imports nothing, so that `swarmstart list` is quick. A count has no unit, and [-] means
+that a number has no unit.
+"""
 
 MEASURES = {
-    "cost": "cost of the plan: the integral of the weighted squares of the controls",
-    "violation": "summed violation of the plan",
-    "verified_cost": "cost integrated ten times finer",
-    "confirmed": "1 where the finer integration confirms the plan, else 0",
-    "converged": "1 where IPOPT has converged, else 0",
-    "search_cost": "cost of the search's own answer; null without a search",
-    "search_violation": "violation of that answer; null without a search",
-    "goal_error_m": "largest distance of a UAV from its goal at the end, as flown",
-    "min_distance_m": "smallest distance of two UAVs over the whole path flown",
-    "min_distance_checked_m": "the same at the plan's checks",
-    "speed_min_m_s": "smallest speed of a UAV",
-    "speed_max_m_s": "largest speed of a UAV",
-    "evaluations": "members evaluated by the search, and the objective by IPOPT",
-    "plan_seconds": "wall time of search and polish [s]",
+    "cost": "Cost of the plan: the time integral of the weighted squares of the "
+    "controls [-]",
+    "violation": "Sum of the plan's constraint violations [-]",
+    "verified_cost": "Cost of the plan, integrated ten times finer [-]",
+    "confirmed": "1 if the finer integration confirms the plan, else 0",
+    "converged": "1 if IPOPT converged, else 0",
+    "search_cost": "Cost of the answer of the search, before the polish; null without "
+    "a search [-]",
+    "search_violation": "Sum of constraint violations of the answer of the search; "
+    "null without a search [-]",
+    "goal_error_m": "Largest distance of a UAV from its goal at the end of its path "
+    "flown; null if the run ends before the horizon [m]",
+    "min_distance_m": "Smallest distance between two UAVs over the whole path flown; "
+    "null with one UAV [m]",
+    "min_distance_checked_m": "Smallest distance between two UAVs at the points at "
+    "which the plan is checked; null with one UAV [m]",
+    "speed_min_m_s": "Smallest speed of any UAV [m/s]",
+    "speed_max_m_s": "Largest speed of any UAV [m/s]",
+    "evaluations": "Number of trajectories that the search evaluated, plus the "
+    "evaluations of the objective by IPOPT",
+    "plan_seconds": "Wall time of the search and the polish [s]",
 }
 
 UNDEFINED = {
     "search_cost": "there is no search",
     "search_violation": "there is no search",
-    "goal_error_m": "the flight ends before the horizon",
-    "min_distance_m": "there is one UAV",
-    "min_distance_checked_m": "there is one UAV",
+    "goal_error_m": "the run ends before the horizon",
+    "min_distance_m": "there is only one UAV",
+    "min_distance_checked_m": "there is only one UAV",
 }
-"""Why a measure is null, where it is."""
+"""Reason why a measure can be null, by name of the measure."""

@@ -170,3 +170,15 @@ def test_claims_are_of_as_many_steps_as_the_prediction_has_unless_given() -> Non
     )
     (judged,) = stated(PENDULUM + claim, "steps=2").scenario.claims
     assert judged.when == {"steps": 50}
+
+
+def test_own_and_decided_measures_have_a_meaning() -> None:
+    text = PENDULUM.replace("speed: {start: 0", "speed: {start: {free: [0, 1]}")
+    text += "measures: {late: angle.end +\n  1}\n"
+    resolved = stated(text)
+    found = resolved.kind.meanings_of(resolved.scenario)
+    assert list(found) == resolved.kind.measures_of(resolved.scenario)
+    assert found["decided_speed"] == (
+        "Initial value of the state speed that the first plan decides [rad/s]"
+    )
+    assert found["late"] == "Measure of this scenario: angle.end + 1"
