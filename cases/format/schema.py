@@ -1,7 +1,7 @@
 """The JSON Schema of the scenario format, for editors.
 
-Editors read draft 7 at the most, pydantic writes 2020-12: definitions are renamed, and
-`variants` (any part of the format, laid over it) is added.
+Editors read draft 7 at most, and pydantic writes 2020-12: so definitions are renamed.
+`variants`, overrides of any part of the format, is added.
 """
 
 from pkgutil import resolve_name
@@ -22,7 +22,8 @@ def scenario_schema(kind: str) -> dict[str, Any]:
     schema: dict[str, Any] = _draft7(model.model_json_schema(by_alias=True))
     variants = {
         "type": "object",
-        "description": "Names to overrides: mappings merge, all else replaces.",
+        "description": "Variants by name: overrides of keys, in which mappings merge "
+        "and all else replaces.",
         "additionalProperties": {"type": "object"},
     }
     # A key may be given by the variant instead of the top level, so none is required.
@@ -36,7 +37,7 @@ def scenario_schema(kind: str) -> dict[str, Any]:
 
 
 def _draft7(node: Any) -> Any:
-    """Return a schema with the names that draft 7 has for things."""
+    """Return a schema in the words of draft 7."""
     if isinstance(node, list):
         return [_draft7(item) for item in node]
     if not isinstance(node, dict):

@@ -35,6 +35,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from swarmstart.cases.format.descriptions import attributes_of, summary_of
 from swarmstart.cases.format.expressions import evaluate
 from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.errors import SwarmstartError
@@ -95,9 +96,29 @@ class Part(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Describe every key as the docstrings do, under "Attributes:"."""
+        schema = handler.resolve_ref_schema(handler(core_schema))
+        if cls.__doc__:
+            schema["description"] = summary_of(cls.__doc__)
+        texts, keys = attributes_of(cls), schema.get("properties", {})
+        for name, field in cls.model_fields.items():
+            key = keys.get(field.alias or name)
+            if key is not None and name in texts:
+                key["description"] = field.description or texts[name]
+        return schema
+
 
 class Range(Part):
-    """An interval, written as a list of two: [lower, upper]."""
+    """An interval, written as a list of two: [lower, upper].
+
+    Attributes:
+        lower: Lower limit, in the unit of the key.
+        upper: Upper limit, in the unit of the key, above the lower one.
+    """
 
     lower: Number
     upper: Number
@@ -148,7 +169,14 @@ def bounds_of(ranges: Sequence[Range]) -> tuple[Array, Array]:
 
 
 class GridPart(Part):
-    """The horizon of a plan and its grid; a kind may add `checks` and `integrator`."""
+    """Horizon of a plan and its grid; a kind can add `checks` and `integrator`.
+
+    Attributes:
+        horizon_s: Length of the horizon of a plan [s].
+        intervals: Number of control intervals in the horizon.
+        substeps: Number of integrator steps from one check of the constraints to the
+            next.
+    """
 
     horizon_s: Positive
     intervals: int = Field(default=1, ge=1, le=1000)
@@ -169,7 +197,18 @@ Checks = Annotated[int, Field(ge=1, le=100)]
 
 
 class BudgetPart(Part):
-    """Budget of the search for one planning problem; whichever limit comes first."""
+    """Budget of the search for one planning problem; the first limit reached counts.
+
+    Attributes:
+        evaluations: Largest number of trajectories that a search evaluates; null means
+            no limit.
+        seconds: Wall time after which no generation is started [s]; null means no
+            limit.
+        target: Cost at which a search stops once a feasible point reaches it; null
+            means that it does not stop early.
+        stagnation: Number of generations (for multistart: batches) without a better
+            point after which a search stops; null means never.
+    """
 
     evaluations: int | None = Field(default=None, ge=1, lt=2**62)
     seconds: Positive | None = None
@@ -188,7 +227,14 @@ class BudgetPart(Part):
 
 
 class OrderPart(Part):
-    """The order of individuals."""
+    """Order of individuals: how the search weighs cost against violation.
+
+    Attributes:
+        name: Rule for comparing two individuals: cost plus weighted violation, feasible
+            ones first, or the latter with a tolerance that shrinks.
+        weight: Factor of the constraint violation in the cost, used by static_penalty
+            only.
+    """
 
     name: Literal["static_penalty", "feasibility_first", "epsilon_level"]
     weight: Positive = 1e4
@@ -203,14 +249,18 @@ class OrderPart(Part):
 
 
 class IpoptPart(Part):
-    """Options of IPOPT if `polish: ipopt`."""
+    """Options of IPOPT, used if `polish` is ipopt.
+
+    Attributes:
+        max_iterations: Largest number of iterations of IPOPT.
+        tolerance: Convergence tolerance of the scaled problem, whose numbers are near
+            1.
+        options: Other options of IPOPT by their own names, such as mu_strategy.
+    """
 
     max_iterations: int = Field(default=300, ge=1)
     tolerance: Positive = 1e-8
-    options: dict[str, bool | int | float | str] = Field(
-        default_factory=dict,
-        description="Other options of IPOPT by their own names, e.g. mu_strategy.",
-    )
+    options: dict[str, bool | int | float | str] = Field(default_factory=dict)
 
     def told(self) -> IpoptOptions:
         """Return the options as the polish takes them."""
@@ -222,7 +272,17 @@ class IpoptPart(Part):
 
 
 class SearchPart(Part):
-    """A search with its settings; see `search_part`."""
+    """A search with its settings; see `search_part`.
+
+    Attributes:
+        name: Name of the search algorithm.
+        warm_start: Part of the first population that starts from the last plan: all,
+            half, one individual or none.
+        sampling: Method of drawing the rest of the first population; null means
+            half_smooth.
+        when: Plans that are searched if there is a polish: always all, or only those
+            for which the polish of the last plan is not enough.
+    """
 
     name: str
     warm_start: WarmStart
@@ -276,9 +336,11 @@ def search_part(name: str) -> type[SearchPart]:
     }
     if entry.settings:
         settings = resolve_name(entry.settings)
-        hints = get_type_hints(settings)
+        hints, texts = get_type_hints(settings), attributes_of(settings)
         for setting in dataclasses.fields(settings):
-            keys[setting.name] = (_yaml_type(hints[setting.name]), setting.default)
+            text = texts.get(setting.name, "").replace("None", "null")
+            field = Field(setting.default, description=text or None)
+            keys[setting.name] = (_yaml_type(hints[setting.name]), field)
     return create_model(
         f"Search_{name}", __base__=SearchPart, __doc__=entry.title, **keys
     )
@@ -294,31 +356,38 @@ else:
 
 
 class Searching(Part):
-    """A search alone, checked as a scenario's is."""
+    """A search alone, checked as the search of a scenario is.
+
+    Attributes:
+        search: Search algorithm and its settings.
+    """
 
     search: AnySearch
 
 
 class Claim(Part):
-    """A published claim, and how a run judges it.
+    """A published claim, and the rule by which a run judges it.
 
     Attributes:
-        id: Its number in the list of the chapter's claims; a letter for its parts.
-        text: What is claimed.
-        source: Where.
-        measure: The name of a measure of the run.
-        relation: How the measure must relate to the bound.
-        bound: A number; null, with "==", if "not defined" (never settled) is what is
-            claimed.
-        width: With "==", by how much the measure may differ from the bound.
-        when: Settings, dotted key to value, under which a run can judge it; the
-            scenario's own `steps` unless others are given.
-        variant: The variant that it is judged with; empty: any.
-        against: Settings of a second run, same seed: then the measure is divided by
-            that of the second run, and one run alone cannot judge.
-        share: Part of the seeds in which it must hold.
-        gate: Whether the command fails (exit code 3) when it does not hold.
-        note: What the reader ought to know.
+        id: Number of the claim in the chapter's list, with a letter for its parts.
+        text: Statement that is claimed.
+        source: Place in the literature that makes the claim.
+        measure: Name of the measure of the run that is compared with the bound.
+        relation: Relation of the measure to the bound that the claim asserts.
+        bound: Number that the measure is compared with; null, with "==" only, means
+            that the measure is not defined (a time that never comes).
+        width: Largest difference between measure and bound that still counts as equal,
+            with "==" only.
+        when: Settings, dotted key to value, of the runs that can judge the claim;
+            without `steps` the run must be as long as the file says.
+        variant: Variant of the scenario that can judge the claim; empty means any.
+        against: Settings of a second run with the same seed, by whose measure that of
+            the run is divided; null means no second run, and one run alone cannot judge
+            a claim that has one.
+        share: Part of the seeds, above 0 and at most 1, in which the claim must hold.
+        gate: Option that makes the command end with exit code 3 if the claim does not
+            hold.
+        note: Remark for the reader.
     """
 
     id: str
@@ -347,7 +416,32 @@ class Claim(Part):
 
 
 class Scenario(Part):
-    """The keys that every kind of scenario has."""
+    """The keys that every kind of scenario has.
+
+    Attributes:
+        schema_version: Version of the scenario format.
+        name: Name of the folder of the results, up to 64 letters, digits, _ and -; by
+            default the name of the file.
+        kind: Kind of the scenario, which decides its other keys.
+        title: Title of the scenario in one line.
+        source: Origin of the scenario, such as a publication.
+        steps: Number of control steps to simulate.
+        search: Search algorithm and its settings.
+        budget: Budget of the search for each planning problem.
+        order: Order in which the search ranks feasible and infeasible individuals; null
+            means the adaptive epsilon level.
+        polish: Local solver that improves the answer of the search: IPOPT, or none.
+        ipopt: Options of IPOPT, used if `polish` is ipopt.
+        basins: Number of further starting points for the polish: the best distinct
+            basins that the search found, besides its best point.
+        lanes: Number of random starts that are solved at once, beside the search, if
+            there is no earlier plan; needs a polish, and null means the default of the
+            kind.
+        backend: Evaluator of populations: llvm is machine code, casadi its virtual
+            machine, and auto follows SWARMSTART_BACKEND or else takes machine code if
+            possible.
+        claims: Claims that a run judges.
+    """
 
     schema_version: Literal[1] = Field(alias="schema")
     name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")

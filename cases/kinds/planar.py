@@ -27,7 +27,14 @@ SAME_PLACE_M = 1e-9
 
 
 class PlanarState(Part):
-    """Speed, heading and position in the plane."""
+    """Speed, heading and position in the plane.
+
+    Attributes:
+        speed_m_s: Speed of the vehicle along its heading [m/s].
+        heading_rad: Heading, counted from the x axis towards the y axis [rad].
+        x_m: Position along the x axis [m].
+        y_m: Position along the y axis [m].
+    """
 
     speed_m_s: Number
     heading_rad: Number
@@ -40,14 +47,24 @@ class PlanarState(Part):
 
 
 class Point(Part):
-    """A position in the plane."""
+    """A position in the plane.
+
+    Attributes:
+        x_m: Position along the x axis [m].
+        y_m: Position along the y axis [m].
+    """
 
     x_m: Number
     y_m: Number
 
 
 class PlantPart(Part):
-    """The simulated aircraft: integrated finer than the prediction."""
+    """The simulated aircraft: integrated finer than the prediction.
+
+    Attributes:
+        substeps: Number of Runge-Kutta steps of the simulated aircraft in a control
+            interval.
+    """
 
     substeps: int = Field(default=20, ge=1, le=1000)
 

@@ -22,7 +22,22 @@ from swarmstart.ocp.integrators import Integrator
 
 
 class AircraftPart(Part):
-    """Both aircraft: F-16 class, rederived; see `models.horseshoe_vortex.Aircraft`."""
+    """Both aircraft: F-16 class; see `models.horseshoe_vortex.Aircraft`.
+
+    Attributes:
+        span_ft: Span of the wing [ft].
+        wing_area_ft2: Area of the wing [ft^2].
+        weight_lb: Weight of the aircraft [lb].
+        air_density_slug_ft3: Density of the air [slug/ft^3].
+        speed_ft_s: Airspeed for which the vortex is computed [ft/s].
+        lift_slope_per_rad: Lift slope of the wing and of the fin [1/rad].
+        core_fraction: Squared radius of the vortex core divided by the squared span.
+        fin_efficiency: Dynamic pressure at the fin divided by that of the free stream.
+        fin_area_ft2: Area of the fin [ft^2].
+        fin_height_ft: Height of the fin [ft].
+        parasitic_drag: Coefficient of parasitic drag, used for the measures of saved
+            drag only.
+    """
 
     span_ft: Positive = 30.0
     wing_area_ft2: Positive = 300.0
@@ -38,7 +53,15 @@ class AircraftPart(Part):
 
 
 class Autopilot(Part):
-    """Lags of the wingman's autopilot, and how fast it may turn."""
+    """Lags of the wingman's autopilot, and the limit of its turn rate.
+
+    Attributes:
+        speed_lag_s: Time constant of the speed [s].
+        heading_lag_s: Time constant of the heading [s].
+        height_lag_a_s: First time constant of the height [s].
+        height_lag_b_s: Second time constant of the height [s].
+        turn_rate_rad_s: Largest turn rate [rad/s]; null means no limit.
+    """
 
     speed_lag_s: Positive = 5.0
     heading_lag_s: Positive = 0.75
@@ -48,7 +71,13 @@ class Autopilot(Part):
 
 
 class Slot(Part):
-    """Position of the leader to be held, seen from the wingman."""
+    """Position at which the leader is to be held, seen from the wingman.
+
+    Attributes:
+        x_ft: Distance ahead of the wingman [ft].
+        y_ft: Distance to the right of the wingman [ft].
+        z_ft: Height of the wingman above the leader [ft].
+    """
 
     x_ft: Positive
     y_ft: Number
@@ -56,7 +85,16 @@ class Slot(Part):
 
 
 class Start(Part):
-    """The wingman's state at the beginning."""
+    """State of the wingman at the start.
+
+    Attributes:
+        x_ft: Distance of the leader ahead of the wingman [ft].
+        y_ft: Distance of the leader to the right of the wingman [ft].
+        heading_rad: Heading of the wingman [rad].
+        speed_ft_s: Speed of the wingman [ft/s].
+        z_ft: Height of the wingman above the leader [ft].
+        climb_ft_s: Rate of change of that height [ft/s].
+    """
 
     x_ft: Number
     y_ft: Number
@@ -72,7 +110,14 @@ class Start(Part):
 
 
 class LeaderRow(Part):
-    """The leader from an instant on."""
+    """The leader from an instant on.
+
+    Attributes:
+        time_s: Time from which the row is valid [s].
+        speed_ft_s: Speed of the leader [ft/s].
+        heading_rad: Heading of the leader, not wrapped [rad].
+        height_ft: Height of the leader [ft].
+    """
 
     time_s: NonNegative
     speed_ft_s: Positive
@@ -81,14 +126,29 @@ class LeaderRow(Part):
 
 
 class Leader(Part):
-    """The leader's manoeuvre, row after row; known when it happens, not before."""
+    """Manoeuvre of the leader, which the controller does not know ahead.
+
+    Attributes:
+        between: Motion between two rows: hold keeps a row until the next, linear
+            changes evenly.
+        manoeuvre: Rows of the manoeuvre in order of time, the first at 0 s.
+    """
 
     between: Literal["hold", "linear"] = "hold"
     manoeuvre: list[LeaderRow] = Field(min_length=1)
 
 
 class Commands(Part):
-    """Bounds of the commands to the autopilot."""
+    """Bounds of the commands to the autopilot.
+
+    Attributes:
+        speed_ft_s: Bounds [lower, upper] of the speed command [ft/s], with the leader's
+            speeds inside.
+        heading_rad: Bounds [lower, upper] of the heading command [rad].
+        heading_from: Direction from which the heading command counts: north, or the
+            heading of the leader.
+        height_ft: Bounds [lower, upper] of the height command [ft].
+    """
 
     speed_ft_s: Range
     heading_rad: Range
@@ -97,7 +157,16 @@ class Commands(Part):
 
 
 class Prediction(GridPart):
-    """Model that the controller predicts with, and its horizon."""
+    """Model that the controller predicts with, and its horizon.
+
+    Attributes:
+        integrator: Integrator of the prediction: fourth-order Runge-Kutta, Euler, or
+            one for stiff models.
+        model: Equations of motion: corrected, or literal as the chapter prints them.
+        kinematics: Position in the rotation terms: fixed takes that of the slot as
+            (5.20) does, exact takes the true one.
+        aerodynamics: Effect of the leader's vortex: linear in the position, or none.
+    """
 
     integrator: Integrator = "rk4"
     model: Literal["corrected", "literal"] = "corrected"
@@ -106,7 +175,13 @@ class Prediction(GridPart):
 
 
 class Gusts(Part):
-    """Dryden turbulence on the relative position, unknown to the controller."""
+    """Dryden turbulence on the relative position, unknown to the controller.
+
+    Attributes:
+        sigma_ft_s: Standard deviation of each component [ft/s]; 0 means no gusts.
+        length_ft: Scale length of the turbulence [ft].
+        seed: Seed of the random numbers of the gusts.
+    """
 
     sigma_ft_s: NonNegative = 0.0
     length_ft: Positive = 1750.0
@@ -114,7 +189,17 @@ class Gusts(Part):
 
 
 class PlantPart(Part):
-    """The simulated aircraft."""
+    """The simulated aircraft.
+
+    Attributes:
+        substep_s: Length of an integrator step of the simulation [s].
+        model: Equations of motion: corrected, or literal as the chapter prints them.
+        kinematics: Position in the rotation terms: fixed takes that of the slot as
+            (5.20) does, exact takes the true one.
+        aerodynamics: Effect of the leader's vortex: linear in the position, the vortex
+            itself, or none.
+        gusts: Turbulence on the relative position.
+    """
 
     substep_s: Positive = 0.01
     model: Literal["corrected", "literal"] = "corrected"
@@ -124,7 +209,24 @@ class PlantPart(Part):
 
 
 class CloseFormationScenario(Scenario):
-    """Scenario of a close formation flight."""
+    """Scenario of a close formation flight.
+
+    Attributes:
+        kind: Kind of the scenario, which decides its other keys.
+        aircraft: Geometry and flight condition of both aircraft.
+        autopilot: Lags of the wingman's autopilot.
+        slot: Position at which the leader is to be held, seen from the wingman.
+        start: State of the wingman at the start.
+        leader: Manoeuvre of the leader.
+        commands: Bounds of the commands to the autopilot.
+        prediction: Model that the controller predicts with, and its horizon.
+        weights: Weights of the squared deviations of x, y, z, V and psi, five numbers
+            of at least 0.
+        leader_as_candidate: Option to put the state of the leader, as a command, into
+            the first population.
+        reference: Solver of the reference for the gap measures: ipopt, or none.
+        plant: Simulated aircraft.
+    """
 
     kind: Literal["close_formation"]
     aircraft: AircraftPart = AircraftPart()

@@ -33,13 +33,28 @@ from swarmstart.ocp.integrators import Integrator
 
 
 class Disc(Point):
-    """A circular obstacle."""
+    """A circular obstacle that does not move.
+
+    Attributes:
+        radius_m: Radius of the obstacle [m].
+    """
 
     radius_m: Positive
 
 
 class Vehicle(Part):
-    """The model of the UAVs and its bounds."""
+    """The model of the UAVs and its bounds.
+
+    Attributes:
+        name: Name of the model; unicycle is v' = u, psi' = omega, x' = v cos psi, y' =
+            v sin psi.
+        acceleration_m_s2: Bounds [lower, upper] of the acceleration u [m/s^2], with 0
+            inside.
+        turn_rate_rad_s: Bounds [lower, upper] of the turn rate omega [rad/s], with 0
+            inside.
+        speed_m_s: Bounds [lower, upper] of the speed v [m/s], kept at every check of a
+            plan; null means no bounds.
+    """
 
     name: Literal["unicycle"]
     acceleration_m_s2: Range
@@ -52,10 +67,17 @@ Controls = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
 class Uav(Part):
-    """One UAV: its start, and its slot relative to the leader, in axes not turned.
+    """One UAV: its start, and its slot relative to the leader.
 
-    With a plan, controls for each interval of the horizon, it flies that and does not
-    plan. Without a number it has that of its place in the list, from 1.
+    Attributes:
+        number: Number of the UAV in figures, messages and `planning_order`; null means
+            its place in the list, from 1.
+        start: Speed, heading and position at the start.
+        slot: Position of the slot relative to the leader, in axes that do not turn with
+            it [m].
+        plan: Given plan, [acceleration, turn rate] [m/s^2, rad/s] for each interval of
+            the horizon; the UAV then flies it and does not plan, and null means that it
+            plans.
     """
 
     number: int | None = Field(default=None, ge=1, le=9999)
@@ -65,7 +87,14 @@ class Uav(Part):
 
 
 class Prediction(GridPart):
-    """The horizon and its grid."""
+    """The horizon and its grid.
+
+    Attributes:
+        intervals: Number of control intervals in the horizon.
+        checks: Number of checks of the constraints in a control interval.
+        integrator: Integrator of the prediction: fourth-order Runge-Kutta, Euler, or
+            one for stiff models.
+    """
 
     intervals: int = Field(ge=1, le=1000)
     checks: Checks = 1
@@ -73,7 +102,12 @@ class Prediction(GridPart):
 
 
 class Weights(Part):
-    """Diagonals of the weights of (5.6)."""
+    """Diagonals of the weights of (5.6).
+
+    Attributes:
+        Q: Weights of the squared error of v, psi, x and y, four numbers of at least 0.
+        R: Weights of the squared controls u and omega, two numbers above 0.
+    """
 
     Q: list[NonNegative] = Field(min_length=4, max_length=4)
     R: list[Positive] = Field(min_length=2, max_length=2)
@@ -83,7 +117,14 @@ Matrix = list[list[Number]]
 
 
 class TerminalCost(Part):
-    """P of (5.7): of the sampled-data Riccati equation with Q and R, or given."""
+    """Matrix P of the terminal cost (5.7).
+
+    Attributes:
+        design: Origin of P: the Riccati equation of the sampled system with Q and R, or
+            the key `P`.
+        P: Symmetric, positive definite matrix of 4 x 4 numbers, used if the design is
+            given; null means none.
+    """
 
     design: Literal["riccati", "given"]
     P: Matrix | None = None
@@ -94,7 +135,21 @@ class TerminalCost(Part):
 
 
 class Avoidance(Part):
-    """Rules that keep distances to other UAVs and to obstacles (5.15), (5.16)."""
+    """Rules that keep distances to other UAVs and to obstacles (5.15), (5.16).
+
+    Attributes:
+        safe_distance_m: Smallest allowed distance between two UAVs [m].
+        along: Places at which distances are checked: the check points, or also the
+            straight segments between them.
+        measure: Measure of a violation: excess counts the metres that are missing,
+            indicator counts 1 for each check that is too near.
+        distance_margin_m: Margin added to the safe distance in the search [m].
+        obstacle_margin_m: Margin added to the radius of an obstacle in the search [m].
+        polish_distance_margin_m: Margin added to the safe distance in the polish, which
+            checks points only [m].
+        polish_obstacle_margin_m: Margin added to the radius of an obstacle in the
+            polish, which checks points only [m].
+    """
 
     safe_distance_m: Positive
     along: Literal["points", "segments"]
@@ -106,7 +161,20 @@ class Avoidance(Part):
 
 
 class DualModePart(Part):
-    """The linear law that takes over when every UAV is inside its terminal set."""
+    """The linear law that takes over when every UAV is inside its terminal set.
+
+    Attributes:
+        enabled: Switch of the linear law.
+        design: Design of the gain and of P: sampled is for a control held over an
+            interval, literal is as the chapter prints it.
+        Q: Weights of the squared error of v, psi, x and y in this design, four numbers
+            of at least 0.
+        R: Weights of the squared controls in this design, two numbers above 0.
+        P: Symmetric, positive definite matrix of 4 x 4 numbers, used if the design is
+            literal; null means none.
+        certify: Proof of the terminal set: true takes the largest level that is proven
+            and refuses a law without one, false takes the level that the bounds give.
+    """
 
     enabled: bool
     design: Literal["sampled", "literal"]
@@ -126,7 +194,26 @@ class DualModePart(Part):
 
 
 class FormationScenario(Scenario):
-    """Scenario of a formation flight."""
+    """Scenario of a formation flight.
+
+    Attributes:
+        kind: Kind of the scenario, which decides its other keys.
+        vehicle: Model of the UAVs and its bounds.
+        leader: Speed, heading and position of the virtual leader at the start, which
+            then keeps speed and heading.
+        uavs: UAVs of the formation, 1 to 100.
+        obstacles: Circular obstacles that do not move.
+        planning_order: Order in which the UAVs plan: by their numbers, or a list of all
+            numbers, the first planner first.
+        last_plan: Starting point of searches and polishes: the last plan shifted by one
+            interval with zero controls appended, or as it is.
+        prediction: Horizon of a plan and its grid.
+        weights: Weights of the stage cost.
+        terminal_cost: Matrix of the terminal cost.
+        avoidance: Distances to other UAVs and to obstacles.
+        dual_mode: Linear law inside the terminal sets.
+        plant: Simulated aircraft.
+    """
 
     kind: Literal["formation_flight"]
     vehicle: Vehicle

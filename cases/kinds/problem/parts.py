@@ -38,13 +38,21 @@ MOST_NODES = 10_000
 
 
 class State(Part):
-    """A state: where it starts, and how it changes.
+    """A state: its start, and the law by which it changes.
 
     Attributes:
-        rate: Its derivative in time; 0 unless given.
-        next: Its value that the end of a control interval makes; as it is unless given.
-        periodic: Whether it ends where it starts.
-        scale: Its size, in place of the natural one.
+        start: Value at the start: a number, or decided by the plan; null if every
+            vehicle has its own.
+        rate: Derivative in time, an expression [unit/s]; null means 0, or a state that
+            only `next` changes.
+        next: Value that the end of each control interval gives it, an expression; null
+            means that it stays as it is.
+        periodic: Option that makes the state end at its own start.
+        bounds: Bounds [lower, upper], numbers or expressions, kept at every check of a
+            plan; null means no limit.
+        scale: Size of the value, which scales the problem for the solver; null means
+            that it is found from the problem.
+        unit: Unit, as text for figures and reports.
     """
 
     start: Start | None = None
@@ -60,11 +68,16 @@ class Control(Part):
     """A control and its bounds.
 
     Attributes:
-        search_bounds: Narrower bounds for the search alone.
-        previous: Its value in the interval before the first; the nearest to zero within
-            the bounds unless given.
-        integer: Whether it takes whole numbers only.
-        scale: Its size, in place of the natural one.
+        bounds: Bounds [lower, upper], numbers or expressions; null means no limit, and
+            a search needs both limits.
+        search_bounds: Narrower bounds [lower, upper], numbers, for the search alone;
+            null means the bounds themselves.
+        previous: Value in the interval before the first; null means the value nearest
+            to 0 within the bounds.
+        integer: Option that allows whole numbers only.
+        scale: Size of the value, which scales the problem for the solver; null means
+            that it is found from the problem.
+        unit: Unit, as text for figures and reports.
     """
 
     bounds: MovingLimits | None = None
@@ -79,11 +92,11 @@ class Equation(Part):
     """An equation, one of as many as there are algebraic variables.
 
     Attributes:
-        equation: Expression that is 0.
-        start: Where Newton's method starts for the variable; equations that are linear
-            in all variables need none.
-        scale: Size of the variable: its error counts in parts of the larger of it and
-            the variable.
+        equation: Expression that must be 0.
+        start: Expression at which Newton's method starts for the variable, not needed
+            for linear equations.
+        scale: Size of the variable: its error counts relative to the larger of this
+            size and the variable.
     """
 
     equation: Expression
@@ -104,7 +117,18 @@ def equation_of(given: Equation | str) -> Equation:
 
 
 class Constraint(Part):
-    """lower <= expression <= upper, or `equals`."""
+    """A constraint: lower <= expression <= upper, or `equals`.
+
+    Attributes:
+        expression: Expression that is limited; without any limit it must be 0.
+        lower: Lower limit of the expression; null means no limit.
+        upper: Upper limit of the expression; null means no limit.
+        equals: Value that the expression must have, in place of limits; null means that
+            the limits count.
+        scale: Excess that counts as a violation of 1; null means that it is found from
+            the problem.
+        name: Name of the constraint in figures and messages.
+    """
 
     expression: Expression
     lower: Quantity | None = None
@@ -121,7 +145,13 @@ class Constraint(Part):
 
 
 class Soft(Part):
-    """Weights of a soft constraint: of its excess, and of the square of that."""
+    """Weights of a soft constraint, which can be broken at a cost.
+
+    Attributes:
+        weight: Cost per second of the largest excess in an interval; null means 0.
+        quadratic: Cost per second of the square of the largest excess in an interval;
+            null means 0.
+    """
 
     weight: Quantity | None = None
     quadratic: Quantity | None = None
@@ -134,13 +164,33 @@ class Soft(Part):
 
 
 class PathLimit(Constraint):
-    """A constraint along the path, which may be soft."""
+    """A constraint along the path, which can be soft.
+
+    Attributes:
+        soft: Weights of the cost of breaking the constraint; null means that it must
+            hold.
+    """
 
     soft: Soft | None = None
 
 
 class Distance(Part):
-    """A distance to keep: of the origin from a point with these coordinates."""
+    """A distance to keep from a point or from another moving object.
+
+    Attributes:
+        distance: One to three coordinates relative to the point, expressions, whose
+            distance from 0 is limited.
+        at_least: Smallest allowed distance; null if `at_most` is given.
+        at_most: Largest allowed distance; null if `at_least` is given.
+        margin: Reserve that plans keep from the limit.
+        along: Places at which distances are checked: the check points, or (in the
+            search) also the straight segments between them.
+        measure: Measure of a violation: excess counts the missing distance, indicator
+            counts 1 for each check that is too near.
+        scale: Excess that counts as a violation of 1; null means that it is found from
+            the problem.
+        name: Name of the constraint in figures and messages.
+    """
 
     distance: list[Expression] = Field(min_length=1, max_length=3)
     at_least: Quantity | None = None
@@ -168,11 +218,12 @@ PathPart = Annotated[
 class Guess(Part):
     """Start of the first plan.
 
-    A record's folder is replaced by its first plan when the scenario is read.
+    The folder of a record is replaced by its first plan when the scenario is read.
 
     Attributes:
-        controls: By name: numbers, expressions in time, or tables; 0 if not given.
-        states: The same; a polish begins from them, too.
+        controls: Controls by name: numbers, expressions in time, or tables; 0 for those
+            not given.
+        states: States by name, likewise, from which a polish begins.
     """
 
     controls: Mapping[Names, OverTime] = Field(default_factory=dict)
@@ -183,8 +234,9 @@ class Collocation(Part):
     """Radau collocation in the polish.
 
     Attributes:
-        points: Collocation points in an element.
-        elements: Elements from check to check; by default as many as `substeps`.
+        points: Number of collocation points in an element.
+        elements: Number of elements from one check to the next; null means as many as
+            `substeps`.
     """
 
     points: int = Field(default=3, ge=1, le=9)
@@ -207,13 +259,30 @@ class Prediction(Part):
     """The horizon and its grid.
 
     Attributes:
-        horizon_s: Its length; left out in discrete time, where an interval lasts 1.
-        blocks: Lengths of blocks of intervals with one control each; by default each
-            interval has its own.
-        transcription: Of the polish: `shooting`, `radau`, or its numbers.
-        newton_iterations: For algebraic equations that are not linear.
-        control_shape: Whether controls are held, or linear between knots; of
-            "continuous" ones the first knot is the control before.
+        horizon_s: Length of the horizon [s], or decided by the plan; null in discrete
+            time only, in which an interval lasts 1.
+        intervals: Number of control intervals in the horizon; with phases their sum.
+        blocks: Lengths of blocks of intervals that share one value of each control;
+            empty means that every interval has its own.
+        checks: Number of checks of the constraints in a control interval.
+        substeps: Number of integrator steps from one check to the next; for the stiff
+            integrator the number expected.
+        integrator: Integrator: fourth-order Runge-Kutta, Euler, or one for stiff
+            models.
+        transcription: Transcription in the polish: shooting, radau for collocation, or
+            a mapping with the numbers of collocation.
+        integrator_tolerance: Allowed error of each step of the stiff integrator,
+            relative to the size of the states so far; null means `substeps` equal
+            steps.
+        quadrature: Integration of the stage cost: its integral, or its value at the
+            left or right end of an interval times the length.
+        newton_iterations: Number of Newton iterations for algebraic equations that are
+            not linear.
+        control_shape: Shape of controls: constant in an interval, linear between knots,
+            or continuous with the previous control as its first knot.
+        tolerance: Largest summed violation of a feasible plan, relative to the scales.
+        path_tolerance: Largest excess on the finely integrated path of a confirmed
+            plan, relative to the scales.
     """
 
     model_config = ConfigDict(json_schema_extra=_without_required)
@@ -254,8 +323,15 @@ class Feedback(Part):
     """Use of plans: one to its end, or a new one in every interval.
 
     Attributes:
-        period_s: Of a receding horizon whose end time is decided: time from one plan to
-            the next.
+        law: Law of control: open_loop follows one plan to its end, receding_horizon
+            plans again in every interval.
+        period_s: Time from one plan to the next [s], required in a receding horizon
+            with a decided end time; else null.
+        last_plan: Starting point of planning: the last plan shifted by one interval, or
+            as it is.
+        append: Controls at the end of the shifted plan: zero, or the last ones again.
+        repair: Option to solve an open-loop plan again with a margin if it breaks a
+            constraint between checks.
     """
 
     law: Literal["open_loop", "receding_horizon"] = "open_loop"
@@ -274,14 +350,19 @@ class Feedback(Part):
         cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """Describe it as it may be written: as a mapping, or as its law alone."""
-        schema = handler.resolve_ref_schema(handler(core_schema))
+        schema = super().__get_pydantic_json_schema__(core_schema, handler)
         law = schema["properties"]["law"]["enum"]
         schema["anyOf"] = [{"type": schema.pop("type")}, {"enum": law}]
         return schema
 
 
 class Noise(Part):
-    """Random numbers, a new one in each of the plant's steps."""
+    """Random numbers, a new one in each of the plant's steps.
+
+    Attributes:
+        deviation: Standard deviation of the noise [unit/s].
+        seed: Seed of the noise.
+    """
 
     deviation: Quantity
     seed: int = Field(default=0, ge=0, lt=2**32)
@@ -299,9 +380,11 @@ class PlantPart(Part):
     """The simulated system: finer steps, parameters of its own, disturbances.
 
     Attributes:
-        substeps: Steps of the integrator in a control interval.
-        parameters: By name, if other than the prediction's.
-        disturbance: By state: added to its rate, an expression in time or noise.
+        substeps: Number of integrator steps of the simulation in a control interval.
+        parameters: Values of parameters that differ from those of the prediction, by
+            name.
+        disturbance: Disturbance added to the rate of a state, by state: an expression
+            in time, a table or noise [unit/s].
     """
 
     substeps: int = Field(default=20, ge=1, le=10_000)
@@ -313,9 +396,9 @@ class DualMode(Part):
     """A linear law within a certified terminal set around a state at rest.
 
     Attributes:
-        at: The reference, by state.
-        Q: Weights of the states' squares, by state; 0 unless given.
-        R: Weights of the controls' squares, by control.
+        at: Reference state, a number for every state.
+        Q: Weights of the squared states, by state; 0 for those not given.
+        R: Weights of the squared controls, one for every control.
     """
 
     at: Mapping[Names, Quantity]
@@ -327,9 +410,10 @@ class Vehicle(Part):
     """One of several vehicles with the same model.
 
     Attributes:
-        name: Appended to the names of its states and controls.
-        start: By state, in place of the model's.
-        constants: In place of, or besides, the file's.
+        name: Name of the vehicle, appended to the names of its states and controls.
+        start: Starts of its states, by state, in place of those of the model.
+        constants: Constants of the vehicle, in place of those of the file or besides
+            them.
     """
 
     name: Names
@@ -338,7 +422,17 @@ class Vehicle(Part):
 
 
 class SeparationPart(Part):
-    """A distance that every two vehicles keep."""
+    """A distance that every two vehicles keep.
+
+    Attributes:
+        of: One to three coordinates of a vehicle, expressions.
+        distance: Smallest allowed distance between two vehicles.
+        margin: Reserve that plans keep from the distance.
+        along: Places at which distances are checked: the check points, or (in the
+            search) also the straight segments between them.
+        scale: Excess that counts as a violation of 1; null means that it is found from
+            the problem.
+    """
 
     of: list[Expression] = Field(min_length=1, max_length=3)
     distance: Quantity
@@ -351,8 +445,11 @@ class Vehicles(Part):
     """Several vehicles with one model.
 
     Attributes:
-        planning: "joint", all at once, or "priority", one after another: each keeps
-            its distance from the plans of those before it.
+        members: The vehicles, 1 to 100.
+        planning: Method of planning: joint decides for all vehicles at once, priority
+            for one after another, which keeps its distance from the plans of those
+            before it.
+        separation: Distance that every two vehicles keep; null means none.
     """
 
     members: list[Vehicle] = Field(min_length=1, max_length=100)

@@ -47,7 +47,21 @@ MOST_STEPS = 10_000
 
 
 class UserScenario(Scenario):
-    """The keys of scenarios whose problem is the user's own, with their defaults."""
+    """The keys of scenarios whose problem is the user's own, with their defaults.
+
+    Attributes:
+        schema_version: Version of the scenario format.
+        title: Title of the scenario in one line.
+        feedback: Use of plans: one to its end, or a new one in every interval; a name
+            or a mapping.
+        measures: Measures of the scenario's own: name to an expression of the simulated
+            path.
+        search: Search algorithm and its settings.
+        budget: Budget of the search for each planning problem.
+        polish: Local solver that improves the answer of the search: IPOPT, or none.
+        lanes: Number of random starts that are solved at once, beside the search, if
+            there is no earlier plan; null means 64 with a polish, else 0.
+    """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
     title: str = ""
@@ -65,7 +79,43 @@ class UserScenario(Scenario):
 
 
 class ProblemScenario(UserScenario):
-    """Scenario of an optimal-control problem."""
+    """Scenario of an optimal-control problem.
+
+    Attributes:
+        kind: Kind of the scenario, which decides its other keys.
+        steps: Number of control intervals to simulate; by default those of the
+            prediction.
+        constants: Constants by name: numbers, or expressions in the constants before
+            them.
+        tables: Tables by name, used as functions in expressions.
+        parameters: Parameters by name, constant within a plan: over time, or decided by
+            the plan.
+        signals: Signals by name, known ahead over the horizon: numbers, expressions in
+            time, or tables.
+        definitions: Definitions by name: expressions that stand for parts of others.
+        algebraic: Algebraic variables by name: an expression that is 0, or a mapping.
+        states: States by name.
+        controls: Controls by name.
+        stage_cost: Cost per second along the path, an expression [cost/s].
+        step_cost: Cost at the beginning of each interval, an expression [cost].
+        initial_cost: Cost at the start of the horizon, an expression [cost].
+        terminal_cost: Cost at the end of the horizon, an expression [cost].
+        maximize: Option to maximise the costs instead of minimising them.
+        path: Constraints at every check of the path.
+        terminal: Constraints at the end of the horizon.
+        vehicles: Several vehicles with this model; null means one system.
+        uncertain: Uncertain parameters, with one plan for all their values; null means
+            none.
+        phases: Phases, one after another; empty means that there is only one.
+        guess: Start of the first plan: controls and states over time, or the folder of
+            a record.
+        candidates: Control sequences that the search tries besides its own, each an
+            expression in time for every control.
+        prediction: Horizon of a plan and its grid.
+        dual_mode: Linear law in a certified terminal set, for a receding horizon only;
+            null means none.
+        plant: Simulated system.
+    """
 
     kind: Literal["problem"]
     constants: Mapping[Names, Quantity] = Field(default_factory=dict)

@@ -35,12 +35,15 @@ class TablePart(Part):
     """A table of one input, y at each x, or of two, z at each x and y.
 
     Attributes:
-        file: A CSV file in the scenario's folder or below, in place of x, y and z.
-        x: Breakpoints of the first input, increasing.
-        y: Values; with z, breakpoints of the second input.
-        z: A row of values for each x, one for each y.
-        method: "linear", or "bspline": the cubic spline through the values.
-        outside: Beyond the breakpoints the end pieces go on, or values are held.
+        file: CSV file in the scenario's folder or below, in place of x, y and z.
+        x: Increasing breakpoints of the first input.
+        y: Values at the breakpoints; with z, increasing breakpoints of the second
+            input.
+        z: Values of a table of two inputs: a row for each x with a value for each y;
+            null means one input.
+        method: Interpolation: linear, or the cubic spline through the values.
+        outside: Values beyond the breakpoints: the end pieces continue, or the end
+            values hold.
     """
 
     file: str = Field(default="", exclude=True)

@@ -66,12 +66,13 @@ Measured = Annotated[str, BeforeValidator(_text_of_paths)]
 
 
 class Table(Part):
-    """Values at times; held before the first and after the last.
+    """Values at times, held before the first and after the last.
 
     Attributes:
-        times: Increasing [s].
-        values: One at each of them.
-        between: Whether values change evenly from one to the next, or are held.
+        times: Increasing times [s].
+        values: Values, one at each time.
+        between: Values between two times: linear changes evenly, hold keeps the earlier
+            one.
     """
 
     times: list[Number] = Field(min_length=1, max_length=10_000)
@@ -114,11 +115,13 @@ MovingLimits = Annotated[list[Expression | None], Field(min_length=2, max_length
 
 
 class Decided(Part):
-    """A number that is decided, within bounds.
+    """A number that the plan decides, within bounds.
 
     Attributes:
-        free: [lower, upper]; null: no limit, for a polish without a search.
-        guess: Where a polish without a search starts; by default between the bounds.
+        free: Bounds [lower, upper] of the number; null, without a search only, means no
+            limit.
+        guess: Value at which a polish without a search starts; null means the middle of
+            the bounds.
     """
 
     free: Limits
@@ -126,10 +129,10 @@ class Decided(Part):
 
 
 class Tied(Part):
-    """A start that is decided with that of another state, whose value it has.
+    """A start that is decided together with that of another state, whose value it has.
 
     Attributes:
-        same_as: That state.
+        same_as: Name of the state whose decided start this state shares.
     """
 
     same_as: Names

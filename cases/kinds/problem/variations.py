@@ -28,7 +28,11 @@ Pair = Annotated[list[Quantity], Field(min_length=2, max_length=2)]
 
 
 class Normal(Part):
-    """Normal numbers: [mean, deviation]."""
+    """Normally distributed numbers: [mean, deviation].
+
+    Attributes:
+        normal: Mean and standard deviation of a normal distribution.
+    """
 
     normal: Pair
 
@@ -39,7 +43,11 @@ class Normal(Part):
 
 
 class Uniform(Part):
-    """Numbers that are as likely everywhere in [lower, upper]."""
+    """Uniformly distributed numbers in [lower, upper].
+
+    Attributes:
+        uniform: Lower and upper end of a uniform distribution.
+    """
 
     uniform: Pair
 
@@ -59,19 +67,20 @@ Law = Annotated[
 class Uncertain(Part):
     """Several values of parameters, for which one control sequence is planned.
 
-    What is simulated has the value that the parameter itself is given.
+    The simulated system has the value that the parameter itself is given.
 
     Attributes:
-        values: By parameter: one value for each member.
-        drawn: By parameter: what a value is drawn by, in place of `values`.
-        samples: Number of members that are drawn.
-        seed: Of the drawn numbers.
-        weights: Of the members; by default equal.
-        risk: Which cost counts: the mean of the members' costs, the worst, or the mean
-            of the worst part of them.
-        level: Of "cvar": that part is 1 - level.
+        values: Values by parameter: one for each member.
+        drawn: Distributions by parameter, from which the values are drawn, in place of
+            `values`.
+        samples: Number of members that are drawn; null if `values` are given.
+        seed: Seed of the drawn numbers.
+        weights: Weights of the members; null means equal ones.
+        risk: Cost that counts: the mean of the members' costs, the worst one, or (cvar)
+            the mean of the worst part of them.
+        level: Level of cvar: the worst part is 1 - level of the members.
         robust_horizon: Number of intervals after which each member has controls of its
-            own; by default none has.
+            own; null means that all members share all controls.
     """
 
     values: Mapping[Names, list[Quantity]] = Field(default_factory=dict)
@@ -94,24 +103,30 @@ class Uncertain(Part):
 
 
 class Phase(Part):
-    """One of several phases, one after another: what is other than in the file.
+    """One of several phases, one after another: its differences from the file.
 
     Attributes:
-        name: In names of measures; its number, from 1, unless given.
-        horizon_s: Its length [s], or decided.
-        intervals: Number of its control intervals.
-        constants: In place of, or besides, the file's.
-        definitions: Likewise.
-        states: Likewise, key by key; null: there is no such state in this phase.
-        controls: Likewise.
-        algebraic: Likewise.
-        stage_cost: In place of the file's.
-        step_cost: In place of the file's.
-        terminal_cost: At the end of this phase.
-        path: Besides the file's, which hold in all phases.
-        terminal: At the end of this phase.
-        linkage: By state of the next phase: what the end of this one makes of it; other
-            states go on.
+        name: Name of the phase in the names of measures; null means its number, from 1.
+        horizon_s: Length of the phase [s], or decided by the plan.
+        intervals: Number of control intervals in the phase.
+        constants: Constants in place of those of the file or besides them.
+        definitions: Definitions in place of those of the file or besides them.
+        states: States in place of those of the file, key by key, or besides them; null
+            means that the phase has no such state.
+        controls: Controls in place of those of the file, key by key, or besides them;
+            null means that the phase has no such control.
+        algebraic: Algebraic variables in place of those of the file or besides them;
+            null means that the phase has no such variable.
+        stage_cost: Cost per second in place of that of the file; null means that of the
+            file [cost/s].
+        step_cost: Cost at the beginning of each interval in place of that of the file;
+            null means that of the file [cost].
+        terminal_cost: Cost at the end of the phase; null means none [cost].
+        path: Constraints at every check of the phase, besides those of the file, which
+            hold in all phases.
+        terminal: Constraints at the end of the phase.
+        linkage: Values with which states of the next phase begin, by state: expressions
+            at the end of this phase; other states continue.
     """
 
     name: Names | None = None

@@ -25,18 +25,27 @@ def _code(value: object, info: ValidationInfo) -> Code:
 
 
 class PlantPart(Part):
-    """The simulated system: the problem's model in finer steps."""
+    """The simulated system: the problem's model in finer steps.
+
+    Attributes:
+        substeps: Number of integrator steps of the simulation in a control interval.
+    """
 
     substeps: int = Field(default=20, ge=1, le=10_000)
 
 
 class PythonScenario(UserScenario):
-    """A problem from Python, and how it is solved and flown.
+    """A problem from Python, and how it is solved and simulated.
 
     Attributes:
-        problem: "file.py:function"; the file is in the scenario's folder or below.
-        sha256: The hash of the file; a file with another one is refused.
-        arguments: Of the function, by name, as they are: expressions stay text.
+        kind: Kind of the scenario, which decides its other keys.
+        problem: File and function that returns the problem, such as my_model.py:build;
+            the file is in the scenario's folder or below.
+        sha256: SHA-256 hash that the file must have; by default the hash of the file as
+            it is.
+        arguments: Arguments of the function, by name, passed as they are: an expression
+            stays text.
+        plant: Simulated system.
     """
 
     kind: Literal["python"]

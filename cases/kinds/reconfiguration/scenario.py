@@ -35,7 +35,20 @@ MOST_JOINT = 40
 
 
 class Vehicle(Part):
-    """The model (5.30) of the UAVs and its bounds."""
+    """The model (5.30) of the UAVs and its bounds.
+
+    Attributes:
+        thrust_n: Bounds [lower, upper] of the thrust T [N].
+        bank_rad: Bounds [lower, upper] of the bank angle phi [rad].
+        drag_n: Drag D of the UAV [N].
+        weight_n: Weight W of the UAV [N].
+        thrust_equation: Acceleration by thrust: (T - D) / W as printed, or g (T - D) /
+            W as Newton's law says.
+        turn: Turn rate of a banked UAV: g sin(phi) / v as (5.30) prints it, or g
+            tan(phi) / v, a coordinated turn.
+        speed_m_s: Bounds [lower, upper] of the speed v [m/s], the lower one above 0;
+            null means no bounds.
+    """
 
     thrust_n: Range
     bank_rad: Range
@@ -53,7 +66,15 @@ class Vehicle(Part):
 
 
 class Distances(Part):
-    """Distances that every two UAVs keep, (5.33) and (5.34)."""
+    """Distances that every two UAVs keep, (5.33) and (5.34).
+
+    Attributes:
+        safe_m: Smallest allowed distance between two UAVs [m].
+        communication_m: Largest allowed distance between two UAVs [m].
+        along: Places at which distances are checked: the check points, or also the
+            straight segments between them.
+        margin_m: Margin that plans keep from both limits [m].
+    """
 
     safe_m: Positive
     communication_m: Positive
@@ -77,13 +98,26 @@ class Distances(Part):
 
 
 class Prediction(GridPart):
-    """The horizon of a plan and its grid."""
+    """The horizon of a plan and its grid.
+
+    Attributes:
+        checks: Number of checks of the constraints in a control interval.
+    """
 
     checks: Checks = 10
 
 
 class Planning(Part):
-    """Order of planning: all controls at once, or UAV after UAV, the leader first."""
+    """Order of planning: all controls at once, or UAV after UAV, the leader first.
+
+    Attributes:
+        name: Method of planning: joint decides all controls at once for up to 40 UAVs,
+            priority plans for one UAV after another.
+        range_m: Distance beyond which the plans of other UAVs are not considered [m];
+            required with priority, else null.
+        links: Number of neighbours with which each UAV keeps the communication
+            distance, used with priority.
+    """
 
     name: Literal["joint", "priority"]
     range_m: Positive | None = None
@@ -96,13 +130,41 @@ class Planning(Part):
 
 
 class PlantPart(Part):
-    """The simulated aircraft: integrated finer than the prediction."""
+    """The simulated aircraft: integrated finer than the prediction.
+
+    Attributes:
+        substeps: Number of Runge-Kutta steps of the simulated aircraft in a control
+            interval.
+    """
 
     substeps: int = Field(default=10, ge=1, le=1000)
 
 
 class ReconfigurationScenario(Scenario):
-    """Scenario of a reconfiguration."""
+    """Scenario of a reconfiguration.
+
+    Attributes:
+        kind: Kind of the scenario, which decides its other keys.
+        vehicle: Model of the UAVs and its bounds.
+        uavs: Starts of the UAVs, 2 to 200.
+        leader_uav: Number of the leader, from 1.
+        leader: Motion of the leader: free means that its controls are decided too,
+            straight that it keeps speed and heading.
+        slots: Slots relative to the leader, one for each UAV, that of the leader at (0,
+            0) [m].
+        frame: Axes of the slots: fixed ones, or axes that turn with the leader's
+            heading.
+        assignment: Assignment of slots: UAV k to slot k, or the least sum of squared
+            distances.
+        distances: Distances that every two UAVs keep.
+        prediction: Horizon of a plan and its grid.
+        weights: Weights of the squared errors of v, psi, x and y, four numbers of at
+            least 0.
+        planning: Order of planning.
+        reference: Solver that looks for the best cost at every state for
+            gap_per_horizon: ipopt, or none.
+        plant: Simulated aircraft.
+    """
 
     kind: Literal["reconfiguration"]
     vehicle: Vehicle

@@ -32,7 +32,15 @@ from swarmstart.cases.kinds.planar import (
 
 
 class Vehicle(Part):
-    """A UAV that accelerates and turns by banking, and its bounds."""
+    """A UAV that accelerates and turns by banking, and its bounds.
+
+    Attributes:
+        acceleration_m_s2: Bounds [lower, upper] of the acceleration [m/s^2].
+        bank_rad: Bounds [lower, upper] of the bank angle phi [rad].
+        speed_m_s: Bounds [lower, upper] of the speed v [m/s].
+        turn: Turn rate of a banked UAV: g sin(phi) / v as (5.30) prints it, or g
+            tan(phi) / v, a coordinated turn.
+    """
 
     acceleration_m_s2: Range
     bank_rad: Range
@@ -46,28 +54,64 @@ class Vehicle(Part):
 
 
 class Uav(Part):
-    """One UAV: where it starts, and where it is to be at the end."""
+    """One UAV: its start and its goal.
+
+    Attributes:
+        start: Speed, heading and position at the start.
+        goal: Position at the end of the horizon.
+    """
 
     start: PlanarState
     goal: Point
 
 
 class Prediction(GridPart):
-    """The time of the transfer and its grid."""
+    """The time of the transfer and its grid.
+
+    Attributes:
+        intervals: Number of control intervals in the horizon.
+        checks: Number of checks of the constraints in a control interval.
+    """
 
     intervals: int = Field(ge=2, le=1000)
     checks: Checks = 2
 
 
 class Paths(Part):
-    """The paths that the search chooses from; parts of the way to the goal."""
+    """The family of paths in which the search looks.
+
+    Attributes:
+        lateral: Largest bump to the side, as a part of the straight way to the goal.
+        along: Largest bump along the way, as a part of the straight way to the goal.
+    """
 
     lateral: Positive = 0.24
     along: Positive = 0.1
 
 
 class TransferScenario(Scenario):
-    """Scenario of a transfer."""
+    """Scenario of a transfer.
+
+    Attributes:
+        kind: Kind of the scenario, which decides its other keys.
+        vehicle: Model of the UAVs and its bounds.
+        uavs: UAVs with their starts and goals, 1 to 50.
+        assignment: Assignment of goals: each UAV has its own, or the least sum of
+            squared distances.
+        safe_distance_m: Smallest allowed distance between two UAVs [m].
+        along: Places at which distances are checked: the check points, or (in the
+            search) also the straight segments between them.
+        margin_m: Margin that plans keep from the safe distance [m].
+        prediction: Time of the transfer and its grid.
+        weights: Weights of the squared acceleration and of the squared bank angle, two
+            numbers of at least 0.
+        paths: Family of paths in which the search looks.
+        path_tolerance_m: Largest excess of a constraint along the finely integrated
+            path of a confirmed plan [m; m/s for speeds].
+        repair: Option to solve a plan again with a margin, at most three times, if it
+            breaks a constraint between checks.
+        plant: Simulated aircraft.
+    """
 
     kind: Literal["transfer"]
     vehicle: Vehicle

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import copy
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,30 @@ def test_the_schema_is_valid_draft_7(kind: str) -> None:
     Draft7Validator.check_schema(schema)
     text = yaml.safe_dump(schema)
     assert "$defs" not in text and "discriminator" not in text
+
+
+def properties(node: Any, place: str = "") -> Iterator[tuple[str, str, Any]]:
+    """Yield the place, the key and the schema of every property at every depth."""
+    if isinstance(node, dict):
+        for key, found in node.get("properties", {}).items():
+            yield place, key, found
+    below = enumerate(node) if isinstance(node, list) else ()
+    for key, found in node.items() if isinstance(node, dict) else below:
+        yield from properties(found, f"{place}/{key}")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_property_is_described_by_a_sentence(kind: str) -> None:
+    found = list(properties(scenario_schema(kind)))
+    assert len(found) > len(SCHEMA["properties"])
+    for place, key, schema in found:
+        said = schema.get("description", "")
+        at = f"{place}/{key}: {said!r}"
+        assert said[:1].isupper() or said[:1] == '"', at
+        assert said.endswith("."), at
+        assert "\n" not in said and "Attributes:" not in said, at
+        words = re.sub(r"\W", "", said).casefold()
+        assert words != re.sub(r"[\W_]", "", key).casefold() and " " in said, at
 
 
 @pytest.mark.parametrize("name", shipped())
