@@ -40,9 +40,9 @@ from swarmstart.ocp.search_settings import search_settings
 
 Scenario = str | Path
 Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]
-"""A scenario; or a problem, its initial state and, where it has any, what is known."""
+"""A scenario; or a problem, its initial state and, if it has any, what is known."""
 NEVER_S = 10**9
-"""Nothing here is given up after a time [s]."""
+"""Time limit of a solver: as good as none [s]."""
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -61,25 +61,27 @@ def run(  # noqa: PLR0913 - the options of a command
     settings: Mapping[str, Any] = NO_SETTINGS,
     progress: ProgressCallback = tell_nothing,
 ) -> Run:
-    """Fly a scenario, measure it and judge its claims, as `swarmstart run` does.
+    """Run a scenario, measure it and judge its claims, as `swarmstart run` does.
 
     Args:
-        scenario: The name of a shipped scenario, or the path of a file.
-        seed: The seed of all randomness.
-        out: The record's folder; None: nothing is written, and nothing drawn.
-        variant: As --variant.
-        search: As --search.
-        polish: As --polish.
-        figures: Whether the record has figures.
-        force: As --force: whether files of the record's names are replaced.
-        allow_python: As --allow-python: whether the file that a scenario of kind python
-            names is run.
-        bound: As --bound: seconds for a lower bound of the one plan; None: none.
-        settings: As --set, such as {"steps": 2, "budget.evaluations": 600}.
-        progress: Told (finished steps, all steps, what is being done).
+        scenario: Name of a shipped scenario, or path of a scenario file.
+        seed: Seed of all random numbers.
+        out: Folder of the record; None means that nothing is written or drawn.
+        variant: Variant of the scenario, as --variant; None means the default one.
+        search: Name of the search, as --search; None means that of the scenario.
+        polish: Name of the polish, as --polish; None means that of the scenario.
+        figures: Whether figures are drawn into the record.
+        force: Whether files with the names of the record's are replaced, as --force.
+        allow_python: Whether a scenario of kind python may run the file that it names,
+            as --allow-python.
+        bound: Time for a lower bound of the cost of the one plan, as --bound [s]; None
+            means that no bound is sought.
+        settings: Keys and values as for --set, such as
+            {"steps": 2, "budget.evaluations": 600}.
+        progress: Callback with (finished steps, all steps, current work).
 
     Returns:
-        Measures, claims, trajectory and all else.
+        The finished run: measures, claims, trajectory and settings.
 
     Raises:
         InvalidScenarioError: If the scenario can be read but not run.
@@ -88,10 +90,20 @@ def run(  # noqa: PLR0913 - the options of a command
         YamlError: If its file is not the format.
         OccupiedFolderError: If the folder holds anything but a record of this run.
         RecordError: If a file cannot be written.
-        CodeNotAllowedError: If a file is to be run, and may not.
-        UserCodeError: If that file gives no problem.
-        InvalidProblemError: If the seconds of the bound are no positive number.
-        SeveralPlansError: If a bound is asked for, and more than one plan is made.
+        CodeNotAllowedError: If the scenario runs a file and `allow_python` is false.
+        UserCodeError: If that file does not return a problem.
+        InvalidProblemError: If `bound` is not a positive number.
+        SeveralPlansError: If `bound` is given and the run makes more than one plan.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> finished = ss.run("double_integrator", seed=0, search="none")
+        >>> finished.status
+        'simulated to the end; the plan is a local optimum, confirmed on the finer grid'
+        >>> round(finished.measures["cost"], 3)
+        12.03
+        >>> finished.trajectory.states.shape
+        (2, 21)
     """
     resolved = _resolved(
         scenario, settings, variant=variant, search=search, polish=polish
@@ -118,35 +130,45 @@ def compare(  # noqa: PLR0913 - the options of a command
 ) -> list[Row]:
     """Solve problems by several solvers and seeds under equal budgets, side by side.
 
-    A scenario that flies in closed loop, or has several planners, is compared by whole
-    flights, with those of the solvers that can plan in one.
+    A scenario in closed loop, or with several agents that plan, is compared by whole
+    runs, with those of the solvers that can plan in a closed loop.
 
-    All is done here, one after the other, and nothing is kept; `swarmstart compare`
-    takes processes and goes on where it was interrupted. The same seeds give the same
-    answers in both.
+    The solvers run in this process, one after another, and no result is kept. In
+    contrast, `swarmstart compare` uses several processes and continues an interrupted
+    comparison. The same seeds give the same answers in both.
 
     Args:
-        problems: Scenarios; or (problem, x0) or (problem, x0, known); one, several, or
-            several by names.
-        solvers: Names such as "lshade[size=60]+ipopt", "multistart-ipopt", "solve" or
-            "scipy-de", as `swarmstart compare --solvers` takes them, several in one
-            text with commas between; the others are compared with the first.
-        seeds: Their number, from 0 on.
-        budget: Of one planning problem: "4000evals", "5s" or a number of evaluations.
+        problems: Scenarios, (problem, x0) or (problem, x0, known): one, a list, or a
+            mapping from names.
+        solvers: Names as for `swarmstart compare --solvers`, such as
+            "lshade[size=60]+ipopt", "multistart-ipopt", "solve" or "scipy-de"; one text
+            can hold several with commas between. The first is what the others are
+            compared with.
+        seeds: Number of seeds: 0, 1, ...
+        budget: Budget of one planning problem: "4000evals", "5s" or a number of
+            evaluations.
         repair: Whether an answer that breaks a constraint between the checks is solved
             again with a margin.
         allow_python: As in `run`.
-        settings: Of the scenarios, as in `run`.
-        progress: Told (finished, all, the next one's name).
+        settings: Settings of the scenarios, as in `run`.
+        progress: Callback with (finished cells, all cells, name of the next one).
 
     Returns:
         A row for each problem and solver, in this order.
 
     Raises:
-        UnknownSolverError: If there is no such solver.
+        UnknownSolverError: If a solver is unknown.
         InvalidBudgetTextError: If the budget is invalid.
-        CodeNotAllowedError: If a file is to be run, and may not.
-        UserCodeError: If that file gives no problem.
+        CodeNotAllowedError: If a scenario runs a file and `allow_python` is false.
+        UserCodeError: If that file does not return a problem.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> rows = ss.compare("double_integrator", "ipopt, solve", seeds=1, budget=400)
+        >>> for row in rows:
+        ...     print(row.entry.solver.name, row.feasible, f"{row.costs[0]:.4f}")
+        ipopt 1 12.0301
+        solve 1 12.0301
     """
     given = [solvers] if isinstance(solvers, str) else solvers
     listed = [one for text in given for one in solvers_of(text)]
@@ -155,7 +177,7 @@ def compare(  # noqa: PLR0913 - the options of a command
     plan = ComparisonPlan(
         scenarios=(), solvers=(), seeds=seeds, timeout_s=NEVER_S, repair=repair
     )
-    entries, work = [], {}  # All is refused here, before anything is solved.
+    entries, work = [], {}  # Invalid input is refused here, before anything is solved.
     for name, problem in _named(problems).items():
         if isinstance(problem, tuple):
             each = [_entry(name, solver, seeds) for solver in chosen]
@@ -199,7 +221,7 @@ def _contest(
 
 
 def _carried_out(cell: Cell, folder: Path) -> dict[str, Any]:
-    """Do the work of a scenario's cell in this process."""
+    """Return the result of a scenario's cell, computed in this process."""
     work: Callable[..., dict[str, Any]] = resolve_name(cell.work)
     return work(dict(cell.job), folder, **cell.permissions)
 
@@ -207,13 +229,13 @@ def _carried_out(cell: Cell, folder: Path) -> dict[str, Any]:
 def _resolved(
     scenario: Scenario, settings: Mapping[str, Any], **given: Any
 ) -> Resolved:
-    """Return a scenario with settings laid over it, arrays of NumPy among them."""
+    """Return a scenario with settings laid over it; values may be NumPy arrays."""
     document = read_document(str(scenario))
     return resolve(document, assignments=_assignments(settings), **given)
 
 
 def _assignments(settings: Mapping[str, Any]) -> list[str]:
-    """Return settings as --set has them."""
+    """Return settings as texts for --set."""
     plain = {
         key: value.tolist() if isinstance(value, np.ndarray | np.generic) else value
         for key, value in settings.items()
@@ -224,7 +246,7 @@ def _assignments(settings: Mapping[str, Any]) -> list[str]:
 def _named(
     problems: Compared | Sequence[Compared] | Mapping[str, Compared],
 ) -> Mapping[str, Compared]:
-    """Return problems by names: those of the scenarios, else their numbers."""
+    """Return problems by name: that of the scenario, or "problem" and a number."""
     if isinstance(problems, Mapping):
         return problems
     is_one = isinstance(problems, str | Path) or (
@@ -244,7 +266,7 @@ def _trial(
     *,
     repair: bool,
 ) -> tuple[PlanningProblem, Trial]:
-    """Return what is solved, and the solver's trial with seed 0."""
+    """Return the planning problem, and the solver's trial with seed 0."""
     ocp, x0, *known = problem
     posed = PlanningProblem(
         problem=ocp,
@@ -262,7 +284,7 @@ def _trial(
 def _solving(
     posed: PlanningProblem, first: Trial
 ) -> Callable[[Cell, Path], dict[str, Any]]:
-    """Return what solves a problem with the seed of a cell; it builds once."""
+    """Return a function that solves a problem with a cell's seed and builds it once."""
     made = cache(partial(built, posed, first))
 
     def solve(cell: Cell, folder: Path) -> dict[str, Any]:
@@ -286,7 +308,7 @@ def _entry(name: str, solver: Solver, seeds: int) -> Entry:
 
 
 def _outcome(work: Callable[[], dict[str, Any]]) -> Outcome:
-    """Return a solver's answer, or why it failed."""
+    """Return the answer of a solver, or the reason why it failed."""
     result, failure = None, ""
     try:
         result = work()

@@ -1,6 +1,6 @@
-"""Results of the library in folders, and any record read again as data.
+"""Results of the library saved in folders, and any record read back as data.
 
-    result.json      status, cost, names; written last: the commit mark
+    result.json      status, cost, names; written last, it marks a complete record
     solution.npz     of a Solution: nodes, controls and the finer path
     bound_certificate.json   of a Solution whose bound is proven by polynomials
     trajectory.npz   of a Trajectory, as in the record of a run
@@ -55,18 +55,18 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Record:
-    """A folder that a run, or `save` of a result, has left, as data.
+    """Content of a folder that a run, or `save` of a result, has written.
 
     Attributes:
         folder: The folder.
         summary: run.json of a run, result.json of a saved result; see docs/record.md.
         arrays: The arrays by name, as stored.
-        trajectory: The flight; None in the record of a Solution. Its plans are without
-            states.
-        scenario: The scenario as it was run, plain data; None if it is missing.
-        multipliers: Of the answer, or of the first plan of a flight; None if no solver
-            has converged to it, or the record is an older one.
-        member_costs: Of the members of an ensemble, shape (M,); empty of any other.
+        trajectory: The simulated trajectory; None in the record of a Solution. Its
+            plans have no states.
+        scenario: The scenario as it was run, as plain data; None in a saved result.
+        multipliers: Multipliers of the answer, or of the first plan of a run; None if
+            no solver converged to it, or the record is of an older version.
+        member_costs: Cost of each member of an ensemble, shape (M,); else empty.
     """
 
     folder: Path
@@ -143,7 +143,7 @@ def _saved(
     force: bool,
     bounded: Solution | None = None,
 ) -> Path:
-    """Write arrays, then the mark; the mark that was there goes first."""
+    """Write arrays, then the mark; an earlier mark is removed first."""
     with locked(folder):
         found = sorted(f.name for f in folder.iterdir() if not is_temporary(f.name))
         if found and not (force and MARK not in found):
@@ -168,15 +168,29 @@ def _saved(
 
 
 def load(folder: str | Path) -> Record:
-    """Return what a run, or `save` of a result, has left in a folder, as data.
+    """Return the record that a run, or `save` of a result, has written to a folder.
 
     Args:
-        folder: The folder, finished: an interrupted run has no mark yet.
+        folder: The folder of a finished run; the record of an interrupted one is not
+            complete.
 
     Raises:
         RecordError: If there is no finished record, or a file cannot be read.
         UnreadableFileError: If a run's scenario.yaml cannot be read.
         YamlError: If that file is not the format.
+
+    Example:
+        >>> import tempfile
+        >>> import swarmstart as ss
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     finished = ss.run(
+        ...         "double_integrator", seed=0, search="none", out=folder, figures=False
+        ...     )
+        ...     record = ss.load(folder)
+        >>> round(record.summary["measures"]["cost"], 3)
+        12.03
+        >>> record.arrays["states"].shape
+        (2, 21)
     """
     folder = Path(folder)
     is_run = (folder / MARK).is_file()
@@ -204,10 +218,10 @@ def load(folder: str | Path) -> Record:
 
 
 def _read(file: Path, read: Callable[[Path], T]) -> T:
-    """Return what is read of a file.
+    """Return the content of a file.
 
     Raises:
-        RecordError: If it cannot be read.
+        RecordError: If the file cannot be read.
     """
     try:
         return read(file)
