@@ -1,4 +1,4 @@
-"""Documents: the plain data of a YAML text, and the place of every value in it."""
+"""Documents: plain data of a YAML text, with the place of every value."""
 
 import difflib
 import re
@@ -16,10 +16,10 @@ LINE_BREAK = re.compile(r"\r\n|\r|\n")
 
 @dataclass(frozen=True, slots=True, order=True)
 class Place:
-    """A place in a text: "file:line:column", both from 1.
+    """A place in a text, "file:line:column"; line and column count from 1.
 
-    In an option of the command line, whose name begins with "--", neither at its
-    beginning, and else in words.
+    The place in an option of the command line, whose name begins with "--", is written
+    in words, and left out at its beginning.
     """
 
     name: str
@@ -37,12 +37,12 @@ class Place:
 
 
 class YamlError(SwarmstartError):
-    """The text can be read, but is not what this format allows.
+    """A text can be read, but this format does not allow it.
 
     Attributes:
         what: What was expected and what was found, without the place.
-        places: Where, the most important first; a key given twice has two.
-        frame: The offending line with a caret below, "" if there is no line.
+        places: Places of the error, the most important first; a repeated key has two.
+        frame: The line of the error with a caret below; "" if there is no line.
     """
 
     def __init__(self, what: str, *places: Place, frame: str = "") -> None:
@@ -58,7 +58,7 @@ class YamlError(SwarmstartError):
 
 
 class UnreadableFileError(SwarmstartError):
-    """A file is missing, forbidden, or no file to read from.
+    """A file is missing, forbidden, or cannot be read.
 
     Attributes:
         path: The path as given.
@@ -72,18 +72,18 @@ class UnreadableFileError(SwarmstartError):
         self.reason = reason
 
     def __str__(self) -> str:
-        """Say which file and why."""
+        """Return the file and the reason."""
         return f"{printable(self.path)}: expected a readable file, {self.reason}"
 
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One value and where it stands; collections hold Nodes and are never changed.
+    """One value and its place; collections hold Nodes and are never changed.
 
     Attributes:
         content: A scalar, a tuple of Nodes (list) or a dict of Nodes (mapping).
-        place: Where the value begins.
-        key_place: Where its key begins; its own place where it has no key.
+        place: Beginning of the value.
+        key_place: Beginning of its key; the place of the value if it has no key.
     """
 
     content: "str | int | float | bool | tuple[Node, ...] | Mapping[str, Node] | None"
@@ -93,7 +93,7 @@ class Node:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Document:
-    """A YAML document as plain data, and where each part of it was written.
+    """A YAML document as plain data, with the place of each part.
 
     A path is a tuple of keys and list indices; () is the document itself.
 
@@ -101,7 +101,7 @@ class Document:
         root: The tree that the other attributes are computed from; a mapping.
         name: The file's name as it appears in messages.
         sources: Text by name, for `frame`: the file's, and one for each `assign`.
-        folder: Where the files are that it names; None: in the folder of `name`.
+        folder: Folder of the files that it names; None means the folder of `name`.
         data: Nested dict, list, str, int, float, bool and None; this object's own.
         places: The place of every value, by path.
         key_places: The place of every key of a mapping, by the path of its value.
@@ -126,14 +126,15 @@ class Document:
 
 
 def frame(text: str, place: Place) -> str:
-    """Show a line of a text with a caret below the place.
+    """Return a line of a text with a caret below the place.
 
     Args:
         text: The source the place refers to, `document.sources[place.name]`.
         place: Where to put the caret.
 
     Returns:
-        Two lines; long ones are cut around the caret. "" for a place outside the text.
+        Two lines, cut around the caret if they are long; "" for a place outside the
+        text.
     """
     lines = LINE_BREAK.split(text)
     if not 1 <= place.line <= len(lines):
@@ -176,19 +177,19 @@ def shown(text: str) -> str:
 
 
 def meant(name: str, known: Iterable[str], *, otherwise: str) -> str:
-    """Return a question about the nearest of the known names, or else something else.
+    """Return a question about the most similar known name, or another text.
 
     Args:
         name: A name that is not known.
         known: The names that are.
-        otherwise: Returned if none of them is near.
+        otherwise: Text that is returned if no known name is similar.
     """
     near = difflib.get_close_matches(name, known, n=1)
     return f"did you mean {near[0]!r}?" if near else otherwise
 
 
 def printable(text: str) -> str:
-    """Escape what would not print as one line."""
+    """Escape all characters that would not print as one line."""
     return "".join(
         char if char.isprintable() else char.encode("unicode_escape").decode("ascii")
         for char in text
@@ -196,7 +197,7 @@ def printable(text: str) -> str:
 
 
 def kind_of(node: Node) -> str:
-    """Name a node that is no mapping as a user would."""
+    """Return a user's word for a node that is not a mapping."""
     content = node.content
     if content is None:
         return "null"

@@ -1,4 +1,4 @@
-"""Lengths of time as the command line and plans take them: 120s, 2m, 1h, 120."""
+"""Lengths of time on the command line and in plans: 120s, 2m, 1h, 120."""
 
 import math
 import re
@@ -12,7 +12,7 @@ _LONGEST_S = 1e9
 
 
 class InvalidDurationError(SwarmstartError, ValueError):
-    """A text is no length of time."""
+    """A text is not a length of time."""
 
 
 def seconds_of(text: str) -> float:

@@ -8,7 +8,7 @@ here (`FLOAT_OPERATIONS`), symbols elsewhere. Allowed: decimal numbers, names, p
 `MAX_EXPONENT` in magnitude. Everything else Python's grammar knows is refused, from
 attributes to 1_000, 0x10, 1j and line breaks.
 
-Measures of a path may use a few more: `x.start`, `x.end` and `REDUCTIONS`.
+Measures of a path can also use `x.start`, `x.end` and `REDUCTIONS`.
 """
 
 import ast
@@ -54,13 +54,13 @@ FUNCTIONS: Mapping[str, int] = MappingProxyType(  # number of arguments
         "max": 2,  # or more
     }
 )
-REDUCTIONS: Mapping[str, int] = MappingProxyType(  # of a path to a number
+REDUCTIONS: Mapping[str, int] = MappingProxyType(  # from a path to a number
     {"integral": 1, "mean": 1, "settling": 3, "overshoot": 2}
 )
 PREVIOUS = "previous"
-"""A function of one name, of a control: its value in the interval before."""
+"""Function of the name of a control: its value in the interval before."""
 ENDS = ("start", "end")
-"""Of a path, written behind it: `x.end`."""
+"""Ends of a path, written after its name: `x.end`."""
 FLOAT_OPERATIONS: Mapping[str, Callable[..., float]] = MappingProxyType(
     {
         **{name: getattr(math, name) for name in FUNCTIONS if hasattr(math, name)},
@@ -92,7 +92,7 @@ _ALLOWED = "numbers, names, pi, + - * / **, parentheses and " + ", ".join(FUNCTI
 
 
 def previous_of(control: str) -> str:
-    """Return the name that the value of a control in the interval before has."""
+    """Return the name for the value of a control in the interval before."""
     return f"{PREVIOUS}({control})"
 
 
@@ -102,7 +102,7 @@ class ExpressionError(SwarmstartError, ValueError):
     Attributes:
         what: What was expected and what was found.
         expression: The text, in full.
-        column: Where in it, from 1.
+        column: Column of the error in it, from 1.
     """
 
     def __init__(self, what: str, expression: str, column: int) -> None:
@@ -113,7 +113,7 @@ class ExpressionError(SwarmstartError, ValueError):
         self.column = column
 
     def __str__(self) -> str:
-        """Show the expression, escaped and shortened, and the column."""
+        """Return the expression, escaped and shortened, the column and the error."""
         text = self.expression
         shown = text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
         return f"expression {shown!a}, column {self.column}: {self.what}"
@@ -152,7 +152,7 @@ class Expression:
 
     Attributes:
         text: As written, for messages.
-        tree: What to compute.
+        tree: Operations to compute.
     """
 
     text: str
@@ -165,7 +165,7 @@ class Expression:
 
     @property
     def name_places(self) -> tuple[Name, ...]:
-        """Every use of a name, from left to right."""
+        """All uses of names, from left to right."""
         return tuple(_names(self.tree))
 
 
@@ -174,7 +174,7 @@ def evaluate(text: str, names: Mapping[str, float] = MappingProxyType({})) -> fl
 
     Args:
         text: At most `MAX_CHARACTERS` long.
-        names: The value of each name allowed beside the constants; they come first.
+        names: The value of each name allowed besides the constants, which come first.
 
     Returns:
         A finite number.
@@ -199,20 +199,19 @@ def parse(
     of_paths: bool = False,
     functions: Mapping[str, int] | None = NO_FUNCTIONS,
 ) -> Expression:
-    """Check a text and turn it into a tree; nothing is computed but exponents.
+    """Return a checked text as a tree; only exponents are computed.
 
     Args:
         text: At most `MAX_CHARACTERS` long.
-        of_paths: Whether `REDUCTIONS`, `ENDS`, and min and max of one path are
-            allowed, too.
-        functions: More functions, name -> number of arguments; None: any name may be
-            one, which is to be parsed again once they are known.
+        of_paths: Whether `REDUCTIONS`, `ENDS`, and min and max of one path are allowed.
+        functions: More functions, name -> number of arguments; None allows any name as
+            a function, and the text is parsed again when they are known.
 
     Returns:
         The tree; its names are not looked up yet.
 
     Raises:
-        ExpressionError: If it holds anything that is not allowed.
+        ExpressionError: If it has a part that is not allowed.
     """
     if len(text) > MAX_CHARACTERS:
         what = f"expected at most {MAX_CHARACTERS} characters, found {len(text)}"
@@ -242,7 +241,7 @@ def interpret(
     operations: Mapping[str, Callable[..., T]],
     names: Mapping[str, T],
 ) -> T | float:
-    """Compute an expression with any arithmetic, floats or symbols.
+    """Return the value of an expression in any arithmetic, floats or symbols.
 
     Args:
         expression: From `parse`.
@@ -251,7 +250,7 @@ def interpret(
         names: The value of each name allowed beside the constants; they come first.
 
     Returns:
-        The value; a float where no name of type T takes part.
+        The value; a float if no name of type T takes part.
 
     Raises:
         ExpressionError: If a name is unknown, or an operation on floats is undefined
@@ -284,7 +283,7 @@ def interpret(
 
 
 class _Converter:
-    """Turns Python's ast into a Tree, and refuses what is not listed here."""
+    """Converter of Python's ast to a Tree; refuses all that is not listed here."""
 
     def __init__(
         self,
@@ -301,7 +300,7 @@ class _Converter:
         self._any = functions is None
 
     def tree(self, node: ast.expr, depth: int) -> Tree:
-        """Convert one node and those below it."""
+        """Return the tree of one node and those below it."""
         if depth > MAX_DEPTH:
             self._refuse(node, f"expected at most {MAX_DEPTH} levels, found more")
         match node:
@@ -377,7 +376,7 @@ class _Converter:
         return self._operation(name, node.args, node, depth)
 
     def _previous(self, node: ast.Call) -> Name:
-        """Convert what is the value of one name before to a name of its own."""
+        """Return the name that stands for a control's value in the interval before."""
         match node:
             case ast.Call(args=[ast.Name(id=control)], keywords=[]):
                 return Name(previous_of(control), self._column(node))
@@ -395,7 +394,7 @@ class _Converter:
 
 
 def _check_tokens(text: str, start: int, end: int, allowed: re.Pattern[str]) -> None:
-    """Refuse every character and number that no allowed expression holds."""
+    """Refuse every character and number that no allowed expression can have."""
     while start < end:
         token = allowed.match(text, start, end)
         if token is None and text[start] == "^":
@@ -418,7 +417,7 @@ def _names(tree: Tree) -> Iterable[Name]:
 
 
 def _suggested(name: str, known: Collection[str]) -> str:
-    """Name the closest of the known names, or else the first of them."""
+    """Return the most similar known name as a question, or else the first names."""
     if close := difflib.get_close_matches(name, known, n=1):
         return f": did you mean {close[0]!r}?"
     first = ", ".join(list(known)[:MAX_NAMES])

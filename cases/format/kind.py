@@ -1,4 +1,4 @@
-"""Kinds of scenario: the parts of one that the commands need to run it."""
+"""Kinds of scenario: the functions with which the commands run one."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,32 +34,35 @@ from swarmstart.terminal_set import TerminalSet
 Array = NDArray[np.float64]
 Measure = float | int | list[float | None] | None
 NEVER = "never"
-"""Why a time is not defined: what it waits for does not come, so it is above any."""
+"""Reason of an undefined time: its event never comes, so it exceeds every bound."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedAgent:
-    """An agent that plans, or flies a plan that it is given.
+    """An agent that plans, or follows a given plan.
 
     Attributes:
         problem: Its planning problem.
-        family: What a search looks for; None means control sequences.
+        family: Family of trajectories that a search looks in; None means control
+            sequences.
         reference: The problem's first signals: absolute times (n,) [s] -> (nr, n); the
-            plans of those that it watches follow. None: it has none.
-        parameters: Time [s] -> parameters (np,) of the plan made then; None: none.
-        candidates: Time [s] -> controls (nu, N, k) that a search looks at besides the
-            last plan; None: none.
-        append: What the last plan, shifted, ends with.
+            plans of the agents that it watches follow. None means no reference.
+        parameters: Time [s] -> parameters (np,) of the plan made then; None if it has
+            none.
+        candidates: Time [s] -> controls (nu, N, k) that a search tries besides the last
+            plan; None means none.
+        append: End of the shifted last plan.
         shift: Whether planning starts at the last plan shifted by one interval; else at
             the last plan as it is, one interval late.
-        first: Controls (nu, N), or a Start with states, that the first plan begins
-            from; None: none are known.
-        given: Controls (nu, N) that are flown as they are, neither searched nor
-            polished; None: the agent plans.
-        watches: Numbers of the agents whose plans it sees; each plans before it.
-        shows: Rows of its own states that others see: its position.
-        previous: Control of the interval before the flight, shape (nu,); None: the
-            nearest to zero that is allowed.
+        first: Controls (nu, N), or a Start with states, from which the first plan
+            starts; None if they are not known.
+        given: Controls (nu, N) that are applied unchanged, neither searched nor
+            polished; None means that the agent plans.
+        watches: Numbers of the agents whose plans it uses; each of them plans before
+            it.
+        shows: Rows of its states that other agents use: its position.
+        previous: Control of the interval before the first, shape (nu,); None means the
+            allowed one nearest to zero.
     """
 
     problem: OptimalControlProblem
@@ -78,16 +81,17 @@ class PosedAgent:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedPlant:
-    """A plant that is not compiled yet; its dt is that of the planning problems.
+    """A plant that is not compiled yet, with the dt of the planning problems.
 
     Attributes:
         model: The model.
         substeps: Steps of the integrator in a control interval.
         parameters: Times (n,) [s] -> the model's parameters (np, n) that are not
-            decided; None: none.
-        signals: Times (n,) [s] -> the model's signals (ns, n); None: none.
-        decided: Name of a parameter that plans decide -> its value until one does.
-        differs: Whether it is another system than the planning problems', on purpose.
+            decided; None if it has none.
+        signals: Times (n,) [s] -> the model's signals (ns, n); None if it has none.
+        decided: Name of a parameter that plans decide -> its value before the first
+            plan.
+        differs: Whether it differs from the model of the planning problems on purpose.
     """
 
     model: Model
@@ -115,16 +119,17 @@ class LinearLaws:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Nearby:
-    """Alike agents that see only those within a range; see LocalTeam.
+    """Identical agents that use only plans within a range; see LocalTeam.
 
-    Parameters and candidates of the agents do not change in time, and agents without a
-    reference follow the plan of the first in the order.
+    Parameters and candidates of the agents are constant in time. Agents without a
+    reference follow the plan of the first agent in the order.
 
     Attributes:
         problems: Number of others -> the planning problem with signals for that many.
-        range: Distance within which an agent sees others' plans [m].
+        range: Distance within which an agent uses the plans of others [m].
         position: Rows of an agent's states that are its position.
-        links: How many agents to watch always the problems have signals for.
+        links: Number of agents that are always watched, for which the problems have
+            signals.
     """
 
     problems: Mapping[int, OptimalControlProblem]
@@ -135,25 +140,25 @@ class Nearby:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Posed:
-    """A flight as a kind poses it, with nothing compiled.
+    """A closed-loop run as a kind poses it, with nothing compiled.
 
-    A kind's own subclass adds what its measures and figures need.
+    The subclass of a kind adds what its measures and figures need.
 
     Attributes:
-        agents: Those that plan, in the order of their states and controls.
-        x0: Where the flight starts, shape (nx,), agent after agent.
-        plant: What is flown.
-        order: Numbers of the agents in the order in which they plan; None: there is
-            one agent.
-        nearby: Given where agents see only those within a range; None: each sees the
-            plans of all that it watches.
-        open_loop: Whether the one plan is flown to its end without looking again.
-        repair: Of an open loop: whether a plan that breaks a constraint between its
-            checks is made again with a margin.
-        dual_mode: What takes over inside the terminal sets; None: nothing does.
-        period: Time from one plan to the next [s] where the end time is decided and
-            the loop is not open; else None.
-        documents: What else belongs into a run's folder: name of a file -> its text.
+        agents: The agents that plan, in the order of their states and controls.
+        x0: Initial state, shape (nx,), agent after agent.
+        plant: The simulated system.
+        order: Numbers of the agents in the order in which they plan; None for one
+            agent.
+        nearby: Given if agents use only plans within a range; None means that each uses
+            the plans of all agents that it watches.
+        open_loop: Whether the one plan is followed to its end without feedback.
+        repair: Whether an open-loop plan that breaks a constraint between its checks is
+            solved again with a margin.
+        dual_mode: Linear laws that take over inside the terminal sets; None means none.
+        period: Time from one plan to the next [s] if the end time is decided and the
+            loop is closed; else None.
+        documents: Further files of a run's folder: name -> text.
     """
 
     agents: tuple[PosedAgent, ...]
@@ -169,7 +174,7 @@ class Posed:
 
 
 class SeveralPlansError(SwarmstartError):
-    """A scenario has several planning problems: of several agents, or of its steps."""
+    """A scenario has several planning problems, for several agents or steps."""
 
 
 P_co = TypeVar("P_co", bound=Posed, covariant=True)
@@ -177,12 +182,12 @@ P_co = TypeVar("P_co", bound=Posed, covariant=True)
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Flight(Generic[P_co]):
-    """A closed loop ready to be flown.
+    """A closed loop that is ready to run.
 
     Attributes:
-        posed: What was posed.
-        plant: What is flown.
-        controller: What flies it.
+        posed: Agents and plant as posed.
+        plant: The simulated system.
+        controller: The controller of the plant.
     """
 
     posed: P_co
@@ -220,7 +225,7 @@ class Flight(Generic[P_co]):
         return loop
 
     def answer(self, trajectory: Trajectory) -> Solution:
-        """Return the plan that an open loop flew to its end, verified.
+        """Return the plan that an open loop followed to its end, verified.
 
         Raises:
             SeveralPlansError: If several agents plan.
@@ -229,7 +234,7 @@ class Flight(Generic[P_co]):
         given, known, _ = planner.posed(self.x0, self.loop.known(0.0))
         plan = trajectory.decisions[0].plans[0]
         x0 = start_of(planner.problem, plan, given)
-        if not plan.states.size:  # A record keeps none.
+        if not plan.states.size:  # A record keeps no states of plans.
             states = planner.fitness.states(plan.controls, x0, known)
             plan = replace(plan, states=states)
         return verified(planner.tracer, plan, x0, known)
@@ -243,7 +248,8 @@ class PlanningProblem:
         problem: The problem.
         x0: The state, shape (nx,).
         known: Its parameters and signals.
-        family: What a search looks for; None means control sequences.
+        family: Family of trajectories that a search looks in; None means control
+            sequences.
     """
 
     problem: OptimalControlProblem
@@ -253,7 +259,7 @@ class PlanningProblem:
 
 
 class CodeNotAllowedError(SwarmstartError):
-    """A scenario runs a file of the user's, and that is not allowed."""
+    """A scenario runs a file of the user's, which was not allowed."""
 
     def __init__(self, file: Path) -> None:
         """Name the file and the option."""
@@ -264,23 +270,23 @@ class CodeNotAllowedError(SwarmstartError):
 
 
 class NoAnimationError(SwarmstartError):
-    """There is no animation of this kind of flight."""
+    """A kind of scenario has no animation."""
 
 
 def no_measures(scenario: Scenario) -> dict[str, str]:
-    """Return no measures of its own, for a kind whose scenarios define none."""
+    """Return an empty mapping, for kinds whose scenarios define no measures."""
     del scenario
     return {}
 
 
 class Flown(NamedTuple):
-    """Cost of a whole flight, and by how much it broke its constraints.
+    """Cost of a whole run, and its largest excess over a constraint.
 
     Attributes:
-        cost: What flights of this kind are compared by, the less the better, also where
-            the user maximises; NaN if it is not finite.
-        excess: Largest excess over a constraint along the whole path, relative to its
-            limit where that is a distance; 0 if all hold.
+        cost: Value by which runs of this kind are compared, the lower the better, also
+            if the user maximises; NaN if it is not finite.
+        excess: Largest excess over a constraint along the whole path, relative to the
+            limit if that is a distance; 0 if all constraints hold.
     """
 
     cost: float
@@ -293,24 +299,22 @@ class Kind:
 
     Attributes:
         scenario: The pydantic model of its scenarios.
-        poses: Scenario -> its agents and plant, nothing compiled; call `pose`.
-        measure: (scenario, flight, trajectory) -> measures by name.
-        flown: (scenario, flight, trajectory, measures) -> what whole flights are
-            compared by.
+        poses: Scenario -> its agents and plant, not compiled; to be called by `pose`.
+        measure: (scenario, flight, trajectory) -> values of the measures, by name.
+        flown: (scenario, flight, trajectory, measures) -> values by which whole runs
+            are compared.
         measures: Name -> meaning, with its unit in brackets at the end.
-        undefined: Name of a measure that may be null -> why; NEVER for a time.
-        own_measures: Scenario -> measures that it defines itself: name -> why one may
-            be null.
+        undefined: Name of a measure that can be null -> reason; NEVER for a time.
+        own_measures: Scenario -> measures that it defines itself: name -> reason why
+            one can be null.
         own_meanings: Scenario -> the same measures: name -> meaning.
-        flaws: Scenario -> what is wrong across its parts, with the place: text, or
-            the error of an expression.
-        drawn_by: "module:function" of what draws: (scenario, flight, trajectory,
-            folder) -> files written. A name, since it is no part of what determines a
-            run's numbers.
+        flaws: Scenario -> errors that concern several of its parts, with their places:
+            texts, or errors of expressions.
+        drawn_by: "module:function" that draws: (scenario, flight, trajectory, folder)
+            -> files. It is a name because drawing does not change the numbers of a run.
         animated_by: Name of the module whose `animate` and `check_writer` make
-            animations; empty: the kind has none.
-        code: Scenario -> the file of the user's that posing it runs; None: it runs
-            none.
+            animations; empty if the kind has none.
+        code: Scenario -> the user's file that posing it runs; None if it runs none.
     """
 
     scenario: type[Scenario]
@@ -327,14 +331,16 @@ class Kind:
     code: Callable[..., Path] | None = None
 
     def pose(self, scenario: Scenario, *, allow_python: bool = False) -> Posed:
-        """Return agents and plant: `kinds/flight.py` makes a flight of them.
+        """Return agents and plant, of which `kinds/flight.py` builds a closed loop.
 
         Args:
             scenario: The scenario, checked.
-            allow_python: Whether a file of the user's may be run; no file can say so.
+            allow_python: Whether a user's file may be run; a file cannot set this
+                itself.
 
         Raises:
-            CodeNotAllowedError: If one is to be run and may not.
+            CodeNotAllowedError: If the scenario runs a file and `allow_python` is
+                false.
             SwarmstartError: If it cannot be posed.
         """
         if self.code is not None and not allow_python:
@@ -370,7 +376,7 @@ class Kind:
         resolve_name(f"{self.animated_by}:animate")(scenario, flight, trajectory, file)
 
     def check_animation(self, writer: str) -> None:
-        """Refuse an animation that cannot be written here, "gif" or "mp4".
+        """Raise if an animation, "gif" or "mp4", cannot be written on this machine.
 
         Raises:
             NoAnimationError: If the kind has none.
@@ -394,5 +400,5 @@ class Kind:
         return {**self.own_meanings(scenario), **self.measures}
 
     def undefined_of(self, scenario: Scenario) -> dict[str, str]:
-        """Return why measures of a scenario may be null, by name."""
+        """Return the reasons why measures of a scenario can be null, by name."""
         return {**self.own_measures(scenario), **self.undefined}

@@ -31,7 +31,8 @@ def overlay(document: Document, path: Path) -> Document:
 
     Args:
         document: Left as it is.
-        path: Where the override stands, such as ("variants", "literal"); it stays.
+        path: Where the override stands, such as ("variants", "literal"); it is not
+            removed.
 
     Returns:
         The merged document.
@@ -57,7 +58,7 @@ def split_assignment(text: str, *, name: str = "--set") -> tuple[str, str]:
 
     Args:
         text: What the user typed.
-        name: What messages call it.
+        name: Name of the text in messages.
 
     Returns:
         The dotted key and the text of the value.
@@ -82,7 +83,7 @@ def assign(
         dotted_key: Such as "controller.search.size" or "vehicles.0.start.x_m"; in a
             list, a number from 0 stands for an item that exists.
         text_value: A YAML scalar, or a list or mapping in brackets; "" is null.
-        name: What messages call the origin, before the key.
+        name: Name of the origin in messages, before the key.
 
     Returns:
         The changed document; places of the value read "--set controller.search.size".
@@ -124,7 +125,7 @@ def _child(document: Document, node: Node, path: Path, part: str | int) -> Node:
 
 
 def _overlaid(base: Node, override: Node) -> Node:
-    """Merge mappings key by key; anything else is replaced."""
+    """Return mappings merged key by key; anything else is replaced."""
     if not isinstance(base.content, dict) or not isinstance(override.content, dict):
         return override
     children: dict[str, Node] = dict(base.content)

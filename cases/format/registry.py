@@ -10,10 +10,11 @@ class SearchEntry(NamedTuple):
     """A search as scenarios and the command line know it.
 
     Attributes:
-        title: What it is, in a few words.
-        settings: Where its settings class is; empty for none.
-        warm_start: How much of its first population is the last plan by default.
-        sampling: How the rest is drawn by default; None as the library does.
+        title: Description in a few words.
+        settings: "module:class" of its settings; empty if it has none.
+        warm_start: Part of the first population that is the last plan, by default.
+        sampling: Method of drawing the rest, by default; None means that of the
+            library.
     """
 
     title: str
@@ -83,8 +84,8 @@ class KindEntry(NamedTuple):
     """A kind of scenario as the registry knows it.
 
     Attributes:
-        kind: Where its Kind is.
-        measures: Where the names of its measures are, with what they mean.
+        kind: "module:attribute" of its Kind.
+        measures: "module:attribute" of its measures: name -> meaning.
     """
 
     kind: str

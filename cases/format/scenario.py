@@ -1,8 +1,8 @@
-"""A scenario: from a name or a path to a checked, frozen object.
+"""Reading of a scenario: from a name or a path to a checked, frozen object.
 
     file -> document -> variant laid over it -> --set -> validated Scenario
 
-Everything wrong is reported at once, each with file:line:column.
+All errors are reported at once, each with file:line:column.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ RENAMED = {
     "integrator": "prediction.integrator",
     "search.bounds": "search.bound_handling",
 }
-"""Keys that scenarios had before -> what is written in their place."""
+"""Keys of earlier versions -> their replacements."""
 
 _EXPECTED = {  # pydantic's type of an error -> what was expected, with its context
     "int_type": "an integer",
@@ -75,10 +75,10 @@ _EXPECTED = {  # pydantic's type of an error -> what was expected, with its cont
 
 @dataclass(frozen=True, slots=True)
 class Flaw:
-    """One thing wrong with a scenario.
+    """An error in a scenario.
 
     Attributes:
-        place: Where.
+        place: Place of the error.
         what: What was expected and what was found.
         frame: The line with a caret; empty if there is no line.
     """
@@ -96,7 +96,7 @@ class InvalidScenarioError(SwarmstartError, ValueError):
     """A scenario that can be read but not run.
 
     Attributes:
-        flaws: Everything that is wrong with it, in the order of the file.
+        flaws: All errors, in the order of the file.
     """
 
     def __init__(self, flaws: Sequence[Flaw]) -> None:
@@ -105,7 +105,7 @@ class InvalidScenarioError(SwarmstartError, ValueError):
         super().__init__(self.flaws)
 
     def __str__(self) -> str:
-        """Say everything, a line each."""
+        """Return all errors, a line each."""
         return "\n".join(map(str, self.flaws))
 
 
@@ -119,11 +119,11 @@ class Resolved:
 
     Attributes:
         scenario: The checked scenario.
-        kind: How its kind is built, measured and drawn.
-        variant: The variant's name; empty where the scenario has none.
+        kind: Its kind, which builds, measures and draws it.
+        variant: The variant's name; empty if the scenario has no variants.
         settings: The resolved scenario as plain data, complete with defaults.
-        allow_python: Whether a file of the user's may be run, if the kind runs one:
-            only the command or call at hand says so, never a file.
+        allow_python: Whether a user's file may be run, if the kind runs one; only the
+            current command or call can set this, never a file.
     """
 
     scenario: Scenario
@@ -134,26 +134,29 @@ class Resolved:
 
     @property
     def code(self) -> Path | None:
-        """The file of the user's that posing it runs; None: it runs none."""
+        """The user's file that posing it runs; None if it runs none."""
         return None if self.kind.code is None else self.kind.code(self.scenario)
 
     def posed(self) -> Posed:
-        """Return what its kind poses.
+        """Return agents and plant, posed by its kind.
 
         Raises:
-            CodeNotAllowedError: If that runs a file, and may not.
+            CodeNotAllowedError: If that runs a file and `allow_python` is false.
             SwarmstartError: If it cannot be posed.
         """
         return self.kind.pose(self.scenario, allow_python=self.allow_python)
 
     def permissions(self) -> dict[str, str]:
-        """Return what lets `resolved_again` run the user's file, or nothing."""
+        """Return the permission to run the user's file again, if it was given."""
         if self.code is None or not self.allow_python:
             return {}
         return {"python_in": str(self.code.parent.resolve())}
 
     def anonymous_settings(self) -> dict[str, Any]:
-        """Return the settings without title, name and others that change no result."""
+        """Return the settings without title, name, source and claims.
+
+        These do not affect the result.
+        """
         told = {"claims": [], "title": "", "source": "", "name": "cell"}
         return {**self.settings, **told}
 
@@ -200,7 +203,7 @@ def read_document(name_or_path: str) -> Document:
 
 
 def _exists(path: str) -> bool:
-    """Return whether there is a file of that name; no name is too long to ask."""
+    """Return whether a file of that name exists; false for impossible names."""
     try:
         return Path(path).exists()
     except (OSError, ValueError):
@@ -216,21 +219,22 @@ def resolve(
     assignments: Sequence[str] = (),
     valid: Callable[[Scenario], None] = lambda scenario: None,
 ) -> Resolved:
-    """Lay the variant and the assignments over a scenario and check the result.
+    """Return a checked scenario with its variant and the assignments applied.
 
     Args:
         document: The scenario as read.
-        variant: The variant's name; None means corrected, where there are variants.
-        search: The search's name, with its defaults; the scenario's own settings where
-            it is the scenario's own search. None means the scenario's.
-        polish: The polish's name; None means the scenario's.
+        variant: The variant's name; None means "corrected" if there are variants.
+        search: The search's name, with its default settings, or with those of the
+            scenario if it is the scenario's own search. None means the scenario's
+            search.
+        polish: The polish's name; None means that of the scenario.
         assignments: "key.path=value", applied in order.
-        valid: Told of a scenario of the right form, before what takes time is checked:
-            that its terminal set can be certified.
+        valid: Callback with a scenario of the right form, before the slow check that
+            its terminal set can be certified.
 
     Raises:
         YamlError: If an assignment does not fit.
-        InvalidScenarioError: With everything that is wrong.
+        InvalidScenarioError: If the scenario is invalid, with all errors.
     """
     document, name = _with_variant(document, variant)
     document = _with_name(_without(document, "variants"))
@@ -243,7 +247,7 @@ def resolve(
         document = assign(document, *split_assignment(text))
     kind = _kind(document)
     scenario = checked(document, kind.scenario)
-    if steps is None:  # By default a flight is as long as its first plan.
+    if steps is None:  # By default a run is as long as its first plan.
         steps = getattr(getattr(scenario, "prediction", None), "intervals", None)
     scenario = _claiming(scenario, steps)
     valid(scenario)
@@ -262,15 +266,15 @@ def resolve(
 def resolved_again(
     settings: Mapping[str, Any], variant: str, *, python_in: str | None = None
 ) -> Resolved:
-    """Return what `resolve` had returned, from its settings.
+    """Return the result of an earlier `resolve`, from its settings.
 
     Args:
         settings: As in Resolved: plain data, complete and checked.
         variant: As in Resolved.
-        python_in: The folder of the file that may be run; None: none may.
+        python_in: The folder of the file that may be run; None if no file may be run.
 
     Raises:
-        InvalidScenarioError: If they are not what `resolve` returns.
+        InvalidScenarioError: If the settings are not those of a resolved scenario.
     """
     text, name = json.dumps(settings), str(Path(python_in or "") / "settings")
     resolved = resolve(parse_yaml(text.encode(), name=name))
@@ -285,11 +289,11 @@ def search_of(
     Args:
         name: The search.
         options: Its settings -> their values as YAML text.
-        told: What messages call the place where they stand.
+        told: Name of the place of the settings in messages.
 
     Raises:
         YamlError: If a value cannot be read.
-        InvalidScenarioError: If one is not allowed: in the words for a scenario.
+        InvalidScenarioError: If a value is not allowed, in the words for a scenario.
     """
     from swarmstart.cases.format.settings import Searching
 
@@ -301,11 +305,11 @@ def search_of(
 
 
 def _claiming(scenario: Scenario, steps: object) -> Scenario:
-    """Return the scenario with claims of flights as long as its file says.
+    """Return the scenario with claims about runs as long as its file says.
 
     Args:
         scenario: The scenario, with the steps that it is run with.
-        steps: The file's own; a claim whose `when` has others keeps them.
+        steps: The steps of the file; a claim whose `when` has other steps keeps them.
     """
     if not isinstance(steps, int):
         return scenario
@@ -317,7 +321,7 @@ def _claiming(scenario: Scenario, steps: object) -> Scenario:
 
 
 def _with_variant(document: Document, variant: str | None) -> tuple[Document, str]:
-    """Return the document with its variant laid over it, and the variant's name."""
+    """Return the document with its variant applied, and the variant's name."""
     variants = document.data.get("variants")
     if variants is None:
         if variant is None:
@@ -338,7 +342,7 @@ def _with_variant(document: Document, variant: str | None) -> tuple[Document, st
 
 
 def _with_name(document: Document) -> Document:
-    """Return the document with a name: that of its file, if it has none."""
+    """Return the document with a name: its own, or that of its file."""
     stem = re.sub(r"[^A-Za-z0-9_-]", "_", Path(document.name).stem)[:LONGEST_NAME]
     if "name" in document.data or not stem:
         return document
@@ -363,7 +367,7 @@ def _without(document: Document, key: str) -> Document:
 
 
 def _kind(document: Document) -> Kind:
-    """Return the kind the document says it is of."""
+    """Return the kind that the document names."""
     kind = document.data.get("kind")
     near = difflib.get_close_matches("kind", document.data, n=1)
     if kind is None and near:
@@ -380,7 +384,7 @@ def _kind(document: Document) -> Kind:
 def _claim_flaws(
     scenario: Scenario, kind: Kind
 ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Yield place and flaw of each claim about a measure or a key that is missing."""
+    """Yield an error for each claim whose measure or key does not exist."""
     for number, claim in enumerate(scenario.claims):
         known = kind.measures_of(scenario)
         if claim.measure not in known:
@@ -395,7 +399,7 @@ def _claim_flaws(
 
 
 def _is_missing(scenario: Scenario, dotted_key: str) -> bool:
-    """Return whether no such scenario has a key; other searches have other keys."""
+    """Return whether a scenario lacks a key; keys of other searches are not checked."""
     settings = scenario.model_dump(mode="json", by_alias=True)
     if dotted_key.startswith("search."):
         return False
@@ -407,14 +411,14 @@ def _is_missing(scenario: Scenario, dotted_key: str) -> bool:
 
 
 def checked(document: Document, model: type[M]) -> M:
-    """Return what pydantic makes of a document: a scenario, or another file of users.
+    """Return a document validated by a pydantic model.
 
     Args:
         document: The document.
         model: The pydantic model.
 
     Raises:
-        InvalidScenarioError: If it does not fit, with all that is wrong.
+        InvalidScenarioError: If it does not fit, with all errors.
     """
     import pydantic
 
@@ -424,7 +428,7 @@ def checked(document: Document, model: type[M]) -> M:
         return model.model_validate(document.data, context={"folder": beside})
     except pydantic.ValidationError as error:
         by_path = _by_path(document, error)
-        # A new key is not missed where its old name is: that is said once.
+        # An old name of a key is reported once, and not also the missing new key.
         old = RENAMED.keys() & map(_dotted, by_path)
         new = {RENAMED[key].partition(" ")[0] for key in old}
         flaws = [
@@ -440,8 +444,9 @@ def _by_path(
 ) -> dict[tuple[str | int, ...], list[pydantic_core.ErrorDetails]]:
     """Return pydantic's errors by their place in the data.
 
-    Where a value may be one of several things, pydantic says for each why it is not.
-    Those belong together; and where one of them got further in, it is the one meant.
+    If a value can have one of several forms, pydantic reports an error for each form.
+    These belong together, and the form that fits best is the one with the deepest
+    error.
     """
     grouped: dict[tuple[str | int, ...], list[pydantic_core.ErrorDetails]] = {}
     for details in error.errors(include_url=False):
@@ -456,7 +461,7 @@ def _described(
     group: Sequence[pydantic_core.ErrorDetails],
     model: type[Any],
 ) -> Flaw:
-    """Return what pydantic says of one place in this project's words."""
+    """Return pydantic's errors at one place in the words of this project."""
     details = next((d for d in group if d["type"] == "value_error"), group[0])
     kind, context = details["type"], details.get("ctx", {})
     if kind == "extra_forbidden":
@@ -473,7 +478,7 @@ def _described(
     if kind == "value_error":
         return _refused(document, path, context["error"])
     if kind.startswith("union_tag"):
-        expected = ", ".join(SEARCHES)  # The only choice by name that there is.
+        expected = ", ".join(SEARCHES)  # No other key is chosen by name.
         found = _shown(context["tag"]) if "tag" in context else "none"
         what = f"expected name to be one of {expected}; found {found}"
         return _flaw(document, (*path, "name"), what)
@@ -486,7 +491,7 @@ def _described(
 def _flaw_of(
     document: Document, path: tuple[str | int, ...], what: str | SwarmstartError
 ) -> Flaw:
-    """Return what is wrong across parts; an expression's error has its own column."""
+    """Return an error that concerns several parts; expressions have a column."""
     if isinstance(what, str):
         return _flaw(document, path, what)
     return _refused(document, path, what)
@@ -495,13 +500,13 @@ def _flaw_of(
 def _expected(details: pydantic_core.ErrorDetails) -> str:
     """Return what one of pydantic's errors expected."""
     words = _EXPECTED.get(details["type"])
-    if words is None:  # Nothing that the models here ask for.
+    if words is None:  # A type of error that the models here do not cause.
         return details["msg"].removeprefix("Input should be ")
     return words.format(**details.get("ctx", {}))
 
 
 def _refused(document: Document, path: tuple[str | int, ...], error: Exception) -> Flaw:
-    """Return what a check of this project says of a value, at its place."""
+    """Return the error of one of this project's checks, at the place of the value."""
     from swarmstart.heuristics import InvalidSettingsError
 
     cause = error.__cause__
@@ -519,9 +524,9 @@ def _refused(document: Document, path: tuple[str | int, ...], error: Exception) 
 
 
 def _within(place: Place, source: str, error: ExpressionError) -> Place:
-    """Return where in a text the wrong part of an expression stands.
+    """Return the place of the wrong part of an expression in a text.
 
-    The value's own place where the expression is written with escapes or over lines.
+    It is the place of the whole value if that has escapes or several lines.
     """
     lines = source.splitlines()
     written = lines[place.line - 1][place.column - 1 :] if lines else ""
@@ -532,7 +537,7 @@ def _within(place: Place, source: str, error: ExpressionError) -> Place:
 
 
 def _path_in(data: Any, details: pydantic_core.ErrorDetails) -> tuple[str | int, ...]:
-    """Return pydantic's location without what is not in the data: tags of unions.
+    """Return pydantic's location without tags of unions, which are not in the data.
 
     The last part of a missing key is not in the data either, and is kept; the ends of
     a range are entries of a list.
@@ -558,7 +563,7 @@ def _known_keys(
     data: Any,
     path: Sequence[str | int],
 ) -> list[str]:
-    """Return the keys a mapping at a path may have, as far as the schema tells."""
+    """Return the keys that a mapping at a path can have according to the schema."""
     schema = model.model_json_schema(by_alias=True)
     node = _resolved(schema, schema, data)
     for part in path:
@@ -594,7 +599,7 @@ def _flaw(
     *,
     of_key: bool = False,
 ) -> Flaw:
-    """Return a flaw at the place of a path, or of the nearest part of it there is."""
+    """Return an error at a path, or at the longest part of the path that exists."""
     places = document.key_places if of_key else document.places
     at = tuple(path)
     while at not in places and at:

@@ -1,7 +1,7 @@
-"""The parts of a scenario that every kind of scenario shares, as pydantic models.
+"""The parts of a scenario that all kinds of scenario share, as pydantic models.
 
-All are strict and frozen, and refuse unknown keys. A number may be written as an
-expression, `pi/18`.
+All are strict and frozen, and refuse unknown keys. A number can be written as an
+expression, such as `pi/18`.
 """
 
 import dataclasses
@@ -62,20 +62,22 @@ from swarmstart.ocp import (
 
 Array = NDArray[np.float64]
 LocatedFlaw = tuple[tuple[str | int, ...], str | SwarmstartError]
-"""Where in the scenario something is wrong, and what; an expression's error has a
-column of its own."""
+"""Path of an error in the scenario, and the error.
+
+The error of an expression has a column of its own.
+"""
 
 
 LARGEST = 1e30
 """Largest magnitude of a number: its powers are still finite."""
 MOST_LANES = 100_000
-"""Random starts that are solved at once."""
+"""Largest number of random starts that are solved at once."""
 MOST_INDIVIDUALS = 200_000
-"""Of a search's population."""
+"""Largest number of individuals in the population of a search."""
 
 
 def _number(value: object) -> object:
-    """Compute an expression; leave everything else to pydantic."""
+    """Return the value of an expression; leave everything else to pydantic."""
     return evaluate(value) if isinstance(value, str) else value
 
 
@@ -140,7 +142,7 @@ class Range(Part):
     def __get_pydantic_json_schema__(
         cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """Describe it as it is written: a list of two."""
+        """Describe the form in which it is written: a list of two."""
         schema = handler.resolve_ref_schema(handler(core_schema))
         entry = schema.get("properties", {}).get("lower", {"type": "number"})
         entry.pop("title", None)
@@ -188,7 +190,7 @@ class GridPart(Part):
         return self.horizon_s / self.intervals
 
     def grid(self) -> dict[str, Any]:
-        """Return the grid as a planning problem takes it."""
+        """Return the arguments of a planning problem for the grid."""
         keys = {"intervals", "substeps", "checks", "integrator"}
         return {"horizon": self.horizon_s, **self.model_dump(include=keys)}
 
@@ -222,7 +224,7 @@ class BudgetPart(Part):
         return self
 
     def budget(self) -> Budget:
-        """Return the budget as the search takes it."""
+        """Return the budget for the search."""
         return Budget(**self.model_dump())
 
 
@@ -240,7 +242,7 @@ class OrderPart(Part):
     weight: Positive = 1e4
 
     def order(self) -> Order:
-        """Return the order as the search takes it."""
+        """Return the order for the search."""
         if self.name == "static_penalty":
             return static_penalty(self.weight)
         if self.name == "epsilon_level":
@@ -263,7 +265,7 @@ class IpoptPart(Part):
     options: dict[str, bool | int | float | str] = Field(default_factory=dict)
 
     def told(self) -> IpoptOptions:
-        """Return the options as the polish takes them."""
+        """Return the options for the polish."""
         return IpoptOptions(
             max_iterations=self.max_iterations,
             tolerance=self.tolerance,
@@ -298,10 +300,10 @@ class SearchPart(Part):
         return self
 
     def algorithm(self, evaluations: int | None = None) -> SearchAlgorithm | None:
-        """Return the algorithm's settings; None where the search is `none`.
+        """Return the algorithm's settings; None if the search is `none`.
 
         Args:
-            evaluations: The budget, which decides what `default` is; None: none.
+            evaluations: The budget, on which `default` depends; None means no limit.
         """
         if self.name == "none":
             return None
@@ -314,7 +316,7 @@ class SearchPart(Part):
 
 
 def _yaml_type(hint: Any) -> Any:
-    """Return the type that a key of a scenario has for a setting's type hint."""
+    """Return the type of a scenario's key for the type hint of a setting."""
     if hint is float:
         return Number
     if get_origin(hint) in (Union, types.UnionType):
@@ -460,7 +462,7 @@ class Scenario(Part):
     claims: list[Claim] = Field(default_factory=list)
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what one part of the scenario makes wrong in another."""
+        """Yield errors between parts of the scenario."""
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
         if isinstance(self.search.algorithm(), Multistart) and self.search.sampling:
@@ -499,11 +501,11 @@ class Scenario(Part):
         return self.lanes or 0
 
     def polish_options(self) -> IpoptOptions | None:
-        """Return the polish as a planner takes it; None where it is `none`."""
+        """Return the options of the polish for a planner; None if it is `none`."""
         return self.ipopt.told() if self.polish == "ipopt" else None
 
     def search_settings(self) -> SearchSettings | None:
-        """Return the search as a planner takes it; None where it is `none`."""
+        """Return the search for a planner; None if it is `none`."""
         part: SearchPart = self.search
         algorithm = part.algorithm(self.budget.evaluations)
         if algorithm is None:

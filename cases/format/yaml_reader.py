@@ -1,4 +1,4 @@
-"""A user's YAML file read as data, with the place of every value.
+"""Reader of a user's YAML file: data, with the place of every value.
 
     text -> events of libyaml -> tree of Nodes -> Document (plain data and places)
 
@@ -37,7 +37,7 @@ MAX_BYTES = 1_000_000
 MAX_DEPTH = 32
 MAX_EVENTS = 50_000
 MAX_DIGITS = 30
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml where it is built in
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml if it is built in
 _CONSTANTS: Mapping[str, bool | None] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL")),
     **dict.fromkeys(("true", "True", "TRUE"), True),
@@ -49,7 +49,7 @@ _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 _NOT_TEXT = re.compile(  # what YAML refuses; 0x85, 2028, 2029: line breaks to few
     r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]"
 )
-_SYNTAX = (  # what libyaml or PyYAML says -> what was expected
+_SYNTAX = (  # message of libyaml or PyYAML -> what was expected
     (r"\btab\b|'\\t'", "expected spaces as indentation, found a tab"),
     (
         r"mapping values are not allowed",
@@ -83,7 +83,7 @@ def read_yaml(path: str | os.PathLike[str]) -> Document:
 
     Raises:
         UnreadableFileError: If it is missing, forbidden, a directory or a device.
-        YamlError: If it is too large or not what this format allows.
+        YamlError: If it is too large, or this format does not allow it.
     """
     return parse_yaml(read_bytes(path), name=os.fspath(path))
 
@@ -114,17 +114,17 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
         raise UnreadableFileError(name, reason) from error
     except ValueError as error:  # a path with a NUL or a surrogate
         raise UnreadableFileError(name, f"found: {error}") from error
-    if len(content) > MAX_BYTES:  # It has grown meanwhile.
+    if len(content) > MAX_BYTES:  # The file has grown since its size was read.
         raise _too_large("more", name)
     return content
 
 
 def parse_yaml(text: str | bytes, *, name: str) -> Document:
-    """Parse a YAML text whose top level is a mapping.
+    """Return the document in a YAML text whose top level is a mapping.
 
     Args:
         text: UTF-8 when bytes; a byte order mark and CRLF are accepted.
-        name: What messages call the text, usually a file name.
+        name: Name of the text in messages, usually a file name.
 
     Returns:
         Its data and places.
@@ -145,15 +145,15 @@ def parse_yaml(text: str | bytes, *, name: str) -> Document:
 
 
 def parse_value(text: str, *, name: str, depth: int) -> tuple[str, Node | None]:
-    """Parse a value written in one line, as after `--set key=`.
+    """Return the value of a text of one line, as after `--set key=`.
 
     Args:
         text: A scalar, or a list or mapping in brackets.
-        name: What messages call the text.
-        depth: How deep in a document the value will stand.
+        name: Name of the text in messages.
+        depth: Depth in the document at which the value will stand.
 
     Returns:
-        The text as it was read, and its node; None where there is no value in it.
+        The text as it was read, and its node; None if there is no value in it.
 
     Raises:
         YamlError: If it is not what this format allows.
@@ -163,7 +163,7 @@ def parse_value(text: str, *, name: str, depth: int) -> tuple[str, Node | None]:
 
 
 class _Reader:
-    """One pass over the events of a text; a limit on each thing that can grow."""
+    """One pass over the events of a text, with a limit on everything that can grow."""
 
     def __init__(
         self, text: str, *, name: str, depth: int = 0, inline: bool = False
@@ -176,7 +176,7 @@ class _Reader:
         self._count = 0
 
     def root(self) -> Node | None:
-        """Read the stream; None when it holds no document."""
+        """Return the document in the stream; None if it has none."""
         self._next()
         if isinstance(self._next(), yaml.StreamEndEvent):
             return None
@@ -282,7 +282,7 @@ class _Reader:
         raise self._error(what, place)
 
     def _syntax_error(self, error: Exception) -> YamlError:
-        """Turn what the parser says into one line with a place."""
+        """Return the parser's message as one line with a place."""
         place = Place(self._name, 1, 1)
         if not isinstance(error, yaml.MarkedYAMLError) or error.problem_mark is None:
             what = printable(" ".join(str(error).split()))
@@ -311,7 +311,7 @@ class _Reader:
 
 
 def _explained(problem: str, char: str) -> str:
-    """Say what the parser expected, in this module's words where it has any."""
+    """Return what the parser expected, in the words of this module if it has some."""
     found = shown(char) if char else "the end of the line"
     if char == "\t" and "token" in problem:
         problem = "tab"
@@ -323,7 +323,7 @@ def _explained(problem: str, char: str) -> str:
 
 
 def _decoded(text: str | bytes, name: str) -> str:
-    """Decode, drop a byte order mark, and refuse bytes that are not text."""
+    """Return the decoded text without byte order mark; refuse other bytes."""
     if len(text) > MAX_BYTES:
         raise _too_large("more", name)
     if isinstance(text, bytes):

@@ -183,9 +183,7 @@ def load(folder: str | Path) -> Record:
         >>> import tempfile
         >>> import swarmstart as ss
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     finished = ss.run(
-        ...         "double_integrator", seed=0, search="none", out=folder, figures=False
-        ...     )
+        ...     _ = ss.run("double_integrator", seed=0, search="none", out=folder)
         ...     record = ss.load(folder)
         >>> round(record.summary["measures"]["cost"], 3)
         12.03
