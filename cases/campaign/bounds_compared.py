@@ -1,7 +1,7 @@
 """Lower bounds of the scenarios of a comparison: cells of their own, after all runs.
 
-A bound counts in no solver's seconds, and is kept and resumed like a run. It is of one
-plan: scenarios that are compared by whole flights have none.
+A bound does not count in the seconds of any solver, and is kept and resumed like a run.
+It concerns one plan, so scenarios that are compared by whole runs have none.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from swarmstart.cases.campaign.engine.cells import Cell, Outcome
 from swarmstart.ocp import BoundKind
 
 LATE, MOMENT_S = 2.0, 120.0
-"""A bound is given up after so many times its seconds, and what is added [s]."""
+"""Time limit of a bound: a factor of its seconds, and a constant [s]."""
 
 CarriedOut = Callable[[Sequence[Cell]], Sequence[Outcome]]
 
@@ -26,16 +26,16 @@ def bounds_of(
     seconds: float | None,
     carried_out: CarriedOut,
 ) -> dict[str, dict[str, Any]]:
-    """Return what is known of the least cost of each scenario that has one plan.
+    """Return the lower bound of each scenario that has one plan.
 
     Args:
         contests: The scenarios, whose solvers have run.
-        outcomes: Of the solvers' cells, by their keys.
-        seconds: Time for each bound [s]; None: none is sought.
-        carried_out: Cells -> what came of them, in the same order.
+        outcomes: Outcomes of the solvers' cells, by their keys.
+        seconds: Time for each bound [s]; None means that no bound is sought.
+        carried_out: Function of cells that returns their outcomes in the same order.
 
     Returns:
-        By the scenarios' names, as `About.bound`: values are to be minimised like all.
+        Bounds by scenario, as `About.bound`: of costs that are minimised.
     """
     if seconds is None:
         return {}
@@ -68,7 +68,7 @@ def bound_cell_of(
 
 
 def _best(contest: Contest, outcomes: Mapping[str, Outcome]) -> float | None:
-    """Return the best confirmed cost, as the problem states it; None: there is none."""
+    """Return the best confirmed cost, as the problem states it; None without one."""
     found = [outcomes[cell.key].result for e in contest.entries for cell in e.cells]
     known = [one for one in found if one is not None and one.get("feasible")]
     costs = [one for one in known if one.get("verified_cost") is not None]
@@ -77,7 +77,7 @@ def _best(contest: Contest, outcomes: Mapping[str, Outcome]) -> float | None:
 
 
 def _about(outcome: Outcome) -> dict[str, Any]:
-    """Return a bound as `About` has it; a cell that failed has none, and says why."""
+    """Return a bound as in `About`; that of a failed cell is the reason only."""
     result = outcome.result
     if result is None:
         none = {"kind": BoundKind.NONE.value, "value": None}

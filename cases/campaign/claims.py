@@ -32,12 +32,12 @@ def holds(
         measured: The value; null, or not a number, if it is not defined.
         relation: A key of RELATIONS.
         bound: The bound; null, with "==", asks whether the value is not defined.
-        width: With "==", by how much the value may differ from the bound.
-        reason: Why it may not be defined; NEVER: then it is above every bound.
+        width: With "==", the largest difference from the bound that counts as equal.
+        reason: Reason why the value can be undefined; with NEVER it then exceeds every
+            bound.
 
     Returns:
-        None if there is nothing to judge: the measure is a list, which is in no
-        relation to a number, or is not defined.
+        None if the claim cannot be judged: the measure is a list, or is not defined.
     """
     if isinstance(measured, list):
         return None
@@ -62,18 +62,18 @@ def judged(
     variant: str = "",
     undefined: Mapping[str, str] | None = None,
 ) -> list[dict[str, Any]]:
-    """Return every claim with what one run says of it.
+    """Return all claims, judged by one run.
 
-    A claim that needs another variant, other settings, or a second run to compare with,
-    is not judged, nor is one whose measure is not defined: `measured` and `holds` are
-    null and `needs` says why.
+    A claim that needs another variant, other settings, or a second run to compare with
+    is not judged, and neither is a claim whose measure is not defined: then `measured`
+    and `holds` are null, and `needs` gives the reason.
 
     Args:
         claims: The scenario's claims.
         settings: The resolved scenario.
-        measures: What was measured.
-        variant: The variant that was run; empty if the scenario has none.
-        undefined: As in `Kind`; None: every measure is defined.
+        measures: Values of the measures, by name.
+        variant: The variant that was run; empty if the scenario has no variants.
+        undefined: As in `Kind`; None means that every measure is defined.
     """
     reasons = undefined or {}
     return [_judged(claim, settings, measures, variant, reasons) for claim in claims]
@@ -139,7 +139,7 @@ def _judged(
 
 
 def assignments_of(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return dotted settings as `--set` takes them; a search by name comes first."""
+    """Return dotted settings as texts for `--set`; a search by name comes first."""
     ordered = sorted(settings.items(), key=lambda item: item[0] != "search.name")
     return tuple(
         f"search={{name: {value}}}"
@@ -150,9 +150,9 @@ def assignments_of(settings: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def claim_assignments(claim: Claim, settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return what must be set for a run to judge a claim."""
+    """Return the settings with which a run can judge a claim."""
     wanted = {k: v for k, v in claim.when.items() if value_at(settings, k) != v}
-    if "search.name" in wanted:  # Its own defaults, then whatever else is asked for.
+    if "search.name" in wanted:  # The defaults of the search, then the other settings.
         wanted = {
             k: v for k, v in claim.when.items() if k.startswith("search.")
         } | wanted

@@ -1,8 +1,8 @@
 """The cells of a comparison: every solver on every scenario, seed by seed.
 
-A scenario is compared by its one planning problem, or by whole flights in closed loop.
-A flight takes the solvers that a controller can have: the searches of this package,
-IPOPT, and IPOPT from random starts; others are left out of it, and that is said.
+A scenario is compared by its one planning problem, or by whole runs in closed loop. A
+run in closed loop needs a solver that a controller can use: a search of this package,
+IPOPT, or IPOPT from random starts. Other solvers are left out and listed as such.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class Contest:
     """A scenario with the solvers compared on it.
 
     Attributes:
-        name: The scenario's, with a number where several share it.
-        resolved: The scenario as it stands, but for its settings.
+        name: Name of the scenario, with a number if several share it.
+        resolved: The scenario, without the settings of the solvers.
         of: "plan" or "flight".
-        entries: Of each solver, in their order.
-        left_out: Names of solvers that cannot fly it.
+        entries: Cells of each solver, in the order of the solvers.
+        left_out: Names of solvers that cannot plan in its closed loop.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Contest:
 
     @property
     def is_seeded(self) -> bool:
-        """Whether each seed is a problem of its own: its disturbances are drawn."""
+        """True if each seed is a problem of its own, with its own disturbances."""
         return self.of == "flight" and bool(seed_keys(self.resolved.settings))
 
 
@@ -59,20 +59,20 @@ def contest_of(
     budget: Mapping[str, float | int],
     allow: Allow,
 ) -> Contest:
-    """Return a scenario with its cells; all that is invalid is refused here.
+    """Return a scenario with its cells; raise if anything is invalid.
 
     Args:
         chosen: The scenario.
         document: Its file.
         solvers: The solvers.
-        plan: What is asked.
-        budget: Of one planning problem, as `heuristics.Budget` takes it.
-        allow: Gives a scenario the permissions of the command.
+        plan: The plan of the comparison.
+        budget: Budget of one planning problem, as arguments of `heuristics.Budget`.
+        allow: Function that gives a scenario the permissions of the command.
 
     Raises:
         InvalidScenarioError: If a setting does not fit.
         SeveralPlansError: If it is to be compared by one plan and has several.
-        CodeNotAllowedError: If a file is to be run and may not.
+        CodeNotAllowedError: If it runs a user's file, which is not allowed.
     """
 
     def resolved(
@@ -119,8 +119,8 @@ def contest_of(
 
 
 def _of(resolved: Resolved, asked: Of) -> str:
-    """Return what a scenario is compared by: one plan, if it has no more than one."""
-    posed = resolved.posed()  # What cannot be posed is refused now.
+    """Return "plan" if a scenario makes one plan only, else "flight"."""
+    posed = resolved.posed()  # Raises if it cannot be posed.
     if asked == "flight":
         return "flight"
     if asked == "auto" and not posed.open_loop and resolved.scenario.steps > 1:
@@ -162,7 +162,7 @@ def _polish(solver: Solver) -> str:
 def _flown_by(
     solver: Solver, budget: Mapping[str, float | int]
 ) -> tuple[str, list[str]]:
-    """Return the search of a flight's plans, and its settings as --set has them."""
+    """Return the search of a run's plans, and its settings as texts for --set."""
     share = [f"budget={to_json(search_share(solver, budget))}"]
     polish = [f"ipopt.{key}={to_json(value)}" for key, value in solver.polish_options]
     lanes = [f"lanes={LANES if solver.family == 'solve' else 0}"]
@@ -177,7 +177,7 @@ def _flown_by(
 
 
 def _flown(resolved: Resolved, solver: Solver, plan: ComparisonPlan) -> Entry:
-    """Return the cells of flights; a seed is that of the disturbances, too."""
+    """Return the cells of closed-loop runs; a seed is also that of disturbances."""
     alone = solver.is_deterministic and not seed_keys(resolved.settings)
     cells = [
         flight_cell(resolved, seed, timeout_s=plan.timeout_s, by=solver.name)
@@ -187,9 +187,9 @@ def _flown(resolved: Resolved, solver: Solver, plan: ComparisonPlan) -> Entry:
 
 
 def interleaved(contests: Sequence[Contest]) -> list[Cell]:
-    """Return all cells, a scenario after the other, of each seed after seed.
+    """Return all cells, scenario after scenario, and seed after seed in each.
 
-    So what the machine does meanwhile falls on all solvers of a scenario alike.
+    So other load of the machine affects all solvers of a scenario alike.
     """
     cells = []
     for contest in contests:
@@ -204,7 +204,7 @@ def interleaved(contests: Sequence[Contest]) -> list[Cell]:
 
 
 def with_distinct_names(contests: Sequence[Contest]) -> list[Contest]:
-    """Return the contests with names of their own, where two scenarios share one."""
+    """Return the contests with distinct names if scenarios share one."""
     seen: dict[str, int] = {}
     named = []
     for contest in contests:

@@ -1,4 +1,4 @@
-"""What `compare` is asked for, from the command line, a plan in YAML, or both.
+"""Plan of a comparison: from the command line, a file in YAML, or both.
 
     schema: 1
     compare:
@@ -8,7 +8,8 @@
       budget: 20000evals|1s
       known: {van_der_pol: 2.86726}
 
-An option of the command line comes before the plan, and the plan before the default.
+An option of the command line replaces the value of the plan, which replaces the
+default.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ from swarmstart.cases.format.settings import Number, Part
 from swarmstart.cases.record.files import to_json
 
 Of = Literal["auto", "plan", "flight"]
-"""One planning problem, a whole flight, or whatever the scenario is."""
+"""One planning problem, a whole run, or the one that fits the scenario."""
 SECTION = "compare"
 MOST_SEEDS = 100_000
 
 
 class ScenarioChoice(Part):
-    """A scenario of a plan, and what is changed in it."""
+    """A scenario of a plan, with changes of its settings."""
 
     scenario: str
     of: Of | None = None
@@ -65,13 +66,13 @@ class PlanFile(Part):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Chosen:
-    """A scenario to be compared on.
+    """A scenario of a comparison.
 
     Attributes:
         source: The name of a shipped scenario, or a path.
-        of: Whether one planning problem or the whole flight is compared.
-        variant: The variant; None: the default one.
-        assignments: What is changed in it, as of --set.
+        of: Whether one planning problem or the whole run is compared.
+        variant: The variant; None means the default one.
+        assignments: Changes of its settings, as for --set.
     """
 
     source: str
@@ -82,19 +83,19 @@ class Chosen:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ComparisonPlan:
-    """All that a comparison is asked for.
+    """All options of a comparison.
 
     Attributes:
         scenarios: The scenarios.
         solvers: Names of solvers; the others are compared with the first.
         seeds: Number of seeds, from 0 on.
-        budget: Of one planning problem, as text.
-        timeout_s: After which a cell is given up [s].
+        budget: Budget of one planning problem, as text.
+        timeout_s: Time limit of a cell [s].
         repair: Whether answers that break a constraint between the checks are solved
             again.
         known: Best known costs by scenario, in the user's sense.
-        bound_s: Time for a lower bound of each scenario that makes one plan [s]; None:
-            none is sought.
+        bound_s: Time for a lower bound of each scenario that makes one plan [s]; None
+            means that no bound is sought.
     """
 
     scenarios: tuple[Chosen, ...]
@@ -108,13 +109,13 @@ class ComparisonPlan:
 
 
 def is_plan(document: Document) -> bool:
-    """Return whether a file is a plan, not a scenario."""
+    """Return whether a file is a plan and not a scenario."""
     data = document.data
     return isinstance(data, dict) and SECTION in data and "kind" not in data
 
 
 def plan_in(document: Document) -> ComparePart:
-    """Return what a plan says; paths in it begin at its own folder.
+    """Return the content of a plan; its paths are relative to its own folder.
 
     Raises:
         InvalidScenarioError: If it is not a valid plan.
@@ -133,7 +134,7 @@ def plan_in(document: Document) -> ComparePart:
 
 
 def _placed(source: str, folder: Path) -> str:
-    """Return a path of a plan as seen from here; a name of a scenario as it is."""
+    """Return a path of a plan relative to here; a scenario's name stays as it is."""
     looks_like_path = any(mark in source for mark in "./\\")
     return str(folder / source) if looks_like_path else source
 
@@ -143,7 +144,7 @@ def chosen_of(part: ComparePart, assignments: Sequence[str]) -> list[Chosen]:
 
     Args:
         part: The plan.
-        assignments: Of --set, which come last.
+        assignments: Assignments of --set, which are applied last.
     """
     return [
         Chosen(

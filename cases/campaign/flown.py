@@ -1,4 +1,4 @@
-"""The work of a cell that is a run; apart from the engine, whose code changes none."""
+"""The work of a cell that is a run, separate from the engine, which no key has."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,12 +13,12 @@ from swarmstart.cases.record.record import Recording
 
 
 def fly(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Fly a run; called in a worker. With figures, its record is kept too."""
+    """Return the measures of a run; with figures its record is kept (in a worker)."""
     resolved = resolved_again(job["settings"], job["variant"])
     finished = run(
         resolved,
         seed=job["seed"],
-        # The folder is the cell's own, whatever an attempt before has left there.
+        # The folder belongs to the cell, also if an earlier attempt left files there.
         recording=Recording(folder=folder, force=True) if job["figures"] else None,
     )
     summary = finished.summary()

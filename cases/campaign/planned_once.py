@@ -13,11 +13,11 @@ def planned_once(posed: Posed, steps: int) -> PlanningProblem:
     """Return the planning problem of a scenario that makes one plan.
 
     Args:
-        posed: What the scenario's kind poses.
-        steps: Control steps that are flown.
+        posed: Agents and plant of the scenario.
+        steps: Number of control steps.
 
     Raises:
-        SeveralPlansError: If it makes several: step after step, or one an agent.
+        SeveralPlansError: If it makes several plans, for several steps or agents.
     """
     if posed.order is not None or posed.nearby is not None:
         raise SeveralPlansError(
@@ -36,7 +36,7 @@ def bound_of(
     posed: Posed, steps: int, answer: Solution, *, seconds: float,
     progress: ProgressCallback,
 ) -> LowerBound:  # fmt: skip
-    """Return a lower bound of what the one plan of a scenario can cost.
+    """Return a lower bound of the cost of a scenario's one plan.
 
     Raises:
         BoundInterrupted: On Ctrl-C, with the best bound until then.

@@ -1,10 +1,11 @@
-"""Claims judged over seeds: the runs that each needs, and what they say together.
+"""Claims judged over seeds: the runs that each claim needs, and its verdict.
 
     claims.yaml -> parts -> distinct runs (cells) -> measures -> verdicts
 
 A part is a claim of a shipped scenario, a measure of its run with a bound of the part's
-own, or a computation; a claim's verdict is that of its parts together (`verdicts.py`).
-claims.yaml has those of the chapter; the project's own bars are such files too.
+own, or a computation. The verdict of a claim is that of its parts together
+(`verdicts.py`). claims.yaml contains the chapter's claims; the project's own
+requirements are files of the same form.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from swarmstart.cases.format.yaml_reader import parse_yaml
 
 
 class PartOfClaim(Part):
-    """Basis of one of a claim's verdicts; see the head of claims.yaml."""
+    """A part of a claim, with a verdict of its own; see the head of claims.yaml."""
 
     scenario: str = ""
     claim: str = ""
@@ -89,7 +90,7 @@ class ChapterClaim(Part):
     @model_validator(mode="before")
     @classmethod
     def _written_out(cls, data: dict[str, Any]) -> object:
-        """Give all parts their common keys, and the expected verdict its type."""
+        """Add the common keys to all parts, and convert the expected verdict."""
         common = data.get("common", {})
         return {
             **{key: value for key, value in data.items() if key != "common"},
@@ -124,11 +125,12 @@ class PlannedPart:
 
     Attributes:
         part: The part.
-        claim: The scenario's claim; of a computation one that is made of the part.
-        variant: The variant that is run; empty: none.
-        reason: Why the measure may not be defined, as `claims.holds` takes it.
-        cells: A cell for each seed, or a pair of them: the second is compared with.
-        commands: What runs them, without the seed.
+        claim: The scenario's claim, or one made of the part for a computation.
+        variant: The variant that is run; empty if there are no variants.
+        reason: Reason why the measure can be undefined, as in `claims.holds`.
+        cells: A cell for each seed, or a pair of cells, the first compared with the
+            second.
+        commands: Commands that run them, without the seed.
     """
 
     part: PartOfClaim
@@ -145,11 +147,12 @@ class JudgedPart:
 
     Attributes:
         planned: The part with its cells.
-        values: Measures, or ratios of pairs, one a seed; in the order of the seeds.
+        values: Measures, or ratios of pairs, one for each seed, in the order of the
+            seeds.
         pairs: The measures of each pair; empty if nothing is compared.
-        verdict: What they say.
-        test: The statistical test in words; empty without one.
-        failures: Why cells failed.
+        verdict: The verdict on the part.
+        test: The statistical test in words; empty without a test.
+        failures: Reasons why cells failed.
     """
 
     planned: PlannedPart
@@ -167,7 +170,7 @@ class JudgedClaim:
     Attributes:
         claim: The claim.
         parts: Its parts, judged.
-        verdict: What they say together.
+        verdict: The verdict of all parts together.
     """
 
     claim: ChapterClaim
@@ -176,7 +179,7 @@ class JudgedClaim:
 
     @property
     def is_expected(self) -> bool:
-        """Return whether the verdict is as expected, or too few runs were asked for."""
+        """Whether the verdict is as expected, or too few runs were asked for."""
         if any(part.failures for part in self.parts):
             return False
         return self.verdict in (self.claim.expected, Verdict.NOT_JUDGED)
@@ -189,7 +192,7 @@ def chapter() -> Chapter:
 
 
 def claims_in(content: bytes, *, name: str) -> Chapter:
-    """Return a file's claims; it may name code to run, so it has to be one of ours."""
+    """Return a file's claims; it can name code, so it must be of this package."""
     return Chapter.model_validate(parse_yaml(content, name=name).data)
 
 
@@ -201,7 +204,7 @@ def planned(
     Args:
         chapter: The chapter.
         claim: One of its claims.
-        seeds: Runs of each part that has any randomness; None: as claims.yaml says.
+        seeds: Number of runs of each random part; None means that of claims.yaml.
     """
     return [_planned_part(chapter, part, seeds) for part in claim.parts]
 
@@ -256,7 +259,7 @@ def _command(name: str, variant: str | None, assignments: Sequence[str]) -> str:
 
 
 def _own_claim(part: PartOfClaim) -> Claim:
-    """Return the claim of a part that names no scenario's."""
+    """Return the claim of a part that names no claim of a scenario."""
     return Claim(
         id="-",
         text=part.text,
@@ -297,7 +300,7 @@ def figure_cells(chapter: Chapter) -> list[Cell]:
 
 
 def drawn_by_key(chapter: Chapter) -> dict[str, Cell]:
-    """Return the cells of runs with figures by the keys of those without."""
+    """Return the cells of runs with figures, by the keys of the same runs without."""
     bare = [run_cell(_of_figure(chapter, f), 0).key for f in chapter.figures]
     return dict(zip(bare, figure_cells(chapter), strict=True))
 
@@ -312,12 +315,12 @@ def judged(
     parts: Sequence[PlannedPart],
     outcomes: Mapping[str, Outcome],
 ) -> JudgedClaim:
-    """Return a claim with what its finished cells say.
+    """Return a claim, judged by its finished cells.
 
     Args:
         claim: The claim.
-        parts: As of `planned`.
-        outcomes: By the cells' keys.
+        parts: Its parts, as from `planned`.
+        outcomes: Outcomes by the cells' keys.
     """
     found = tuple(_judged_part(part, outcomes) for part in parts)
     verdict = verdict_of_parts([part.verdict for part in found])
@@ -384,7 +387,7 @@ def _verdict(planned: PlannedPart, values: Sequence[Measure]) -> tuple[Verdict, 
 
 
 def cells_of(parts: Sequence[PlannedPart]) -> Iterator[Cell]:
-    """Yield all cells that parts take."""
+    """Yield all cells of parts."""
     for part in parts:
         for pair in part.cells:
             yield from pair

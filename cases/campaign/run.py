@@ -1,7 +1,7 @@
-"""Run one scenario: fly it, measure it, judge its claims, draw it, record it.
+"""Run of one scenario: simulate, measure, judge its claims, draw and record.
 
-An interrupted run keeps its finished steps in its folder, and the same run again goes
-on from there, with the same bits as if it had not been interrupted.
+An interrupted run keeps its finished steps in its folder. The same run again continues
+from there, with the same bits as without the interruption.
 """
 
 from __future__ import annotations
@@ -76,24 +76,24 @@ from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
 logger = logging.getLogger(__name__)
 
-# Work worth keeping even where nobody gets the chance to interrupt, in seconds.
+# Work of this duration is kept even if no interrupt is handled, in seconds.
 CHECKPOINT_S = 15.0
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during a run; what was finished is in its folder.
+    """Ctrl-C during a run, whose finished steps are in its folder.
 
     Attributes:
-        folder: The run's folder; None if none was asked for.
+        folder: The run's folder; None if the run is not recorded.
         finished: Number of finished steps.
-        run: The finished run, if only its bound was interrupted, with the best bound
-            until then if there is one; else None.
+        run: The finished run if only the search for its bound was interrupted, with the
+            best bound until then if there is one; else None.
     """
 
     def __init__(
         self, folder: Path | None, finished: int, *, run: Run | None = None
     ) -> None:
-        """Keep what is finished and where it is."""
+        """Keep the finished steps and their folder."""
         super().__init__(
             f"{finished} finished steps are kept in {folder}; the same command again "
             "goes on from there"
@@ -106,7 +106,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 def _without_bound(run: Run) -> str:
-    """Return what is there of a run whose bound was interrupted."""
+    """Return the message for a run whose bound was interrupted."""
     kept = "" if run.folder is None else f" and kept in {run.folder}"
     best = "none was proven until then" if run.bound is None else "the best is kept"
     return f"the run is finished{kept}; its bound was interrupted: {best}"
@@ -119,22 +119,23 @@ class Run:
     Attributes:
         resolved: The scenario as it was run.
         seed: The seed.
-        flight: What was flown.
-        trajectory: The flight.
-        measures: What was measured.
-        claims: Every claim of the scenario, judged where this run can.
+        flight: The closed loop that was run.
+        trajectory: The simulated trajectory.
+        measures: Values of the measures, by name.
+        claims: All claims of the scenario, judged if this run can judge them.
         status: One sentence on how it ended.
         feasible: Whether at least one planned step found a feasible plan.
-        wall_s: Wall time of building, flying and measuring, without that of machine
-            code, and without what an interrupted run before had spent [s].
-        compile_s: Wall time of loading and compiling machine code meanwhile [s].
-        folder: Where the record is; None where none was asked for.
+        wall_s: Wall time of building, simulating and measuring, without that of
+            compiling and of an earlier, interrupted run [s].
+        compile_s: Wall time of loading and compiling machine code [s].
+        folder: Folder of the record; None without a record.
         figures: The figures drawn.
-        resumed: Steps that an interrupted run before had finished.
-        multipliers: Of the first plan, if one agent plans and a solver has converged.
-        bound: How good any plan can be, at most, if it was asked for.
-        bound_content: The same as run.json has it; of the same run before, if none was
-            asked for and its record has one; else None.
+        resumed: Number of steps that an earlier, interrupted run had finished.
+        multipliers: Multipliers of the first plan, if one agent plans and a solver
+            converged.
+        bound: Lower bound of the cost of any plan, if it was asked for.
+        bound_content: The bound as in run.json; that of an earlier, equal run if no
+            bound was asked for and the record has one; else None.
     """
 
     resolved: Resolved
@@ -160,7 +161,7 @@ class Run:
         return f"Run of {name}, seed {self.seed}: {self.status}"
 
     def summary(self) -> dict[str, Any]:
-        """Return what `--json` prints and run.json holds."""
+        """Return the data that `--json` prints and run.json contains."""
         settings = self.resolved.settings
         return {
             "schema": 1,
@@ -191,13 +192,13 @@ class Run:
 
     @property
     def starts(self) -> StartsAccount | None:
-        """What the starts of the first plan led to; None: there were not many."""
+        """Results of the starts of the first plan; None if it had one start."""
         decisions = self.trajectory.decisions
         return decisions[0].plans[0].starts if decisions else None
 
     @property
     def search_report(self) -> SearchReport:
-        """What the search of the first plan found."""
+        """Report of the search of the first plan."""
         decisions = self.trajectory.decisions
         return decisions[0].plans[0].search if decisions else SearchReport()
 
@@ -213,12 +214,12 @@ class Run:
 
 
 def default_folder(resolved: Resolved, seed: int, root: Path) -> Path:
-    """Return root/<scenario>/<key>, where a run is recorded by default."""
+    """Return root/<scenario>/<key>, the default folder of a run's record."""
     return root / resolved.scenario.name / key_of(resolved, seed)
 
 
 def key_of(resolved: Resolved, seed: int) -> str:
-    """Return the hash of what determines a run's result."""
+    """Return the hash of all that determines a run's result."""
     settings = dict(resolved.settings)
     for told_only in ("claims", "title", "source", "backend"):
         settings.pop(told_only)
@@ -226,7 +227,7 @@ def key_of(resolved: Resolved, seed: int) -> str:
 
 
 def backend_of(resolved: Resolved) -> str:
-    """Return what evaluates populations in a run."""
+    """Return the name of the evaluator of populations in a run."""
     return chosen_backend(resolved.scenario.backend)
 
 
@@ -238,33 +239,35 @@ def run(
     bound_s: float | None = None,
     progress: ProgressCallback = tell_nothing,
 ) -> Run:
-    """Fly a scenario, measure it, and record it.
+    """Simulate a scenario, measure and record it.
 
     Args:
         resolved: The scenario.
         seed: The seed of all randomness.
-        recording: Where and how to record; None means nowhere, and no figures.
-        bound_s: Time for a lower bound of the one plan, when all else is done [s]; None
-            means that none is sought. It changes nothing else, and is in no key.
-        progress: Told after each step.
+        recording: Folder and options of the record; None means no record and no
+            figures.
+        bound_s: Time for a lower bound of the one plan, after all other work [s]; None
+            means no bound. It changes no other result and no key.
+        progress: Callback after each step.
 
     Raises:
-        InvalidProblemError: If that time is no positive number.
-        SeveralPlansError: If a bound is asked for, and there is more than one plan.
+        InvalidProblemError: If that time is not a positive number.
+        SeveralPlansError: If a bound is asked for and there is more than one plan.
         Interrupted: On Ctrl-C; the finished steps are in the folder.
-        DivergedError: If the plant leaves the finite numbers; the same of its steps.
+        DivergedError: If states of the plant become infinite or NaN; the finished steps
+            are in the folder.
         OccupiedFolderError: If the folder holds anything but a record of this run.
-        CodeNotAllowedError: If a file of the user's is to be run, and may not.
+        CodeNotAllowedError: If the scenario runs a user's file, which is not allowed.
         FolderInUseError: If another command writes to the folder.
         RecordError: If a file cannot be written.
-        SwarmstartError: If the animation cannot be made here.
+        SwarmstartError: If the animation cannot be made on this machine.
     """
     require_seconds("bound", bound_s)
     if bound_s is not None:
-        planned_once(resolved.posed(), resolved.scenario.steps)  # Else refused now.
+        planned_once(resolved.posed(), resolved.scenario.steps)  # Else raises now.
     if recording is None:
         return _bounded(_run(resolved, seed, None, progress), bound_s, progress)
-    with locked(recording.folder):  # Tried before the flight, not after it.
+    with locked(recording.folder):  # Tried before the simulation, not after it.
         if recording.force:
             _keep_original(resolved, recording.folder)
         else:
@@ -275,7 +278,7 @@ def run(
 
 
 def _keep_original(resolved: Resolved, folder: Path) -> None:
-    """Refuse a folder whose file is run: its copy would be written over it."""
+    """Raise if the folder contains the file to run, which its copy would replace."""
     code = resolved.code
     if code is not None and code.parent.resolve() == folder.resolve():
         raise OccupiedFolderError(
@@ -292,7 +295,7 @@ def _run(
     recording: Recording | None,
     progress: ProgressCallback,
 ) -> Run:
-    """Run, with the folder locked and known to be the run's own."""
+    """Return the run, in a folder that is locked and the run's own."""
     with stopwatch() as watch:
         return _timed(resolved, seed, recording, progress, watch)
 
@@ -304,7 +307,7 @@ def _timed(
     progress: ProgressCallback,
     watch: Stopwatch,
 ) -> Run:
-    """Run; the stopwatch was started before."""
+    """Return the run, timed by a running stopwatch."""
     kind, scenario = resolved.kind, resolved.scenario
     if recording is not None and recording.animation:
         kind.check_animation(recording.animation)
@@ -342,20 +345,20 @@ def _timed(
     with put_off():
         write_json(
             recording.folder / MARK, finished.summary()
-        )  # The commit mark: last.
+        )  # Last: it marks a complete record.
         remove_partial(recording.folder)
     return finished
 
 
 def _kept_bound(finished: Run, folder: Path) -> Mapping[str, Any] | None:
-    """Return the bound that the record of the same run before has, if it has one.
+    """Return the bound in the record of an earlier, equal run, if it has one.
 
-    Figures of before are kept in the same way.
+    Earlier figures are kept in the same way.
     """
     kept = kept_bound(folder, key_of(finished.resolved, finished.seed))
     if kept is None:
         return None
-    try:  # A record is a user's file, and may claim a bound of several plans.
+    try:  # A user's record can claim a bound of several plans.
         planned_once(finished.flight.posed, finished.resolved.scenario.steps)
     except SeveralPlansError:
         return None
@@ -363,7 +366,7 @@ def _kept_bound(finished: Run, folder: Path) -> Mapping[str, Any] | None:
 
 
 def _bounded(finished: Run, seconds: float | None, progress: ProgressCallback) -> Run:
-    """Return a finished run with its bound; the record has it, too."""
+    """Return a finished run with its bound, and add the bound to its record."""
     if seconds is None:
         return finished
     flight, scenario = finished.flight, finished.resolved.scenario
@@ -383,7 +386,7 @@ def _bounded(finished: Run, seconds: float | None, progress: ProgressCallback) -
 
 
 def _with_bound(finished: Run, bound: LowerBound, answer: Solution) -> Run:
-    """Return a run with its bound; its record gets that, too."""
+    """Return a run with its bound, and write the bound to its record."""
     folder, beside = finished.folder, answer.beside(bound)
     with put_off():
         file = None if folder is None else write_certificate(folder, bound)
@@ -397,7 +400,7 @@ def _with_bound(finished: Run, bound: LowerBound, answer: Solution) -> Run:
 def _measured(
     resolved: Resolved, flight: Flight[Posed], trajectory: Trajectory, seed: int
 ) -> Run:
-    """Return a flight with what is measured of it and said of its claims."""
+    """Return a run with its measures and judged claims."""
     scenario = resolved.scenario
     measures = resolved.kind.measure(scenario, flight, trajectory)
     status, feasible = status_of(flight, trajectory)
@@ -426,14 +429,14 @@ def _flown(
     folder: Path | None,
     progress: ProgressCallback,
 ) -> tuple[list[Step], int, Multipliers | None]:
-    """Return all steps, how many an interrupted run had finished, and multipliers.
+    """Return all steps, the number kept from an interrupted run, and multipliers.
 
-    These are of the first plan.
+    The multipliers are those of the first plan.
     """
     key = key_of(resolved, seed)
     kept, rng, multipliers = _kept(flight, seed, folder, key)
-    # A step and the generator's state after it, in one list: an interrupt may come
-    # between any two statements.
+    # A step and the generator's state after it are in one list, since an interrupt can
+    # come between any two statements.
     flown = [(step, rng.bit_generator.state) for step in kept]
     last = kept[-1] if kept else None
     save = partial(_save, folder, key, flight, flown, multipliers)
@@ -456,14 +459,14 @@ def _flown(
                 if clock.perf_counter() - saved > CHECKPOINT_S:
                     save()
                     saved = clock.perf_counter()
-        save()  # What follows may fail, or be interrupted.
+        save()  # The code below can fail or be interrupted.
     except DivergedError:
         save()
         raise
     except KeyboardInterrupt:
         if folder is None or not flown:
             raise
-        with contextlib.suppress(KeyboardInterrupt):  # It is said below.
+        with contextlib.suppress(KeyboardInterrupt):  # The message follows below.
             save()
         raise Interrupted(folder, len(flown)) from None
     steps = [step for step, _ in flown]
@@ -471,7 +474,7 @@ def _flown(
 
 
 def _multipliers(flight: Flight[Posed], steps: Sequence[Step]) -> Multipliers | None:
-    """Return the multipliers of the first plan; None of several agents' plans."""
+    """Return the multipliers of the first plan; None if several agents plan."""
     first, agents = steps[0].decision.plans, flight.posed.agents
     if len(agents) != 1 or first[0].point is None:
         return None
@@ -485,7 +488,7 @@ def _save(
     flown: list[tuple[Step, Any]],
     kept: Multipliers | None,
 ) -> None:
-    """Write the finished steps, if there are any and a folder for them."""
+    """Write the finished steps, if there are any and the run has a folder."""
     if folder is not None and flown:
         steps, (*_, state) = zip(*flown, strict=True)
         with put_off():
@@ -497,9 +500,9 @@ def _save(
 def _kept(
     flight: Flight[Posed], seed: int, folder: Path | None, key: str
 ) -> tuple[list[Step], np.random.Generator, Multipliers | None]:
-    """Return the steps of an interrupted run, the generator as it left it, multipliers.
+    """Return steps, generator and multipliers of an interrupted run.
 
-    These are of the first plan.
+    The multipliers are those of the first plan.
     """
     rng = np.random.default_rng(seed)
     kept = load_partial(folder, key, flight.plant.substeps) if folder else None
@@ -512,7 +515,7 @@ def _kept(
 def _recorded(
     finished: Run, recording: Recording, progress: ProgressCallback
 ) -> list[Path]:
-    """Write all but the mark, which follows when the rest is there; return figures."""
+    """Write all files but the mark, which is written last; return the figures."""
     resolved, flight, folder = finished.resolved, finished.flight, recording.folder
     kind, scenario, steps = resolved.kind, resolved.scenario, resolved.scenario.steps
     figures = kept_figures(folder, key_of(resolved, finished.seed))

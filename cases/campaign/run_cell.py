@@ -14,9 +14,9 @@ def run_cell(
     Args:
         resolved: The scenario.
         seed: The seed.
-        figures: Whether its figures are wanted: drawn into `figures` of its folder.
-        flown_by: "module:function" that flies it: `flown.fly`, or one that measures
-            more.
+        figures: Whether figures are drawn, into `figures` of its folder.
+        flown_by: "module:function" that runs it: `flown.fly`, or a function that
+            measures more.
     """
     settings = dict(resolved.settings) if figures else resolved.anonymous_settings()
     variant = f" {resolved.variant}" if resolved.variant else ""

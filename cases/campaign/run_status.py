@@ -1,4 +1,4 @@
-"""One sentence on how a run ended, and whether any of its plans can be used."""
+"""Status of a run: one sentence on its end, and whether a plan can be used."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from swarmstart.ocp import DualMode, Trajectory
 
 
 def status_of(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]:
-    """Return one sentence on a flight, and whether any of its plans can be used."""
+    """Return one sentence on a run, and whether any of its plans can be used."""
     said, is_usable = _status_of_plans(flight, trajectory)
     controller = flight.controller
     if isinstance(controller, DualMode) and controller.uncertified:
@@ -17,9 +17,9 @@ def status_of(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]
 
 
 def _status_of_plans(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]:
-    """Return one sentence on the plans of a flight, and whether any can be used.
+    """Return one sentence on the plans of a run, and whether any can be used.
 
-    One plan that is flown to its end must be confirmed along its path.
+    One plan that is followed to its end must be confirmed along its path.
     """
     if flight.posed.open_loop:
         answer = flight.answer(trajectory)
@@ -45,7 +45,7 @@ def _status_of_plans(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str
 
 
 def _searched(trajectory: Trajectory) -> str:
-    """Return how many plans were searched, where a warm polish was enough for some."""
+    """Return how many plans were searched, if a warm polish was enough for some."""
     plans = [
         plan
         for decision in trajectory.decisions

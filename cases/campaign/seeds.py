@@ -15,18 +15,18 @@ from swarmstart.cases.record.record import versions
 SEEDS = "seeds.json"
 MOST_INSTANTS = 201
 OUTER = (0.1, 0.9)
-"""Quantiles between which a band lies."""
+"""Lower and upper quantile of a band."""
 
 
 def seeds_content(
     resolved: Resolved, outcomes: Sequence[Outcome], *, command: str
 ) -> dict[str, Any]:
-    """Return what runs of one scenario over seeds have shown, as seeds.json has it.
+    """Return the results of one scenario over seeds, as in seeds.json.
 
     Args:
         resolved: The scenario.
-        outcomes: Of its flights (flight_trial.py), seed by seed from 0 on.
-        command: The command line that does the same.
+        outcomes: Outcomes of its runs (flight_trial.py), seed by seed from 0 on.
+        command: The command line that repeats them.
     """
     settings = resolved.settings
     results = [outcome.result for outcome in outcomes]
@@ -55,7 +55,7 @@ def seeds_content(
 
 
 def _measures(results: Sequence[Mapping[str, Any] | None]) -> dict[str, list[Any]]:
-    """Return the values of each measure, one a seed; None of a run that failed."""
+    """Return the values of each measure, one a seed; None for a failed run."""
     names = dict.fromkeys(
         name for one in results if one is not None for name in one["measures"]
     )
@@ -66,7 +66,7 @@ def _measures(results: Sequence[Mapping[str, Any] | None]) -> dict[str, list[Any
 
 
 def _claims(results: Sequence[Mapping[str, Any] | None]) -> list[dict[str, Any]]:
-    """Return each claim of the scenario with its verdicts; None: not judged."""
+    """Return each claim of the scenario with its verdicts; None means not judged."""
     found = [one["claims"] for one in results if one is not None]
     if not found:
         return []
@@ -80,11 +80,11 @@ def _claims(results: Sequence[Mapping[str, Any] | None]) -> list[dict[str, Any]]
 
 
 def bands(tracks: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
-    """Return medians and 10 to 90 % bands of states over time, None without a path.
+    """Return medians and 10 to 90 % bands of states over time; None without a path.
 
     Args:
-        tracks: Paths, as `flight_trial` keeps them; they may differ in length. What
-            lies beyond the shortest is left out.
+        tracks: Paths, as `flight_trial` keeps them. They can differ in length; times
+            beyond the shortest path are left out.
     """
     if not tracks:
         return None
@@ -119,7 +119,7 @@ def _numbers(values: Sequence[float | None]) -> list[float]:
 def spread_of(values: Sequence[Any]) -> tuple[str, ...]:
     """Return lowest, median and highest of a measure, and how many are undefined.
 
-    Of a measure that is a list, those of its largest entries.
+    For a list the largest entry counts.
     """
     single = [_largest(value) for value in values]
     known = [value for value in single if value is not None]

@@ -17,7 +17,7 @@ from swarmstart.cases.campaign.judging.statistics import (
 from swarmstart.cases.format.kind import NEVER, Measure
 
 MOST_RATIO = 1e6
-"""The ratio of a pair if one of its runs never settles, say."""
+"""Ratio of a pair if, for example, one of its runs never settles."""
 
 
 class Verdict(StrEnum):
@@ -43,18 +43,19 @@ def verdict_of_seeds(
     share: float = 1.0,
     reason: str = "",
 ) -> tuple[Verdict, str]:
-    """Return what the runs say, whether enough of them are in the relation, and how.
+    """Return the verdict of runs on a claim, and how many of them support it.
 
     Args:
         values: The measure of each seed.
         relation: A key of `claims.RELATIONS`.
-        bound: The bound; None: not defined.
-        width: With "==", by how much a measure may differ from the bound.
-        share: Part of the seeds that must be.
-        reason: Why a measure may not be defined, as `claims.holds` takes it.
+        bound: The bound; None means "not defined".
+        width: With "==", the largest difference from the bound that counts as equal.
+        share: Part of the seeds in which the relation must hold.
+        reason: Reason why a measure can be undefined, as in `claims.holds`.
 
     Returns:
-        The verdict, and in words how many of the runs; empty if all or none.
+        The verdict, and the number of supporting runs in words; empty if all or none
+        are.
     """
     found = [
         holds(value, relation, bound, width=width, reason=reason) for value in values
@@ -71,14 +72,14 @@ def verdict_of_seeds(
 def paired_verdict(
     ratios: Sequence[float], relation: str, bound: float | None
 ) -> tuple[Verdict, str]:
-    """Return what pairs of runs say, and the test.
+    """Return the verdict of pairs of runs, and the test in words.
 
-    A difference must show in a signed-rank test before the median ratio is compared: of
-    the ratios' logarithms, so that half and double weigh the same, or where a measure
-    changes its sign of the ratios less 1.
+    A signed-rank test must show a difference before the median ratio is compared. It
+    tests the logarithms of the ratios, so that half and double have equal weight, or
+    the ratios minus 1 if a measure changes its sign.
 
     Args:
-        ratios: Of the pairs.
+        ratios: Ratios of the pairs.
         relation: A key of `claims.RELATIONS`.
         bound: The bound of the ratio.
     """
@@ -115,11 +116,11 @@ def ratio(first: Measure, second: Measure, *, reason: str) -> float | None:
 
     Args:
         first: The measure of the run.
-        second: That of the other; of a list there is no ratio.
-        reason: Why a measure may not be defined; NEVER: then it counts as infinite.
+        second: The measure of the other run; lists have no ratio.
+        reason: Reason why a measure can be undefined; with NEVER it counts as infinite.
 
     Returns:
-        1 if both are equal, 0 and infinity included; None if one is not defined.
+        1 if both are equal, also 0 or infinity; None if one is not defined.
     """
     both = []
     for value in (first, second):
@@ -133,7 +134,7 @@ def ratio(first: Measure, second: Measure, *, reason: str) -> float | None:
 
 
 def of_guarantee(verdict: Verdict, test: str) -> tuple[Verdict, str]:
-    """Return what flights say of a guarantee: they can refute it, not show it."""
+    """Return the verdict of runs on a guarantee, which they can only refute."""
     if verdict is Verdict.HOLDS:
         return Verdict.NOT_SHOWN, "flights are examples, not a proof"
     if verdict is Verdict.IN_PART:
@@ -142,18 +143,18 @@ def of_guarantee(verdict: Verdict, test: str) -> tuple[Verdict, str]:
 
 
 def of_assumption(verdict: Verdict) -> Verdict:
-    """Return what is said of an assumption in place of a verdict on a claim."""
+    """Return the verdict on an assumption, which is no claim."""
     if verdict is Verdict.NOT_JUDGED:
         return verdict
     return Verdict.MET if verdict is Verdict.HOLDS else Verdict.UNMET
 
 
 def verdict_of_parts(parts: Sequence[Verdict]) -> Verdict:
-    """Return what the parts of a claim say together.
+    """Return the verdict of all parts of a claim together.
 
-    Parts shown beside say nothing. Nothing is said as long as a part could not be
-    judged; of different answers, "in part" if any part holds, at least in part; else
-    "does not hold" if any does not.
+    Parts "shown beside" do not count. The claim is "not judged" if any part is not
+    judged. If verdicts differ, the claim holds "in part" if any part holds at least in
+    part; else it "does not hold" if any part does not.
     """
     judged = set(parts) - {Verdict.BESIDE}
     if Verdict.NOT_JUDGED in judged or not judged:

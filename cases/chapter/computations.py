@@ -2,7 +2,7 @@
 
 The linear law of section 5.2.3.1 as printed: its gain is that of the continuous system,
 its level that of (5.14). The text does not say whether the controller holds the input
-over its time step; `continuous_law` moves it continuously, the flights hold it.
+over its time step. Simulations hold it; `continuous_law` changes it continuously.
 """
 
 from collections.abc import Mapping
@@ -31,26 +31,27 @@ from swarmstart.terminal_set import (
 Array = NDArray[np.float64]
 
 TRAP = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 0.0])
-"""Costs of six points that fall away from the optimum, which is the last."""
+"""Costs of six points: they decrease away from the optimum, which is the last."""
 IMMIGRANT = 0.1
 EDGE_STATES = 500
 EDGE_SEED = 0
 STEP_S = 0.02
 FLOWN_S = 30.0
-"""Of the loop's slowest time constant, 1.15 s, 26 times."""
+"""Simulated time: 26 times the slowest time constant of the loop, 1.15 s [s]."""
 SETTLED = 1e-6
-"""Part of the level below which a state has converged."""
+"""Part of the level below which a state counts as converged."""
 ROUNDING = 1e-9
 
 
 class NotAFormationError(SwarmstartError, ValueError):
-    """A scenario named for the linear law is no formation flight."""
+    """A scenario named for the linear law is not a formation flight."""
 
 
 def de_absorption(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the exact probability that DE/rand/1 ever meets the optimum of a trap.
+    """Return the exact probability that DE/rand/1 ever finds the optimum of a trap.
 
-    From four uniform individuals, F = 0.5, clip; without and with random immigrants.
+    It starts from four uniform individuals, with F = 0.5 and clip; without and with
+    random immigrants.
     """
     del job, folder
     plain = absorption(build_chain(GridDE(costs=TRAP, size=4, F=0.5)))
@@ -66,7 +67,7 @@ def de_absorption(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def input_levels(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return by how much inputs exceed their bounds on the set, for two readings.
+    """Return the excess of inputs over their bounds on the set, for two readings.
 
     (5.14) as printed has alpha K P K'; the line before it, (5.13), bounds K e by
     K alpha^(1/2) P^(-1/2), that is by alpha K P^-1 K'.
@@ -88,10 +89,10 @@ def input_levels(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def continuous_law(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return what becomes of the edge of the printed set if the input is never held.
+    """Return measures of the printed set's edge under a law that is not held.
 
-    x' = f(x, u_ref - K (x - x_ref)) from states with e'Pe = alpha, drawn with a fixed
-    seed, for 30 s; the input is not clipped, as printed.
+    It simulates x' = f(x, u_ref - K (x - x_ref)) for 30 s from states with e'Pe =
+    alpha, drawn with a fixed seed; the input is not clipped, as printed.
     """
     del job, folder
     printed, _ = _printed_law()
@@ -112,7 +113,7 @@ def continuous_law(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _closed_loop(printed: TerminalSet) -> ca.Function:
-    """Return the step of the deviation e over STEP_S, the input moving with it."""
+    """Return the step of the deviation e over STEP_S with a continuous input."""
     f = dynamics_of(unicycle())
     x_ref, u_ref = ca.DM(printed.x_ref), ca.DM(printed.u_ref)
     K = ca.DM(printed.K)

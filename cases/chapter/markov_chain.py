@@ -49,7 +49,7 @@ GridBoundHandling = Literal["clip", "reject"]
 GRID_BOUND_HANDLING: tuple[str, ...] = get_args(GridBoundHandling)
 
 MAX_STATES = 10_000
-"""Largest number of populations; their transition matrix has 800 MB."""
+"""Largest number of populations; their transition matrix needs 800 MB."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -58,11 +58,11 @@ class GridDE:
 
     Attributes:
         costs: Costs of the grid points, shape (m,), m at least 2, finite and not all
-            equal; copied and read-only. The least are the optima.
+            equal; copied and read-only. The points of least cost are the optima.
         size: Number of individuals NP, at least 4; m^NP at most MAX_STATES.
         F: Weight of the difference, in (0, 2].
-        bound_handling: What happens to a mutant outside the grid: "clip" moves it to
-            the nearest grid point, "reject" leaves its parent.
+        bound_handling: Treatment of a mutant outside the grid: "clip" moves it to the
+            nearest grid point, "reject" keeps its parent.
         immigrant: Probability eps that a trial is replaced by a uniform grid point, in
             [0, 1].
 
@@ -114,7 +114,8 @@ class MarkovChain:
         populations: The states, int64, shape (m^NP, NP): indices of grid points, the
             last individual counting fastest.
         transition: Transition matrix P, shape (m^NP, m^NP): from row to column.
-        optimal: Which states contain an optimum, shape (m^NP,): a closed set.
+        optimal: Whether each state contains an optimum, shape (m^NP,); these are a
+            closed set.
     """
 
     grid: GridDE
@@ -143,8 +144,8 @@ class HittingTimes:
     """Expected numbers of generations until an optimum is reached.
 
     Attributes:
-        by_state: For each initial population, shape (m^NP,), read-only; infinite where
-            a dead state can be reached.
+        by_state: For each initial population, shape (m^NP,), read-only; infinite if a
+            dead state can be reached.
         longest: The largest of them.
         mean: With individuals uniform on the grid, independent of each other.
     """
@@ -183,7 +184,7 @@ def fixed_points(chain: MarkovChain) -> Mask:
 
 
 def absorption(chain: MarkovChain) -> Absorption:
-    """Compute how likely an optimum is ever reached, h = (I - Q)^-1 b."""
+    """Compute the probability that an optimum is ever reached, h = (I - Q)^-1 b."""
     undecided = ~dead_states(chain) & ~chain.optimal
     by_state = chain.optimal.astype(np.float64)
     by_state[undecided] = _solve(chain, undecided, chain.transition @ by_state)
@@ -196,7 +197,7 @@ def absorption(chain: MarkovChain) -> Absorption:
 
 
 def hitting_times(chain: MarkovChain) -> HittingTimes:
-    """Compute how long it takes until an optimum is reached, T = (I - Q)^-1 1."""
+    """Compute the expected time until an optimum is reached, T = (I - Q)^-1 1."""
     may_fail = _reaching(chain, dead_states(chain))
     by_state = np.where(may_fail, np.inf, 0.0)
     transient = ~may_fail & ~chain.optimal
@@ -207,12 +208,12 @@ def hitting_times(chain: MarkovChain) -> HittingTimes:
 
 
 def spectral_radius(chain: MarkovChain) -> float:
-    """Compute the largest modulus of an eigenvalue of Q; 1 where a state is dead."""
+    """Compute the largest modulus of an eigenvalue of Q; 1 if a state is dead."""
     return float(np.abs(np.linalg.eigvals(_block(chain, ~chain.optimal))).max())
 
 
 def miss_probabilities(chain: MarkovChain, generations: int) -> Array:
-    """Compute how likely an optimum is missed from the worst initial population.
+    """Compute the probability to miss an optimum from the worst initial population.
 
     Args:
         chain: The chain.
@@ -247,14 +248,14 @@ def miss_bounds(grid: GridDE, generations: int) -> Array:
     Raises:
         InvalidSettingsError: If generations is no integer or negative.
 
-    Source: Rudolph (1994), for what keeps the best and may draw any point.
+    Source: Rudolph (1994), for algorithms that keep the best and can draw any point.
     """
     missed = 1.0 - grid.immigrant / grid.points
     return np.asarray(missed ** (grid.size * _times(generations)))
 
 
 def _moves(grid: GridDE, populations: Count) -> Array:
-    """Compute where each individual goes, p_i(y | x), shape (m^NP, NP, m)."""
+    """Compute the moves of each individual, p_i(y | x), shape (m^NP, NP, m)."""
     m, size, states = grid.points, grid.size, np.arange(grid.states)
     counts = np.zeros((grid.states, size, m))
     for i, r1, r2, r3 in permutations(range(size), 4):

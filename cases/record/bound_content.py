@@ -1,7 +1,7 @@
-"""A lower bound as a record holds it, and its certificate beside it.
+"""A lower bound in a record, with its certificate beside it.
 
-The certificate is everything that the proof rests on:
-`python -m swarmstart.ocp.lower_bound.check bound_certificate.json` proves it again.
+The certificate contains everything that the proof needs: `python -m
+swarmstart.ocp.lower_bound.check bound_certificate.json` proves it again.
 """
 
 import json
@@ -19,25 +19,25 @@ from swarmstart.ocp.lower_bound.evidence import Evidence
 
 CERTIFICATE = "bound_certificate.json"
 CONTENT_OF = "swarmstart.ocp.lower_bound.certificate:certificate_content"
-"""What makes a certificate: named, since it is needed only if something was proven."""
+"""Function that makes a certificate: a name, since it is imported only if needed."""
 
 
 def bound_content(
     bound: LowerBound, beside: OptimalityGap, *, certificate: str | None
 ) -> dict[str, Any]:
-    """Return a bound as JSON has it.
+    """Return a bound as data for JSON.
 
     Args:
         bound: The bound.
-        beside: The same, with the answer.
-        certificate: Name of the file; None: there is none.
+        beside: The bound compared with the answer.
+        certificate: Name of the certificate's file; None if there is none.
     """
     account = bound_account(bound, certificate=certificate)
     return {**_compared(beside), **account}
 
 
 def bound_account(bound: LowerBound, *, certificate: str | None) -> dict[str, Any]:
-    """Return what a bound took and rests on, as JSON has it."""
+    """Return effort and assumptions of a bound, as data for JSON."""
     return {
         "seconds": float(bound.cpu_seconds),
         "degree": int(bound.degree),
@@ -62,10 +62,10 @@ def _compared(beside: OptimalityGap) -> dict[str, Any]:
 
 
 def beside_of(content: Mapping[str, Any]) -> OptimalityGap:
-    """Return a recorded bound beside the answer that was recorded with it.
+    """Return a recorded bound compared with the answer that was recorded with it.
 
     Raises:
-        LookupError, TypeError, ValueError: If it is no such content.
+        LookupError, TypeError, ValueError: If the content is not of this form.
     """
     value, cost = content["value"], content["answer"]
     return OptimalityGap(
@@ -87,7 +87,7 @@ def _number(value: Any) -> float:
 def kept_bound(folder: Path, key: str) -> dict[str, Any] | None:
     """Return the bound in the finished record of a run; None if there is none.
 
-    A bound is of the problem, so that of the same run before still holds.
+    A bound concerns the problem, so the bound of an earlier equal run still holds.
     """
     if finished_key(folder) != key:
         return None
@@ -101,7 +101,7 @@ def kept_bound(folder: Path, key: str) -> dict[str, Any] | None:
 
 
 def compared_anew(content: Mapping[str, Any], answer: Solution) -> dict[str, Any]:
-    """Return a recorded bound beside another answer to the same problem."""
+    """Return a recorded bound compared with another answer to the same problem."""
     old = beside_of(content)
     same = LowerBound(
         kind=old.kind,
@@ -113,18 +113,18 @@ def compared_anew(content: Mapping[str, Any], answer: Solution) -> dict[str, Any
 
 
 def write_certificate(folder: Path, bound: LowerBound) -> str | None:
-    """Write the certificate of a bound; one of an earlier bound goes.
+    """Write the certificate of a bound; that of an earlier bound is removed.
 
     Args:
-        folder: Where it is written.
+        folder: Folder to write to.
         bound: The bound.
 
     Returns:
-        The file's name; None: nothing was proven by polynomials, or the problem has an
-        operation that a certificate has no word for.
+        The file's name; None if nothing was proven by polynomials, or the problem has
+        an operation that a certificate cannot express.
 
     Raises:
-        RecordError: If it cannot be written.
+        RecordError: If the file cannot be written.
     """
     file = folder / CERTIFICATE
     content = None if bound.evidence is None else _certificate(bound.evidence)

@@ -1,7 +1,7 @@
-"""Multipliers of the last plans of an interrupted run, which its next plans begin with.
+"""Multipliers of the last plans of an interrupted run, used to start its next plans.
 
-They are kept of two steps: the last one, and the one that the mark names until a new
-mark is written.
+Those of two steps are kept: of the last step, and of the step that the mark names until
+a new mark is written.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ def dual_arrays(trajectory: Trajectory, finished: int) -> dict[str, NDArray[Any]
 
     Args:
         trajectory: The steps so far.
-        finished: Number of the steps that the mark names; 0: there is none.
+        finished: Number of steps that the mark names; 0 if there is no mark.
     """
     count = len(trajectory.decisions)
     numbers = sorted({n - 1 for n in (finished, count) if 0 < n <= count})
@@ -40,7 +40,7 @@ def dual_arrays(trajectory: Trajectory, finished: int) -> dict[str, NDArray[Any]
 
 
 def with_duals(steps: list[Step], arrays: Mapping[str, NDArray[Any]]) -> list[Step]:
-    """Return steps, the plans of the last one with the multipliers that were kept."""
+    """Return the steps; plans of the last one have the multipliers that were kept."""
     if not steps or "dual_steps" not in arrays:
         return steps
     found = np.flatnonzero(arrays["dual_steps"] == len(steps) - 1)
@@ -48,7 +48,7 @@ def with_duals(steps: list[Step], arrays: Mapping[str, NDArray[Any]]) -> list[St
         return steps
     rows, bounds = (arrays[name][found[0]] for name in ("dual_rows", "dual_bounds"))
     decision = steps[-1].decision
-    is_new = arrays["plan_is_new"][len(steps) - 1]  # Others go on as they are.
+    is_new = arrays["plan_is_new"][len(steps) - 1]  # Other plans stay as they are.
     plans = tuple(
         replace(plan, duals=_unpadded(*both)) if new else plan
         for plan, new, *both in zip(decision.plans, is_new, rows, bounds, strict=True)
@@ -74,6 +74,6 @@ def _padded(kept: Sequence[Sequence[Duals | None]], name: str) -> Array:
 
 
 def _unpadded(rows: Array, bounds: Array) -> Duals | None:
-    """Return multipliers without the NaN at their ends; None: none were kept."""
+    """Return multipliers without the NaN at their ends; None if none were kept."""
     values = [one[~np.isnan(one)] for one in (rows, bounds)]
     return Duals(*values) if values[1].size else None

@@ -1,8 +1,8 @@
 """Files written whole or not at all, in folders that one command at a time writes to.
 
 A file is written under a temporary name, synced and renamed. A signal waits until that
-is done; what a kill leaves under a temporary name is removed by the next command that
-writes to the folder.
+is done. Temporary files of a killed command are removed by the next command that writes
+to the folder.
 """
 
 import contextlib
@@ -30,10 +30,10 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 PATIENCE_S = 3.0
-"""How long to wait for a folder: workers of a killed command need a moment to end."""
+"""Time to wait for a folder: workers of a killed command need a moment to end [s]."""
 POLL_S = 0.05
 ROOM = 4096
-"""Bytes that a folder must have room for before any work is done [B]."""
+"""Free space that a folder needs before any work is done [B]."""
 _TEMPORARY = re.compile(
     r"\.[^.].*\.(csv|gif|html|json|mp4|npz|parquet|png|py|yaml)\.[0-9]+\.tmp(\.gif|\.mp4)?"
 )
@@ -44,7 +44,7 @@ class RecordError(SwarmstartError):
 
 
 class ForeignFileError(SwarmstartError):
-    """A file to be written exists already, and this package has not written it."""
+    """A file to be written exists already and is not from this package."""
 
 
 class FolderInUseError(RecordError):
@@ -53,7 +53,7 @@ class FolderInUseError(RecordError):
 
 @contextlib.contextmanager
 def replacing(path: Path, *, suffix: str = "") -> Iterator[Path]:
-    """Yield a temporary name; the file of that name takes the place of another.
+    """Yield a temporary name; the file of that name replaces another file.
 
     Args:
         path: The file to be replaced; its folder is made if it is missing.
@@ -83,9 +83,10 @@ def write_atomically(
 
     Args:
         path: The file; its folder is made if it is missing.
-        write: Writes the content.
-        sync: Whether it is on the disk before it has its name. Without, a crash of the
-            machine (not of the program) may leave an empty or a broken file.
+        write: Function that writes the content.
+        sync: Whether the content reaches the disk before the file is renamed. Without
+            it a crash of the machine (not of the program) can leave an empty or broken
+            file.
 
     Raises:
         RecordError: If the file cannot be written; the old one is left.
@@ -103,7 +104,7 @@ def write_text(path: Path, text: str, *, sync: bool = True) -> None:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a JSON file atomically; what is not finite becomes null."""
+    """Write a JSON file atomically; numbers that are not finite become null."""
     write_text(path, to_json(content, indent=2) + "\n")
 
 
@@ -117,7 +118,7 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Return the arrays of an .npz file; nothing is unpickled.
 
-    The file is closed however that ends, which np.load alone does not see to.
+    The file is closed in any case, also after an error, which np.load does not ensure.
     """
     with path.open("rb") as file, np.load(file, allow_pickle=False) as opened:
         return dict(opened)
@@ -143,11 +144,11 @@ def require_ours(path: Path, is_ours: Callable[[str], bool], what: str) -> None:
 
     Args:
         path: The file; it need not exist.
-        is_ours: Text -> whether this package has written it.
-        what: What it should be, for the message.
+        is_ours: Function of the text that returns whether this package has written it.
+        what: Expected content, for the message.
 
     Raises:
-        ForeignFileError: If it is another one.
+        ForeignFileError: If another program has written the file.
         RecordError: If it cannot be read.
     """
     try:
@@ -165,7 +166,7 @@ def require_ours(path: Path, is_ours: Callable[[str], bool], what: str) -> None:
 
 
 def is_record(text: str, name: str) -> bool:
-    """Return whether a text is the JSON of a record of that name."""
+    """Return whether a text is the JSON of a record with that name."""
     try:
         return bool(json.loads(text)["record"] == name)
     except (ValueError, LookupError, TypeError):
@@ -176,17 +177,16 @@ def is_record(text: str, name: str) -> bool:
 def locked(folder: Path) -> Iterator[None]:
     """Make a folder, and keep other commands out of it while in the context.
 
-    The lock is one of the system on the folder itself (flock): it ends with the
-    process, however that ends, and leaves no file. On systems and file systems that
-    have none, nothing is kept out.
+    The lock is a lock of the system on the folder itself (flock): it ends with the
+    process and leaves no file. Systems and file systems without such locks keep nothing
+    out.
 
     Args:
-        folder: Where files are to be written; what a killed command left there under
-            temporary names is removed.
+        folder: Folder to write to; temporary files of killed commands are removed.
 
     Raises:
-        FolderInUseError: If another command does not leave it within PATIENCE_S.
-        RecordError: If no file can be written there.
+        FolderInUseError: If another command still uses it after PATIENCE_S.
+        RecordError: If no file can be written to it.
     """
     descriptor = None
     try:
@@ -207,7 +207,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _lock(folder: Path) -> int | None:
-    """Return what holds the lock until it is closed; None on a system without one."""
+    """Return the descriptor that holds the lock; None on a system without locks."""
     if fcntl is None:
         return None
     descriptor = os.open(folder, os.O_RDONLY)
@@ -235,7 +235,7 @@ def _is_locked_now(descriptor: int) -> bool:
 
 
 def remove_rests(folder: Path) -> None:
-    """Remove what killed commands left under temporary names, figures included."""
+    """Remove temporary files of killed commands, also those of figures."""
     for place in (folder, folder / "figures"):
         with contextlib.suppress(OSError):
             for file in place.iterdir():
@@ -244,10 +244,10 @@ def remove_rests(folder: Path) -> None:
 
 
 def is_temporary(name: str) -> bool:
-    """Return whether a file's name is one that `replacing` gives."""
+    """Return whether a file's name is a temporary one of `replacing`."""
     return _TEMPORARY.fullmatch(name) is not None
 
 
 def said(error: Exception) -> str:
-    """Return what the system says of an error."""
+    """Return the system's message of an error."""
     return getattr(error, "strerror", None) or str(error)

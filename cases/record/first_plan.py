@@ -10,19 +10,19 @@ from swarmstart.cases.record.record import TRAJECTORY
 from swarmstart.cases.record.results import SOLUTION
 
 LARGEST_FILE = 100 * 2**20
-"""Bytes of a file that is read."""
+"""Largest size of a file that is read [B]."""
 
 
 def recorded_plan(folder: object) -> tuple[list[float], list[list[float]]]:
-    """Return the beginnings of the intervals [s] and a row for each control.
+    """Return the starts of the intervals [s] and a row of values for each control.
 
-    Of linear controls these are knots, the last one at the end of the plan.
+    For linear controls these are knots, the last one at the end of the plan.
 
     Args:
         folder: The folder of a run of one problem, or of a saved Solution.
 
     Raises:
-        ValueError: If there is no plan to be read, with the reason.
+        ValueError: If no plan can be read, with the reason.
     """
     if not isinstance(folder, str):
         raise ValueError(f"expected guess.record to be a folder, found {folder!r}")
@@ -35,7 +35,7 @@ def recorded_plan(folder: object) -> tuple[list[float], list[list[float]]]:
         plan = arrays["controls"] if file == saved else arrays["plan_controls"][0, 0]
         rows = np.atleast_2d(np.asarray(plan, dtype=np.float64))
         steps = arrays["controls"].shape[1] - int("knots" in arrays)
-        if "control_ends" in arrays:  # Of linear controls a plan keeps the ends.
+        if "control_ends" in arrays:  # A plan keeps the ends of linear controls.
             rows = np.hstack([arrays["controls"][:, :1], rows])
         dt = float(arrays["times"][-1] - arrays["times"][0]) / steps
     except (*UNREADABLE, ArithmeticError) as error:

@@ -1,7 +1,7 @@
-"""Multipliers of an answer as arrays without pickle, and from these again.
+"""Conversion of an answer's multipliers to arrays without pickle, and back.
 
 multipliers_costates, _controls, _states       as in Multipliers
-multipliers_path_K, multipliers_terminal_K     of constraint K, and names:
+multipliers_path_K, multipliers_terminal_K     of constraint K, with the names:
 multipliers_path_names, multipliers_terminal_names
 multipliers_decided, multipliers_decided_names
 """
@@ -21,7 +21,7 @@ _BY_NAME = ("path", "terminal")
 
 
 def multiplier_arrays(multipliers: Multipliers | None) -> dict[str, NDArray[Any]]:
-    """Return multipliers as arrays by name; none where no solver has converged."""
+    """Return multipliers as arrays by name; empty if no solver has converged."""
     if multipliers is None:
         return {}
     arrays: dict[str, NDArray[Any]] = {
@@ -38,7 +38,7 @@ def multiplier_arrays(multipliers: Multipliers | None) -> dict[str, NDArray[Any]
 
 
 def multipliers_from(arrays: Mapping[str, NDArray[Any]]) -> Multipliers | None:
-    """Return what `multiplier_arrays` has kept among other arrays; None: nothing."""
+    """Return the multipliers among arrays of a record; None if there are none."""
     if f"{PREFIX}costates" not in arrays:
         return None
     by_name = {
@@ -60,7 +60,7 @@ def multipliers_from(arrays: Mapping[str, NDArray[Any]]) -> Multipliers | None:
 
 
 def told(multipliers: Multipliers | None) -> dict[str, Any] | None:
-    """Return what limits are worth, for a summary: each row summed over the horizon."""
+    """Return the multipliers for a summary: each row summed over the horizon."""
     if multipliers is None:
         return None
     return {

@@ -1,10 +1,10 @@
-"""Finished steps of an interrupted run, kept in its folder to go on from.
+"""Finished steps of an interrupted run, kept in its folder to continue it.
 
     partial.npz    the finished steps, as in trajectory.npz
     partial.json   their number and the random generator's state; the mark, written last
 
-Each file carries a checksum of its content: what a disk or an editor has changed is
-refused, and not flown on from.
+Each file has a checksum of its content: a file that a disk error or an editor has
+changed is refused, and the run is not continued from it.
 """
 
 import contextlib
@@ -55,14 +55,14 @@ def save_partial(
     rng_state: Mapping[str, Any],
     multipliers: Mapping[str, NDArray[Any]] = NOTHING,
 ) -> None:
-    """Keep what an interrupted run had finished, to go on from.
+    """Keep the finished steps of an interrupted run, to continue it.
 
     Args:
         folder: The run's folder.
         key: The run's key.
         trajectory: The finished steps.
         rng_state: State of the generator after them, `rng.bit_generator.state`.
-        multipliers: Of the first plan, which its steps do not keep.
+        multipliers: Multipliers of the first plan, which the steps do not contain.
     """
     arrays: dict[str, NDArray[Any]] = trajectory_arrays(trajectory)
     arrays |= multipliers
@@ -80,7 +80,7 @@ def save_partial(
 
 
 def _finished(folder: Path, key: str) -> int:
-    """Return the number of steps that the mark names, from which a run may go on."""
+    """Return the number of steps that the mark names, after which a run continues."""
     with contextlib.suppress(*UNREADABLE):
         mark = _mark(folder)
         return int(mark["steps"]) if mark["key"] == key else 0
@@ -88,16 +88,16 @@ def _finished(folder: Path, key: str) -> int:
 
 
 def remove_partial(folder: Path) -> None:
-    """Remove what `save_partial` kept; the mark first."""
+    """Remove the files of `save_partial`, the mark first."""
     for name in (MARK, ARRAYS):
         (folder / name).unlink(missing_ok=True)
 
 
 def partial_key(folder: Path) -> str | None:
-    """Return the key of the run that left finished steps in a folder; None: none did.
+    """Return the key of the run whose steps are in a folder; None if there are none.
 
     Raises:
-        RecordError: If one did, and they cannot be read.
+        RecordError: If there are steps that cannot be read.
     """
     try:
         if (folder / MARK).exists():
@@ -112,19 +112,19 @@ def partial_key(folder: Path) -> str | None:
 def load_partial(
     folder: Path, key: str, substeps: int
 ) -> tuple[list[Step], Any, dict[str, NDArray[Any]]] | None:
-    """Return the finished steps of an interrupted run, and what goes with them.
+    """Return the finished steps of an interrupted run, with the generator's state.
 
     Args:
         folder: The run's folder.
-        key: The run's key; what another run left there is not used.
+        key: The run's key; steps of another run are not used.
         substeps: Steps of the plant in a control interval.
 
     Returns:
         Steps, the generator's state, and the multipliers of the first plan; None if
-        there is nothing to go on from.
+        there are no finished steps.
 
     Raises:
-        RecordError: If there is something, and it cannot be read.
+        RecordError: If there are steps that cannot be read.
     """
     if not (folder / MARK).exists():
         return None
@@ -135,7 +135,7 @@ def load_partial(
         arrays = _arrays(folder)
         if str(arrays["key"]) != key:
             return None
-        # The arrays may be ahead of the mark, which is written after them.
+        # The arrays can have more steps than the mark, which is written after them.
         steps = with_duals(steps_of(arrays, substeps)[: mark["steps"]], arrays)
         if len(steps) != mark["steps"]:
             raise ValueError(f"{len(steps)} of {mark['steps']} steps")

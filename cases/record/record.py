@@ -1,14 +1,14 @@
-"""A run's folder on disk, and whether a folder is that of a run.
+"""Folder of a run on disk, and the check that a folder is that of a run.
 
     scenario.yaml    the scenario as resolved
-    trajectory.npz   the flight, see docs/record.md
-    run.json         settings, measures, claims; written last: the commit mark
-    partial.npz, partial.json   what an interrupted run had finished
+    trajectory.npz   the simulated trajectory, see docs/record.md
+    run.json         settings, measures, claims; written last, it marks a complete record
+    partial.npz, partial.json   finished steps of an interrupted run
     figures/
 
-Every file is written under a temporary name, synced and renamed. The folder's name is
-a hash of what determines the result, so that the same command finds the same folder.
-Nothing heavy is imported here: `--version` tells the versions that a record has.
+Every file is written under a temporary name, synced and renamed. The folder's name is a
+hash of what determines the result, so that the same command finds the same folder.
+Nothing heavy is imported here, since `--version` prints the versions of a record.
 """
 
 import contextlib
@@ -28,13 +28,13 @@ SCENARIO, TRAJECTORY, MARK, FIGURES = (
     *("scenario.yaml", "trajectory.npz", "run.json", "figures"),
 )
 RECORDED = ("swarmstart", "casadi", "numpy", "numba", "scipy")
-"""Packages whose versions matter."""
+"""Packages whose versions can change a result."""
 _LISTED = 3
-"""Files of a folder that a message names."""
+"""Largest number of files that a message names."""
 
 
 class OccupiedFolderError(SwarmstartError):
-    """A folder holds something else than the record of the run to be written there.
+    """A folder has other content than the record of the run to be written there.
 
     Attributes:
         folder: The folder.
@@ -48,21 +48,22 @@ class OccupiedFolderError(SwarmstartError):
         expected: str = "an empty folder or the record of this run",
         way: str = "choose another --out, or write over it with --force",
     ) -> None:
-        """Say what was found instead, and which way there is."""
+        """Keep the folder; the message says what was found and what can be done."""
         super().__init__(f"{folder}: expected {expected}, found {found}; {way}")
         self.folder = folder
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Recording:
-    """A folder for the record of a run, and the manner of recording.
+    """A folder for the record of a run, and options of recording.
 
     Attributes:
         folder: The run's folder; made if it is missing.
         figures: Whether to draw.
-        animation: "gif" or "mp4" for an animation beside the figures; None: none.
-        force: Whether files of the record's names that are not of this run are
-            replaced. Others are never touched.
+        animation: "gif" or "mp4" for an animation beside the figures; None for no
+            animation.
+        force: Whether files of another run with the record's names are replaced. Other
+            files are never touched.
     """
 
     folder: Path
@@ -72,7 +73,7 @@ class Recording:
 
 
 def package_version(name: str) -> str:
-    """Return an installed package's version; "unknown" where it is not installed."""
+    """Return an installed package's version; "unknown" if it is not installed."""
     try:
         return version(name)
     except PackageNotFoundError:
@@ -80,13 +81,13 @@ def package_version(name: str) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions that matter, as recorded with a run."""
+    """Return the versions that are recorded with a run."""
     return {name: package_version(name) for name in RECORDED}
 
 
 @cache
 def environment() -> dict[str, Any]:
-    """Return what determines a result besides its settings: versions, and this code."""
+    """Return the versions and the hash of the code, on which a result depends."""
     root = Path(__file__).resolve().parents[2]
     digest = hashlib.sha256()
     for folder in ("cases", "ocp", "heuristics", "terminal_set"):
@@ -99,12 +100,12 @@ def environment() -> dict[str, Any]:
 
 
 def run_key(settings: Mapping[str, Any], seed: int, backend: str) -> str:
-    """Return the 16 characters that name a run: what determines its result.
+    """Return the 16 characters that name a run: a hash of what determines its result.
 
     Args:
         settings: The resolved scenario.
         seed: The seed.
-        backend: What evaluates populations.
+        backend: Evaluator of populations.
     """
     determines = {
         "settings": settings,
@@ -119,7 +120,7 @@ def run_key(settings: Mapping[str, Any], seed: int, backend: str) -> str:
 
 
 def require_own(folder: Path, key: str, scenario: str) -> None:
-    """Refuse a folder that holds anything but a record of a run.
+    """Raise unless a folder is empty or has the record of this run.
 
     Args:
         folder: The folder; other files beside such a record may stay.
@@ -127,9 +128,9 @@ def require_own(folder: Path, key: str, scenario: str) -> None:
         scenario: The run's resolved scenario, as it is written.
 
     Raises:
-        OccupiedFolderError: If it holds something else, or a scenario that has been
+        OccupiedFolderError: If it has other content, or a scenario that has been
             changed.
-        RecordError: If it holds finished steps that cannot be read.
+        RecordError: If it has finished steps that cannot be read.
     """
     from swarmstart.cases.record.files import is_temporary
     from swarmstart.cases.record.partial import partial_key
@@ -149,9 +150,9 @@ def require_own(folder: Path, key: str, scenario: str) -> None:
 
 
 def withdraw(folder: Path) -> None:
-    """Remove the record of another run: its mark, and what it says it wrote.
+    """Remove the record of another run: its mark, and the files that it lists.
 
-    Files of other names stay: the folder may hold the user's own.
+    Other files stay, since they can be the user's own.
     """
     files = [*_listed(folder, "figures"), *_listed(folder, "documents")]
     (folder / MARK).unlink(missing_ok=True)
@@ -168,7 +169,7 @@ def kept_figures(folder: Path, key: str) -> list[Path] | None:
 
 
 def _listed(folder: Path, what: str) -> list[Path]:
-    """Return the files that a record says it has drawn or written."""
+    """Return the files that a record lists as drawn or written."""
     place = folder / FIGURES if what == "figures" else folder
     try:
         names = json.loads((folder / MARK).read_text(encoding="utf-8"))[what]
@@ -178,7 +179,7 @@ def _listed(folder: Path, what: str) -> list[Path]:
 
 
 def finished_key(folder: Path) -> str | None:
-    """Return the key of the record in a folder; "unknown" if damaged, None if none."""
+    """Return the key of a folder's record; "unknown" if damaged, None without one."""
     try:
         text = (folder / MARK).read_text(encoding="utf-8")
     except OSError:

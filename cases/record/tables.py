@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
 
 class MissingPackageError(SwarmstartError, ImportError):
-    """A package that this needs, and the rest does not, is not installed."""
+    """An optional package that a function needs is not installed."""
 
 
 def dataframe_of(result: Solution | Trajectory) -> "pd.DataFrame":
-    """Return what a result has over time; see `Presented.to_dataframe`.
+    """Return a result over time as a table; see `Presented.to_dataframe`.
 
     Raises:
         MissingPackageError: If pandas is not installed.
@@ -42,7 +42,7 @@ def dataframe_of(result: Solution | Trajectory) -> "pd.DataFrame":
 
 
 def _controls(result: Solution | Trajectory) -> NDArray[np.float64]:
-    """Return the controls from each time on, or, of linear ones, at each time."""
+    """Return held controls from each time on, or linear controls at each time."""
     nodes, given = result.times.size, result.controls
     if isinstance(result, Solution) and result.problem.has_knots:
         at = np.linspace(0, given.shape[1] - 1, nodes)

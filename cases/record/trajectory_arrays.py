@@ -1,4 +1,4 @@
-"""A flight as arrays without pickle, its steps from these again, and its plans."""
+"""Conversion of a trajectory with its plans to arrays without pickle, and back."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -57,7 +57,7 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
 
 
 def trajectory_of(arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
-    """Return arrays of `trajectory_arrays` as a trajectory, without plans' states."""
+    """Return the trajectory of arrays of `trajectory_arrays`, without plans' states."""
     pieces, count = arrays["dense_times"].size - 1, arrays["step_seconds"].size
     steps = steps_of(arrays, pieces // count)
     return Trajectory(
@@ -74,10 +74,10 @@ def trajectory_of(arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
 
 
 def steps_of(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
-    """Return arrays of `trajectory_arrays` as steps.
+    """Return the steps of arrays of `trajectory_arrays`.
 
     Args:
-        arrays: By name.
+        arrays: The arrays by name.
         substeps: Steps of the plant in a control interval.
     """
     steps: list[Step] = []
@@ -122,7 +122,7 @@ def steps_of(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
 
 
 def _polish_name(plan: Plan) -> str:
-    """Return the name of how a plan's polish ended; empty without a polish."""
+    """Return the name of the status of a plan's polish; empty without a polish."""
     return plan.polish_status.name if plan.polish_status else ""
 
 
@@ -147,7 +147,7 @@ def _padded(
 
 
 def _lengths(decisions: Sequence[Decision]) -> dict[str, Array]:
-    """Return what a decided end time makes of the intervals; empty without one."""
+    """Return arrays of the intervals of a decided end time; empty without one."""
     if not any(d.dt is not None or d.profile or d.is_last for d in decisions):
         return {}
     return {
@@ -172,7 +172,7 @@ def _profiles(decisions: Sequence[Decision]) -> dict[str, Array]:
 
 
 def _stacked(rows: Sequence[Sequence[Array]]) -> Array:
-    """Return controls of plans, shape (T, agents, nu, N), NaN where one has fewer."""
+    """Return controls of plans, shape (T, agents, nu, N); missing entries are NaN."""
     shapes = np.array([[one.shape for one in row] for row in rows])
     if not shapes.size or (shapes == shapes[0, 0]).all():
         return np.array(rows)
@@ -190,9 +190,9 @@ def _unstacked(controls: Array) -> Array:
 
 
 def _ends_of_lines(decisions: Sequence[Decision]) -> dict[str, Array]:
-    """Return where linear controls end in each interval; empty of held ones.
+    """Return the values at which linear controls end; empty for held controls.
 
-    NaN where the plan's intervals are other ones.
+    They are NaN for intervals that differ from those of the plan.
     """
     profiles = [d.profile for d in decisions]
     if not any(p is not None and not p.is_held for p in profiles):
@@ -220,13 +220,13 @@ def _profile(
 
 
 def _start_of(plan: Plan) -> Array:
-    """Return a plan's initial state; empty where an old record keeps none."""
+    """Return a plan's initial state; empty if an old record has none."""
     is_kept = plan.states.size or plan.start is not None
     return plan.x0 if is_kept else np.empty(0)
 
 
 def _number(arrays: Mapping[str, NDArray[Any]], name: str, place: int) -> float | None:
-    """Return an entry of an array; None where it is NaN or the array is missing."""
+    """Return an entry of an array; None if it is NaN or the array is missing."""
     value = float(arrays[name][place]) if name in arrays else np.nan
     return None if np.isnan(value) else value
 
@@ -252,8 +252,8 @@ def control_rows(trajectory: Trajectory) -> Array | None:
 def held_controls(trajectory: Trajectory) -> tuple[Array, Array]:
     """Return times (n + 1,) [s], and the controls held between them, (nu, n).
 
-    They are the control instants, unless a plan's intervals are other ones: then the
-    plant's steps. Linear controls are those at these times, (nu, n + 1).
+    The times are the control instants, or the plant's steps if a plan has other
+    intervals. Linear controls are given at these times, (nu, n + 1).
     """
     decisions, steps = trajectory.decisions, trajectory.controls.shape[1]
     rows = control_rows(trajectory)
@@ -280,7 +280,7 @@ def _plan(arrays: Mapping[str, NDArray[Any]], number: int, agent: int) -> Plan:
     """Return the plan of an agent at a step."""
     return Plan(
         controls=_unstacked(arrays["plan_controls"][number, agent]),
-        states=np.empty((0, 0)),  # Not needed to go on, so not kept.
+        states=np.empty((0, 0)),  # Not needed to continue, so not kept.
         cost=float(arrays["plan_cost"][number, agent]),
         violation=float(arrays["plan_violation"][number, agent]),
         feasible=bool(arrays["plan_feasible"][number, agent]),
@@ -310,14 +310,14 @@ def _polish_status(name: str) -> PolishStatus | None:
 
 
 def plan_costs(trajectory: Trajectory) -> Array:
-    """Return J of each step, summed over those who plan, shape (T,)."""
+    """Return the cost J of each step, summed over the agents that plan, shape (T,)."""
     return np.array([sum(p.cost for p in d.plans) for d in trajectory.decisions])
 
 
 def new_plans(decisions: Sequence[Decision]) -> NDArray[np.bool_]:
     """Return whether each plan was made at its step, shape (T, agents).
 
-    A plan that is flown for several steps is the same object in each of them.
+    A plan that is followed for several steps is the same object in each of them.
     """
     last = [(None,) * len(decisions[0].plans), *[d.plans for d in decisions[:-1]]]
     return np.array(
@@ -329,7 +329,7 @@ def new_plans(decisions: Sequence[Decision]) -> NDArray[np.bool_]:
 
 
 def effort(trajectory: Trajectory) -> dict[str, Measure]:
-    """Return the measures of what deciding took, over all steps."""
+    """Return the measures of the planning effort over all steps."""
     evaluations = [[p.evaluations for p in d.plans] for d in trajectory.decisions]
     seconds = trajectory.step_seconds
     return {
@@ -344,14 +344,14 @@ def effort(trajectory: Trajectory) -> dict[str, Measure]:
 
 
 def planned(decision: Decision) -> bool:
-    """Return whether a step was planned, not flown under the linear law."""
+    """Return whether a step was planned, and not under the linear law."""
     return decision.mode is Mode.PLANNED
 
 
 def found_plans(decision: Decision) -> bool:
     """Return whether planning found a feasible plan for every agent.
 
-    Where the shifted last plan is flown, it did not, feasible as that plan may be.
+    A step that follows the shifted last plan did not, even if that plan is feasible.
     """
     return all(
         plan.feasible and plan.source is not Source.SHIFTED for plan in decision.plans

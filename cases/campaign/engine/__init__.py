@@ -1,1 +1,1 @@
-"""Cells of work in processes of their own, here or on a cluster; none is lost."""
+"""Cells of work in processes of their own, on this machine or on a cluster."""

@@ -2,10 +2,11 @@
 
     key = hash(work, job, versions of packages, source of the code that the job uses)
 
-The code is the module of the work with all it imports of this package, and the modules
-that the job names by text: the kind and the search of its settings. So an edit of a
-command, a figure, a statistic or another kind leaves every key, and one of the planner
-changes those of all that plans. A module may name further ones: `modules_of(job)`.
+The code is the module of the work with all modules of this package that it imports, and
+the modules that the job names as text: the kind and the search of its settings. So an
+edit of a command, a figure, a statistic or another kind changes no key, and an edit of
+the planner changes the keys of all cells that plan. A module can name further modules
+by its function `modules_of(job)`.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def key_of(work: str, job: Mapping[str, Any]) -> str:
     """Return the 16 characters that name a cell.
 
     Args:
-        work: "module:function" of what does it.
+        work: "module:function" that does the work.
         job: Plain data.
     """
     module = work.partition(":")[0]
@@ -38,7 +39,7 @@ def key_of(work: str, job: Mapping[str, Any]) -> str:
         "versions": recorded_versions(),
         "code": _code((module, *_named(module, job))),
     }
-    if "settings" not in job:  # It may read those that come with the package.
+    if "settings" not in job:  # The work can read shipped scenarios.
         determines["scenarios"] = _shipped_scenarios()
     text = json.dumps(
         determines, sort_keys=True, separators=(",", ":"), allow_nan=False
@@ -47,10 +48,10 @@ def key_of(work: str, job: Mapping[str, Any]) -> str:
 
 
 def modules_of_settings(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the modules that a resolved scenario names: of its kind and its search.
+    """Return the modules of a resolved scenario's kind and search.
 
     Args:
-        settings: As in `Resolved`; what names nothing that is known adds no module.
+        settings: As in `Resolved`; an unknown name adds no module.
     """
     kind, search = settings.get("kind"), settings.get("search")
     named = search.get("name") if isinstance(search, Mapping) else search
@@ -64,14 +65,14 @@ def modules_of_settings(settings: Mapping[str, Any]) -> tuple[str, ...]:
 
 @cache
 def recorded_versions() -> dict[str, str]:
-    """Return the versions that matter, looked up once a process."""
+    """Return the versions of packages, read once in a process."""
     return versions()
 
 
 def _named(module: str, job: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the modules that a job names, as the work's module says, or its settings.
+    """Return the modules that a job names, by its work's module or its settings.
 
-    One that cannot be imported names none: the cell then fails, and says why.
+    A module that cannot be imported names none: the cell then fails with the reason.
     """
     try:
         modules_of = getattr(importlib.import_module(module), "modules_of", None)
@@ -85,7 +86,7 @@ def _named(module: str, job: Mapping[str, Any]) -> tuple[str, ...]:
 
 @cache
 def _code(modules: tuple[str, ...]) -> str:
-    """Return the hash of the sources; files are read once a process."""
+    """Return the hash of the sources; files are read once in a process."""
     try:
         return sources(*modules)
     except ModuleNotFoundError as error:

@@ -1,8 +1,8 @@
 """A process for cells, kept from one to the next, and replaced when it dies.
 
-It is started with its own standard input and output as the only way to it, so that it
-can be made anywhere: by a command, or by a worker of Dask, whose own processes may have
-no children of `multiprocessing`. Nothing is pickled.
+Its standard input and output are the only connection to it. So it can be started by a
+command, or by a worker of Dask, whose processes can have no children of
+`multiprocessing`. Nothing is pickled.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ Order = Mapping[str, Any]
 
 
 class StoppedError(Exception):
-    """The process has been stopped while it did a cell."""
+    """The process was stopped during a cell."""
 
 
 class OtherCodeError(Exception):
-    """The process would do another work than what the key says.
+    """The code of the process differs from the code of the key.
 
     Attributes:
-        versions: Of the packages it has.
+        versions: Versions of its packages.
     """
 
     def __init__(self, versions: Mapping[str, str]) -> None:
@@ -58,9 +58,9 @@ class Ending:
     """How an attempt ended without a reply.
 
     Attributes:
-        how: In words; empty where its time was over.
-        limit: The hard limit that it was ended by [s]; None: by something else.
-        cpu_s: CPU seconds of the attempt; None: not known.
+        how: The end in words; empty if its time was over.
+        limit: The hard limit that ended it [s]; None if it ended otherwise.
+        cpu_s: CPU seconds of the attempt; None if not known.
     """
 
     how: str
@@ -69,10 +69,10 @@ class Ending:
 
 
 class CellProcess:
-    """A process that does cells, one at a time; started with the first of them."""
+    """A process that works on cells, one at a time; started with the first cell."""
 
     def __init__(self) -> None:
-        """Start nothing yet."""
+        """Prepare; the process is started later."""
         self._process: subprocess.Popen[bytes] | None = None
         self._lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._cpu_s = 0.0
@@ -82,17 +82,17 @@ class CellProcess:
         self._is_stopped = False
 
     def done(self, order: Order) -> dict[str, Any]:
-        """Do a cell, and return its reply: `content`, and `files` where they are sent.
+        """Return the reply of a cell's work: `content`, and `files` if they are sent.
 
-        One whose process dies is tried once more; one that was ended by its hard limit
-        is done by its rescue.
+        A cell whose process dies is tried once more. A cell that its hard limit has
+        ended is finished by its rescue.
 
         Args:
             order: The cell.
 
         Raises:
             StoppedError: If `stop` was called meanwhile.
-            OtherCodeError: If the process has other code than the key says.
+            OtherCodeError: If the code of the process differs from that of the key.
             RecordError: If the result cannot be written.
         """
         began, ending = Beginning(), Ending(how="")
@@ -120,13 +120,13 @@ class CellProcess:
         return {"content": content, "is_lost": True}
 
     def stop(self) -> None:
-        """End the process for good, whatever it does."""
+        """End the process for good, also during a cell."""
         with self._lock:
             self._is_stopped = True
             self._end()
 
     def _attempted(self, order: Order) -> dict[str, Any] | Ending:
-        """Return the reply to an order, or how its attempt ended without one."""
+        """Return the reply to an order, or the ending of an attempt without one."""
         self._start()
         sent = {name: order[name] for name in order if name != "timeout_s"}
         line = json.dumps(sent, allow_nan=False).encode() + b"\n"
@@ -152,13 +152,13 @@ class CellProcess:
             return _checked(reply)
 
     def _next(self, last: float | None) -> dict[str, Any] | None:
-        """Return what the process says next; None: nothing any more.
+        """Return the next message of the process; None if it has ended.
 
         Args:
-            last: Until when to wait, of the monotonic clock [s]; None: for ever.
+            last: End of waiting, on the monotonic clock [s]; None means no end.
 
         Raises:
-            queue.Empty: If it says nothing until then.
+            queue.Empty: If no message comes until then.
         """
         timeout = None if last is None else max(0.0, last - clock.monotonic())
         line = self._lines.get(timeout=timeout)
@@ -170,7 +170,7 @@ class CellProcess:
         return said
 
     def _start(self) -> None:
-        """Start a process where there is none."""
+        """Start a process if there is none."""
         with self._lock:
             if self._is_stopped:
                 raise StoppedError
@@ -179,7 +179,7 @@ class CellProcess:
             self._end()
             path = [entry or os.getcwd() for entry in sys.path]
             process = subprocess.Popen(
-                # -P: nothing of the folder one happens to be in is imported.
+                # -P: no module is imported from the current folder.
                 [
                     sys.executable,
                     "-P",
@@ -201,15 +201,15 @@ class CellProcess:
             self._limit, self._is_ready = None, False
 
     def _send(self, line: bytes) -> None:
-        """Send a line; one that has died has perhaps said something to be read."""
-        process = self._process  # None: stopped meanwhile, by another thread.
+        """Send a line; a process that has died can still have messages to read."""
+        process = self._process  # None: stopped by another thread.
         if process is not None and process.stdin is not None:
-            with suppress(OSError, ValueError):  # ValueError: closed meanwhile.
+            with suppress(OSError, ValueError):  # ValueError: closed by another thread.
                 process.stdin.write(line)
                 process.stdin.flush()
 
     def _ended(self) -> Ending:
-        """Return how the process died, and reap it."""
+        """Reap the process and return its ending."""
         with self._lock:
             if self._is_stopped:
                 raise StoppedError
@@ -232,7 +232,7 @@ class CellProcess:
             if not hasattr(os, "wait4"):
                 process.kill()
                 return process.wait(), None
-            with suppress(ProcessLookupError):  # Changes no end that has begun.
+            with suppress(ProcessLookupError):  # No effect while it ends.
                 os.kill(process.pid, signal.SIGKILL)
             _, status, usage = os.wait4(process.pid, 0)
             process.returncode = os.waitstatus_to_exitcode(status)
@@ -244,11 +244,11 @@ class CellProcess:
 
 
 def _listen(process: subprocess.Popen[bytes], lines: queue.SimpleQueue[bytes]) -> None:
-    """Take in what a process says, until it says nothing any more."""
+    """Read the messages of a process until it ends."""
     if process.stdout is not None:
         with process.stdout as said:
             for line in said:
-                if line.endswith(b"\n"):  # Not a part of one.
+                if line.endswith(b"\n"):  # An incomplete line is not a message.
                     lines.put(line)
     lines.put(END)
 

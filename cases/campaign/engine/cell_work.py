@@ -1,10 +1,10 @@
-"""What a process of cells does: read an order, do its work, commit or send the result.
+"""Work of a process for cells: read an order, do it, commit or send the result.
 
     {"work": ..., "job": ..., "key": ..., "folder": ...}  ->  {"content": ...}
 
-A line of JSON each way, on the process's own standard input and output; what the work
-prints goes to standard error. `content` is that of the cell's mark. The process ends
-when its input does, which is when the process that made it has gone.
+Orders and replies are lines of JSON on the process's standard input and output; output
+that the work prints goes to standard error. `content` is the content of the cell's
+mark. The process ends when its input ends, so when the process that made it has ended.
 """
 
 from __future__ import annotations
@@ -36,23 +36,25 @@ from swarmstart.errors import SwarmstartError
 MARK = "cell.json"
 SCHEMA = 2
 SYNCED_S = 0.1
-"""A cell that took longer is on the disk when it is done. A crash of the machine may
-lose shorter ones of the last half minute, which take no longer to do again."""
+"""Duration above which a cell is synced to the disk [s].
+
+A crash of the machine can lose shorter cells, which are quick to repeat.
+"""
 MOST_BYTES = 32 * 2**20
-"""Of files that a cell sends from another machine [B]."""
+"""Largest size of files that a cell sends from another machine [B]."""
 PARENT_DIED = 1
 """PR_SET_PDEATHSIG of Linux."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Beginning:
-    """When and where a cell began.
+    """Time and circumstances of a cell's beginning.
 
     Attributes:
-        seconds: Of this process's clock [s].
+        seconds: Time on this process's clock [s].
         cpu_s: CPU seconds of this process until then.
-        date: ISO 8601, UTC.
-        load: Load average; None where the system has none.
+        date: Date and time, ISO 8601, UTC.
+        load: Load average; None if the system has none.
     """
 
     seconds: float = field(default_factory=clock.perf_counter)
@@ -75,12 +77,12 @@ def cell_content(
     """Return the content of a cell's mark.
 
     Args:
-        order: Work, job and label; `spent` where an attempt before was cut.
-        began: When this attempt began.
-        result: What the work returned; None where it failed.
-        failure: Why; empty where it did not fail.
-        again: Whether another command is to try it again.
-        cpu_s: CPU seconds of this attempt; None: not known.
+        order: Work, job and label; `spent` if an earlier attempt was cut.
+        began: Beginning of this attempt.
+        result: Result of the work; None if it failed.
+        failure: Reason of the failure; empty if it did not fail.
+        again: Whether another command tries it again.
+        cpu_s: CPU seconds of this attempt; None if not known.
     """
     spent = order.get("spent") or {}
     seconds = clock.perf_counter() - began.seconds + spent.get("seconds", 0.0)
@@ -107,7 +109,7 @@ def cell_content(
 def done(order: Mapping[str, Any], folder: Path) -> str:
     """Do a cell's work; return the JSON text of its mark's content.
 
-    Errors end here, as text: whatever they are, the other cells go on.
+    Errors of any type become text here, so that the other cells continue.
     """
     began = Beginning()
     result: Mapping[str, Any] | None = None
@@ -131,32 +133,29 @@ def done(order: Mapping[str, Any], folder: Path) -> str:
 
 
 def _text(content: Mapping[str, Any]) -> str:
-    """Return JSON in one line; what is not finite becomes null."""
+    """Return JSON in one line; numbers that are not finite become null."""
     try:
         return json.dumps(content, allow_nan=False)
-    except (TypeError, ValueError):  # Not a dict, or not finite.
+    except (TypeError, ValueError):  # Not a dict, or a number that is not finite.
         return to_json(content)
 
 
 def commit(folder: Path, text: str, *, seconds: float) -> None:
-    """Write the mark of a cell, after all else that is in its folder.
+    """Write the mark of a cell, after all other files of its folder.
 
     Args:
         folder: The cell's folder.
         text: Content of the mark, JSON in one line.
-        seconds: How long the cell took [s].
-
-    Raises:
-        RecordError: If it cannot be written.
+        seconds: Duration of the cell [s].
     """
     write_text(folder / MARK, text + "\n", sync=seconds >= SYNCED_S)
 
 
 def serve(parent: int) -> None:
-    """Do the orders that come in, until there are no more; the life of this process.
+    """Do orders until the input ends; the main function of a process for cells.
 
     Args:
-        parent: Number of the process that has made this one.
+        parent: Number of the process that has started this one.
     """
     orders, replies = _streams()
     _keep_signals_out()
@@ -171,9 +170,9 @@ def serve(parent: int) -> None:
 
 
 def _streams() -> tuple[BinaryIO, BinaryIO]:
-    """Return input and output for orders; whatever else is printed is standard error.
+    """Return input and output for orders; other output goes to standard error.
 
-    Native code prints to the descriptors themselves, so that these are replaced.
+    Native code prints to the descriptors themselves, so these are replaced.
     """
     orders, replies = os.dup(0), os.dup(1)
     nothing = os.open(os.devnull, os.O_RDONLY)
@@ -184,16 +183,16 @@ def _streams() -> tuple[BinaryIO, BinaryIO]:
 
 
 def _keep_signals_out() -> None:
-    """Let Ctrl-C and the end of a terminal to the command, which ends its processes."""
+    """Ignore Ctrl-C and the end of a terminal: the command ends its processes."""
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGALRM})
 
 
 def _die_with(parent: int) -> None:
-    """Let the system end this process with the other one, whatever code it is in.
+    """Make the system end this process together with its parent.
 
-    Native code that keeps the interpreter would not notice the end of its input.
+    Native code that blocks the interpreter would not notice the end of its input.
     """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PARENT_DIED, signal.SIGKILL)
@@ -202,7 +201,7 @@ def _die_with(parent: int) -> None:
 
 
 def _listen(orders: BinaryIO, waiting: queue.SimpleQueue[bytes]) -> None:
-    """Take in orders; leave when there will be no more, whatever is being done."""
+    """Read orders; exit when the input ends, also during work."""
     for line in orders:
         waiting.put(line)
     os._exit(1)
@@ -212,12 +211,12 @@ def _send(replies: BinaryIO, text: str) -> None:
     try:
         replies.write(text.encode() + b"\n")
         replies.flush()
-    except OSError:  # The other process has gone.
+    except OSError:  # The parent process has ended.
         os._exit(1)
 
 
 def _reply(order: Mapping[str, Any]) -> str:
-    """Return what an order comes to: entries of a JSON object."""
+    """Return the reply to an order: entries of a JSON object."""
     if key_of(order["work"], order["job"]) != order["key"]:
         return f'"refused": {json.dumps(recorded_versions())}'
     with ExitStack() as stack:
@@ -238,7 +237,7 @@ def _reply(order: Mapping[str, Any]) -> str:
 
 
 def _to_send(text: str, folder: Path) -> str:
-    """Return a mark's content with the files beside it, in base 64."""
+    """Return a mark's content with the files of its folder, in base 64."""
     files = [f for f in sorted(folder.rglob("*")) if f.is_file() and not f.is_symlink()]
     size = sum(file.stat().st_size for file in files)
     if size > MOST_BYTES:

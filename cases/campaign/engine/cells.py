@@ -1,17 +1,17 @@
 """Many independent cells of work in worker processes, each finished once and kept.
 
 A cell is a piece of work that a few plain data determine: their hash is its key and the
-name of its folder, whose `cell.json` is written last and is the commit mark. So a
-campaign that was interrupted or killed goes on from what is there at the next call.
+name of its folder. The file `cell.json` in it is written last and marks a complete
+cell. So the next call continues a campaign that was interrupted or killed.
 
-Each worker is a process with one BLAS thread, kept from cell to cell, and with what it
-has built. One that dies costs only its own cell, which is tried once more. A cell that
-fails is recorded with the reason, and the others are kept; where its process died or it
-took too long, the next campaign tries it again. When the command itself is killed, its
-workers end with it.
+Each worker is a process with one BLAS thread, which is kept from cell to cell with the
+functions that it has built. If it dies, only its own cell is lost and tried once more.
+A failed cell is recorded with the reason, and the other cells are kept. If its process
+died or it took too long, the next campaign tries it again. Workers end together with
+the command.
 
-The workers are of this machine, or of a cluster of Dask (`dask_cells.py`), which sends
-results back; the marks are written here either way.
+Workers run on this machine, or on a cluster of Dask (`dask_cells.py`), which sends
+results back. The marks are written here in both cases.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ LOCAL = "local"
 POLL_S = 0.2
 
 Done = Callable[[int, int, str], None]
-"""(finished cells, all cells, what has finished) -> None."""
+"""(finished cells, all cells, label of the finished one) -> None."""
 
 
 class CodeChangedError(SwarmstartError):
-    """The code of this package has been edited while a campaign runs it."""
+    """The code of this package was edited during a campaign."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,16 +60,17 @@ class Cell:
     """A piece of work.
 
     Attributes:
-        work: "module:function" of what does it: (job, folder) -> a mapping to keep.
-            The function writes what else it makes into the folder.
+        work: "module:function" that does it: (job, folder) -> a mapping to keep. The
+            function can write further files into the folder.
         job: Plain data that determine the result, with the versions of the packages
             and the code that they use.
-        label: What it is, for progress and errors.
-        timeout_s: After how many seconds it is given up; None: never.
-        permissions: Further arguments of the work: what the command at hand allows,
-            which changes no result, is in no key, and is not kept.
-        rescue: "module:function" of what is done in its place where a hard limit
-            (`wall_limit.py`) has ended the work; empty: the cell has failed then.
+        label: Description for progress and errors.
+        timeout_s: Time limit [s]; None means no limit.
+        permissions: Further arguments of the work: permissions of the current command.
+            They change no result, are in no key, and are not kept.
+        rescue: "module:function" that is called instead if a hard limit
+            (`wall_limit.py`) has ended the work; if it is empty, the cell has failed
+            then.
     """
 
     work: str
@@ -85,11 +86,11 @@ class Cell:
         return key_of(self.work, self.job)
 
     def order(self, key: str, folder: Path | None) -> dict[str, Any]:
-        """Return what a process of cells is told.
+        """Return the order for a process of cells.
 
         Args:
             key: The cell's key.
-            folder: Its folder; None where the process is to send all back.
+            folder: Its folder; None if the process sends everything back.
         """
         return {
             "work": self.work,
@@ -108,17 +109,18 @@ class Outcome:
     """Result of a cell.
 
     Attributes:
-        result: What the work returned; None where it failed.
-        failure: Why it failed, in a sentence; empty where it did not.
+        result: Result of the work; None if it failed.
+        failure: Reason of the failure, in a sentence; empty if it did not fail.
         seconds: Wall time in the worker [s].
         folder: Its folder.
-        date: When it began, ISO 8601, UTC; empty: not known.
-        machine: "processor", "cores", "system" and "python"; empty: not known.
-        load: Load average of one minute at its beginning and end; None where the
-            system has none.
-        cpu_s: CPU seconds of the worker; None: not known.
-        versions: Of the packages that matter.
-        was_cut: Whether a hard limit ended the work, and this is of its rescue.
+        date: Beginning, ISO 8601, UTC; empty if not known.
+        machine: "processor", "cores", "system" and "python"; empty if not known.
+        load: Load average of one minute at its beginning and end; None if the system
+            has none.
+        cpu_s: CPU seconds of the worker; None if not known.
+        versions: Versions of packages.
+        was_cut: Whether a hard limit ended the work, and this is the result of its
+            rescue.
     """
 
     result: Mapping[str, Any] | None
@@ -134,15 +136,15 @@ class Outcome:
 
 
 def finished(cell: Cell, root: Path) -> Outcome | None:
-    """Return what came of a cell before, or None.
+    """Return the outcome of a cell that has finished before, or None.
 
     Args:
         cell: The cell.
         root: The folder of all cells.
 
     Returns:
-        None where it has not finished, it may do better another time, or its mark
-        cannot be read.
+        None if it has not finished, another attempt can succeed, or its mark cannot be
+        read.
     """
     return _finished(root / cell.key)
 
@@ -156,10 +158,10 @@ def _finished(folder: Path) -> Outcome | None:
 
 
 def _outcome(content: Mapping[str, Any], folder: Path) -> Outcome:
-    """Return what a mark says.
+    """Return the outcome that a mark contains.
 
     Raises:
-        LookupError, TypeError, ValueError: If it is no mark of this version.
+        LookupError, TypeError, ValueError: If it is not a mark of this version.
     """
     if content["schema"] != SCHEMA:
         raise ValueError(content["schema"])
@@ -186,22 +188,22 @@ def carried_out(
     told: Done = lambda *_: None,
     engine: str = LOCAL,
 ) -> list[Outcome]:
-    """Return what came of every cell; those that have not finished are done now.
+    """Return the outcomes of all cells; those that have not finished are done now.
 
     Args:
         cells: The cells, done in this order; equal ones are done once.
-        root: The folder of all cells; made where it is missing.
+        root: The folder of all cells; made if it is missing.
         workers: Number of worker processes of this machine.
-        told: Called after each cell.
-        engine: LOCAL, or the address of a scheduler of Dask, whose workers do the
-            cells instead.
+        told: Callback after each cell.
+        engine: LOCAL, or the address of a scheduler of Dask, whose workers do the cells
+            instead.
 
     Raises:
-        FolderInUseError: If another command works there.
-        RecordError: If nothing can be written to the folder.
+        FolderInUseError: If another command uses the folder.
+        RecordError: If the folder cannot be written to.
         CodeChangedError: If the code was edited meanwhile.
-        DaskError: If the cluster is not there, is lost, or has other code.
-        KeyboardInterrupt: On Ctrl-C, saying what is kept.
+        DaskError: If the cluster cannot be reached, is lost, or has other code.
+        KeyboardInterrupt: On Ctrl-C, with the number of kept cells.
     """
     keys = [cell.key for cell in cells]
     distinct = dict(zip(keys, cells, strict=True))
@@ -230,7 +232,7 @@ def carried_out(
 
 
 def _remove_rests(root: Path, keys: Mapping[str, Cell]) -> None:
-    """Remove what killed workers left in the folders of cells that are to be done."""
+    """Remove the files of killed workers from the folders of cells to be done."""
     for key in keys:
         remove_rests(root / key)
 
@@ -287,7 +289,7 @@ def _worked_here(
 
 
 def _next(replies: queue.SimpleQueue[tuple[str, Any]]) -> tuple[str, Any]:
-    while True:  # Signals are handled in between.
+    while True:  # Signals are handled between two calls.
         with suppress(queue.Empty):
             return replies.get(timeout=POLL_S)
 
@@ -297,7 +299,7 @@ def _work(
     waiting: deque[Mapping[str, Any]],
     replies: queue.SimpleQueue[tuple[str, Any]],
 ) -> None:
-    """Have a process do orders until there are none; a thread of the command."""
+    """Send orders to a process until there are none; the main function of a thread."""
     while True:
         try:
             order = waiting.popleft()
@@ -314,10 +316,10 @@ def _work(
 
 @contextmanager
 def _kept_from_threads() -> Iterator[None]:
-    """Start threads, and processes of theirs, that Ctrl-C and a terminal do not reach.
+    """Start threads and their processes, protected from signals of the terminal.
 
-    A terminal sends both to all processes of a command; the command itself ends its
-    workers then.
+    A terminal sends Ctrl-C and its own end to all processes of a command; the command
+    itself ends its workers then.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -331,11 +333,11 @@ def _kept_from_threads() -> Iterator[None]:
 
 
 def _received(reply: Mapping[str, Any], folder: Path) -> Outcome:
-    """Return a cell's outcome; what its process has not written is written here."""
+    """Return a cell's outcome; write files that its process has not written."""
     content = reply["content"]
     if reply.get("is_lost"):
         before = _finished(folder)
-        if before is not None:  # It had ended well before its process died.
+        if before is not None:  # The cell was complete before its process died.
             return before
     if reply.get("is_lost") or "files" in reply:
         folder.mkdir(parents=True, exist_ok=True)
@@ -346,7 +348,7 @@ def _received(reply: Mapping[str, Any], folder: Path) -> Outcome:
 
 
 def _write_sent(folder: Path, name: str, content: bytes) -> None:
-    """Write a file that a worker has sent; never outside of the cell's folder."""
+    """Write a file that a worker has sent, inside the cell's folder only."""
     file = folder / name
     if not file.resolve().is_relative_to(folder.resolve()):
         raise SwarmstartError(f"expected a file within its cell, found {name!r}")

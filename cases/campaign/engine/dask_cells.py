@@ -1,8 +1,8 @@
 """Cells done by the workers of a Dask cluster, whose results are sent back.
 
-The scheduler hands out cells; a worker that dies takes none with it, since its cells
-are handed to others. What a cell returns, and the files it writes, come back as data,
-so no disk is shared. The extra `dask` installs what is needed.
+The scheduler distributes cells; if a worker dies, its cells go to other workers.
+Results and files of a cell come back as data, so no disk is shared. The extra `dask`
+installs the packages.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from swarmstart.heuristics.interrupts import put_off
 
 CONNECT_S = 10.0
 NO_WORKER_S = 60.0
-"""How long a cluster may be without workers: those that died need time to restart."""
+"""Longest time without workers: those that died need time to restart [s]."""
 POLL_S = 0.2
 LOOK_S = 2.0
 AHEAD = 2
-"""Cells handed out for each thread of the cluster."""
+"""Number of cells sent in advance for each thread of the cluster."""
 LOST = 5
-"""How often a cell is handed out anew, each time until several workers have died."""
+"""Number of times that a cell is sent again, each until several workers have died."""
 CLOSE_S = 5.0
 
 Reply = tuple[str, Mapping[str, Any]]
@@ -38,7 +38,7 @@ Reply = tuple[str, Mapping[str, Any]]
 
 
 class DaskError(SwarmstartError):
-    """A Dask cluster is missing, has been lost, or cannot do these cells."""
+    """A Dask cluster is missing, was lost, or cannot do these cells."""
 
 
 def worked_on_dask(
@@ -47,13 +47,13 @@ def worked_on_dask(
     """Yield keys with the replies to their orders, as they finish.
 
     Args:
-        orders: As of `Cell.order`, without folders.
-        address: Of the scheduler, "tcp://host:8786".
+        orders: Orders as from `Cell.order`, without folders.
+        address: Address of the scheduler, such as "tcp://host:8786".
 
     Raises:
-        DaskError: If Dask is not installed; the scheduler cannot be reached, or is
-            lost; there are no workers; or one has another version of the code.
-        RecordError: If a worker cannot write what a cell writes.
+        DaskError: If Dask is not installed, the scheduler cannot be reached or is lost,
+            there are no workers, or a worker has another version of the code.
+        RecordError: If a worker cannot write the files of a cell.
     """
     with _quiet(), _connected(address) as client:
         name = f"swarmstart-cells-{uuid.uuid4().hex}"
@@ -61,7 +61,7 @@ def worked_on_dask(
             _prepare(client, name, address)
             yield from _Campaign(client, name, address).worked(orders)
         finally:
-            with put_off(), suppress(Exception):  # It may be gone already.
+            with put_off(), suppress(Exception):  # It can have ended already.
                 if client.status == "running":
                     client.unregister_worker_plugin(name)
 
@@ -75,9 +75,9 @@ def _connected(address: str) -> Iterator[Any]:
             "the engine dask needs the package distributed, found none: "
             "pip install 'swarmstart[dask]'"
         ) from error
-    kind: Any = distributed.Client  # In part typed.
-    # One that has not connected is closed here as well: Dask's own `__del__` closes
-    # it at whatever moment it is collected, and the next client may wait for that.
+    kind: Any = distributed.Client  # Partly typed.
+    # A client without a connection is closed here, too: Dask's own `__del__` would
+    # close it at a later time, and the next client could wait for that.
     client = kind.__new__(kind)
     try:
         try:
@@ -95,7 +95,7 @@ def _connected(address: str) -> Iterator[Any]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Let Dask say nothing of its own: what goes wrong is said in one sentence."""
+    """Silence the messages of Dask: errors are reported in one sentence instead."""
     logger = logging.getLogger("distributed")
     level = logger.level
     logger.setLevel(logging.CRITICAL + 1)
@@ -106,7 +106,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _prepare(client: Any, name: str, address: str) -> None:
-    """Wait for a worker, and have all of them keep processes for cells."""
+    """Wait for a worker, and make all workers start processes for cells."""
     from distributed import TimeoutError as NoWorkerError
 
     try:
@@ -118,8 +118,8 @@ def _prepare(client: Any, name: str, address: str) -> None:
     for attempt in range(LOST + 1):
         try:
             client.register_plugin(CellProcesses(), name=name)
-        except Exception as error:  # Whatever the workers' own errors are.
-            # A worker that dies meanwhile closes its connection: an OSError.
+        except Exception as error:  # Any error of a worker.
+            # A worker that dies closes its connection: an OSError.
             if isinstance(error, OSError) and attempt < LOST:
                 clock.sleep(POLL_S)
                 continue
@@ -131,7 +131,7 @@ def _prepare(client: Any, name: str, address: str) -> None:
 
 
 class _Campaign:
-    """Orders that are handed to a cluster, a few ahead of those that are done."""
+    """Orders for a cluster, a few sent ahead of the finished ones."""
 
     def __init__(self, client: Any, name: str, address: str) -> None:
         self._client, self._name, self._address = client, name, address
@@ -163,14 +163,14 @@ class _Campaign:
                     self._client.cancel([*self._pending])
 
     def _look(self) -> None:
-        """Count the cluster's threads; raise if it has been lost."""
+        """Count the cluster's threads; raise if the cluster is lost."""
         if self._client.status != "running":
             raise DaskError(self._lost())
         if clock.monotonic() - self._looked < LOOK_S:
             return
         try:
             self._threads = sum(self._client.nthreads().values())
-        except Exception as error:  # Dask has many.
+        except Exception as error:  # Dask has many types of errors.
             raise DaskError(self._lost()) from error
         self._looked = clock.monotonic()
         if self._threads:
@@ -192,7 +192,7 @@ class _Campaign:
         future.add_done_callback(self._ended.put)
 
     def _finished(self) -> list[tuple[Mapping[str, Any], Any]]:
-        """Return orders with their futures that have ended; none after a while."""
+        """Return orders whose futures have ended; empty after a while."""
         found = []
         with suppress(queue.Empty):
             found.append(self._ended.get(timeout=POLL_S))
@@ -201,7 +201,7 @@ class _Campaign:
         return [(self._pending.pop(one), one) for one in found if one in self._pending]
 
     def _reply(self, order: Mapping[str, Any], future: Any) -> dict[str, Any] | None:
-        """Return the reply to an order; None: it has to be handed out again."""
+        """Return the reply to an order; None if it must be sent again."""
         try:
             reply: dict[str, Any] = json.loads(future.result(timeout=NO_WORKER_S))
         except Exception as error:
@@ -229,7 +229,7 @@ class _Campaign:
 
 
 def _lost_cell(order: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the reply for a cell on which worker after worker has died."""
+    """Return the reply for a cell during which several workers died."""
     from swarmstart.cases.campaign.engine.cell_work import Beginning, cell_content
 
     failure = "every Dask worker that did it died"
@@ -245,7 +245,7 @@ def _no_workers(address: str) -> str:
 
 
 def _other_code(worker: str, found: Mapping[str, str]) -> str:
-    """Return in which way a worker's code is another."""
+    """Return the message on how a worker's code differs."""
     expected = recorded_versions()
     differ = [
         f"{name} {found.get(name, 'none')} instead of {version}"

@@ -1,8 +1,7 @@
-"""What a worker of Dask does for cells: it keeps processes, and hands orders to them.
+"""Part of a Dask worker for cells: it keeps processes and sends orders to them.
 
-A cell that dies takes its own process with it, and not the worker. A worker's process
-may be daemonic, and has no children of `multiprocessing` then. Orders and replies are
-JSON.
+A cell that crashes ends its own process, but not the worker. A worker's process can be
+daemonic, and then has no children of `multiprocessing`. Orders and replies are JSON.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from swarmstart.cases.campaign.engine.cell_process import (
 from swarmstart.cases.record.files import RecordError
 
 IDLE_S = 60.0
-"""After which a process without an order ends: the command may have been killed [s]."""
+"""Time after which an idle process ends, since the command can have been killed [s]."""
 LOOK_S = 5.0
 
 
@@ -30,7 +29,7 @@ class CellProcesses(WorkerPlugin):
     """Processes of a worker for the cells of one command; as many as its threads."""
 
     def setup(self, worker: Worker) -> None:
-        """Begin without any; called by Dask on the worker."""
+        """Start without processes; called by Dask on the worker."""
         del worker
         self._free: list[tuple[float, CellProcess]] = []
         self._all: set[CellProcess] = set()
@@ -39,7 +38,7 @@ class CellProcesses(WorkerPlugin):
         threading.Thread(target=self._end_idle, daemon=True).start()
 
     def teardown(self, worker: Worker) -> None:
-        """End all; called by Dask on the worker."""
+        """End all processes; called by Dask on the worker."""
         del worker
         self._is_over.set()
         with self._lock:
@@ -48,7 +47,7 @@ class CellProcesses(WorkerPlugin):
             process.stop()
 
     def done(self, order: dict[str, Any]) -> dict[str, Any]:
-        """Do a cell; see `CellProcess.done`."""
+        """Return the reply of a cell; see `CellProcess.done`."""
         with self._lock:
             process = self._free.pop()[1] if self._free else CellProcess()
             self._all.add(process)
@@ -72,19 +71,19 @@ class CellProcesses(WorkerPlugin):
 
 
 def done_on_worker(plugin: str, order: str) -> str:
-    """Do a cell on this worker of Dask; called there.
+    """Return the reply of a cell done on this worker of Dask; called there.
 
     Args:
         plugin: Name of its `CellProcesses`.
         order: The cell, as JSON.
 
     Returns:
-        The reply as JSON: as of `CellProcess.done`, or "refused" with the versions
-        there, or "unwritten" with the reason; and "worker", its address.
+        The reply as JSON: that of `CellProcess.done`, or "refused" with the worker's
+        versions, or "unwritten" with the reason; and "worker", its address.
     """
     worker = get_worker()
     processes = worker.plugins.get(plugin)
-    if not isinstance(processes, CellProcesses):  # It has only just joined.
+    if not isinstance(processes, CellProcesses):  # The worker has just joined.
         raise Reschedule
     try:
         reply = processes.done(json.loads(order))

@@ -1,4 +1,4 @@
-"""The machine that a cell was done on, in words that say nothing of its owner."""
+"""Description of the machine that did a cell, without data about its owner."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def machine() -> dict[str, Any]:
 
 
 def load() -> float | None:
-    """Return the load average of the last minute; None where the system has none."""
+    """Return the load average of the last minute; None if the system has none."""
     try:
         return os.getloadavg()[0]
     except (AttributeError, OSError):
@@ -37,7 +37,7 @@ def load() -> float | None:
 
 
 def _processor() -> str:
-    """Return the processor's name; that of its architecture where it has no other."""
+    """Return the processor's name, or that of its architecture."""
     try:
         lines = CPU_INFO.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:

@@ -1,10 +1,10 @@
-"""A limit of wall time that native code cannot outlive: the system ends the process.
+"""A limit of wall time for native code: the system ends the process.
 
-A solver that does not look at the clock, in native code that does not come back to
-Python, can be stopped by nothing else than the system. SIGALRM with its default action
-does that, whatever the process is doing; the engine of cells notices, and goes on with
-the cell's rescue. Only in a process that the engine has made for cells: a command, or a
-user's own program, is never ended.
+A solver in native code that ignores the clock and does not return to Python can be
+stopped by the system only. SIGALRM with its default action ends the process at any
+point. The engine of cells detects this and calls the cell's rescue. The limit works
+only in a process that the engine has made for cells: a command, or a user's own
+program, is never ended.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from contextlib import contextmanager
 from swarmstart.compile_time import held_while_compiling
 
 PLACE = "SWARMSTART_CELL_PROCESS"
-"""Variable of the environment: number of the process of cells, and where it replies."""
+"""Environment variable with the number of the process and its reply descriptor."""
 SOON_S = 1e-6
-"""In place of no time at all, which would take the limit away [s]."""
+"""Shortest limit, since 0 would remove the limit [s]."""
 
 
 def declare_cell_process(reply: int) -> None:
-    """Let this process be ended by its limits.
+    """Allow limits to end this process.
 
     Args:
-        reply: Descriptor that the engine reads: it is told of limits before they end
-            the process.
+        reply: Descriptor that the engine reads; limits are announced on it before they
+            end the process.
     """
     os.environ[PLACE] = f"{os.getpid()}:{reply}"
 
 
 @contextmanager
 def hard_limit(seconds: float | None) -> Iterator[None]:
-    """End this process if the context takes longer, whatever code it is in.
+    """End this process if the context takes longer, also in native code.
 
-    What machine code takes to be made does not count, as on a stopwatch. Within another
-    limit, what ends first counts. Nothing happens outside of a process of cells, in
-    another thread than the main one, or on a system without SIGALRM.
+    Time for compiling machine code does not count, as on a stopwatch. Within another
+    limit the earlier one counts. Outside of a process of cells, in another thread than
+    the main one, or on a system without SIGALRM there is no limit.
 
     Args:
-        seconds: Wall time [s]; None or infinite: no limit.
+        seconds: Wall time [s]; None or infinity means no limit.
 
     Raises:
         ValueError: If it is not a number, or negative.
@@ -88,7 +88,7 @@ def _arm(seconds: float, reply: int, *, told: float) -> None:
 
 
 def _reply() -> int | None:
-    """Return where the engine is told; None where this process may not be ended."""
+    """Return the descriptor to the engine; None if this process must not be ended."""
     process, _, reply = os.environ.get(PLACE, "").partition(":")
     if process != str(os.getpid()) or not hasattr(signal, "setitimer"):
         return None

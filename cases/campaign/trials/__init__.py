@@ -1,1 +1,1 @@
-"""Trials: one solver on one problem with one seed, its budget and history."""
+"""Trials: one solver on one problem with one seed, a budget and a history."""

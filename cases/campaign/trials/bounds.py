@@ -1,9 +1,9 @@
-"""Cells of `compare` for lower bounds: one a scenario, apart from every solver's.
+"""Cells of `compare` for lower bounds: one for each scenario.
 
     {"settings", "variant", "seconds", "known"}  ->  value, kind, reason, account
 
-`known` is the best cost that the solvers have found: with it the bound is better, and
-another one is sought where it has changed.
+`known` is the best cost that the solvers have found. It improves the bound, and a new
+bound is sought if it has changed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from swarmstart.ocp.bounded import bounded
 
 
 def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return further modules whose code a cell uses: its kind's, the certificate's."""
+    """Return further modules whose code a cell uses: its kind and the certificate."""
     certifying = CONTENT_OF.partition(":")[0]
     return (*modules_of_settings(job["settings"]), certifying)
 
@@ -32,13 +32,13 @@ def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
 def bound_cell(
     job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
 ) -> dict[str, Any]:
-    """Seek a lower bound of a scenario's planning problem; called in a worker.
+    """Return a lower bound of a scenario's planning problem; called in a worker.
 
     Args:
         job: "settings" and "variant" of the scenario, "seconds", and "known": the best
             cost found, as the problem states it, or None.
-        folder: Where the certificate is kept.
-        python_in: The folder whose files may be run; None: none may.
+        folder: Folder of the certificate.
+        python_in: The folder whose files may be run; None if no file may be run.
     """
     resolved = resolved_again(job["settings"], job["variant"], python_in=python_in)
     one = first_problem(resolved.posed())

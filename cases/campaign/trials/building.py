@@ -1,9 +1,9 @@
-"""What the trials of one solver on one problem have in common, built once.
+"""Common parts of the trials of one solver on one problem, built once.
 
-Where an NLP solver follows a search, the search has nine tenths of the budget, or less
-where ITERATIONS of the NLP solver would not fit into the rest, at least a half.
+If an NLP solver follows a search, the search has nine tenths of the budget, or less if
+ITERATIONS of the NLP solver would not fit into the rest, but at least a half.
 
-All that would be compiled or loaded later is so here, before any clock runs.
+All machine code is compiled or loaded here, before any clock runs.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from swarmstart.ocp.search_space import SearchSpace, space_of
 from swarmstart.ocp.watching import Work
 
 SEARCH_SHARE, LEAST_SHARE = 0.9, 0.5
-"""Of the budget, where an NLP solver follows."""
+"""Part of the budget that a search has if an NLP solver follows."""
 ITERATIONS = 50
-"""Of an NLP solver that should fit into its part of the budget."""
+"""Iterations of an NLP solver that should fit into its part of the budget."""
 DEAF = {"fatrop": "fatrop.max_iter"}
-"""NLP solvers that CasADi cannot stop between iterations -> their limit of these."""
+"""NLP solvers that CasADi cannot stop between iterations -> option of their limit."""
 ENDLESS = 2**60
-"""Evaluations that are never spent."""
+"""Number of evaluations that stands for no limit."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -45,14 +45,14 @@ class Trial:
 
     Attributes:
         solver: The solver.
-        budget: Of one planning problem, as `heuristics.Budget` takes it.
-        seed: Seed of all randomness.
-        search: The search that the solver names, as the scenario has it; its own budget
-            is not used. None: it names none.
+        budget: Budget of one planning problem, as arguments of `heuristics.Budget`.
+        seed: Seed of all random numbers.
+        search: The search that the solver names, with the scenario's settings; its own
+            budget is not used. None if the solver has no search.
         repair: Whether an answer that breaks a constraint between the checks is solved
-            again with a margin, whatever the solver.
-        backend: What evaluates populations.
-        order: How the scenario orders individuals; None: it does not say.
+            again with a margin, for every solver.
+        backend: Evaluator of populations.
+        order: The scenario's order of individuals; None if it gives none.
     """
 
     solver: Solver
@@ -66,13 +66,13 @@ class Trial:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Built:
-    """What the trials of one solver on one problem have in common.
+    """Common parts of the trials of one solver on one problem.
 
     Attributes:
         posed: The problem.
-        planner: Plans; its search has its part of the budget.
-        relay: Tells the meter of the trial at hand.
-        space: What a peer searches; None: there is no peer.
+        planner: The planner, whose search has its part of the budget.
+        relay: Relay to the meter of the current trial.
+        space: Search space of a peer; None without a peer.
         seconds: Time to build it, without compiling [s].
         compile_seconds: Time to compile it [s].
     """
@@ -86,14 +86,14 @@ class Built:
 
 
 def built(posed: PlanningProblem, trial: Trial) -> Built:
-    """Return all that the trials of a solver on a problem have in common.
+    """Return the common parts of the trials of a solver on a problem.
 
     Args:
         posed: The problem.
         trial: One of the trials; its seed is not used.
 
     Raises:
-        SwarmstartError: If the solver cannot serve the problem.
+        SwarmstartError: If the solver cannot solve problems of this form.
     """
     solver, relay = trial.solver, Relay()
     space = None
@@ -132,9 +132,9 @@ def _planner(
 
 
 def _limited(planner: Planner, trial: Trial) -> PolishOptions | None:
-    """Return options with as many iterations as the budget pays for; None: as it is.
+    """Return options with as many iterations as the budget allows; None: unchanged.
 
-    Of an NLP solver that tells nothing of its iterations, and so cannot be stopped.
+    This is for NLP solvers that do not report iterations and cannot be stopped.
     """
     option = DEAF.get(trial.solver.plugin)
     evaluations = trial.budget.get("evaluations")
@@ -182,10 +182,10 @@ def _polish_of(trial: Trial) -> PolishOptions | None:
 
 
 def share_of(planner: Planner, trial: Trial) -> dict[str, Any]:
-    """Return the part of a trial's budget that the search or the peer has.
+    """Return the part of a trial's budget for the search or the peer.
 
     Args:
-        planner: Of the trial.
+        planner: The planner of the trial.
         trial: The trial.
     """
     solver, budget = trial.solver, dict(trial.budget)
@@ -202,7 +202,7 @@ def share_of(planner: Planner, trial: Trial) -> dict[str, Any]:
 
 
 def _most_searched(planner: Planner, evaluations: int) -> int:
-    """Return how many of the evaluations a search has before an NLP solver."""
+    """Return the number of evaluations of a search before an NLP solver."""
     ratios = None if planner.polisher is None else planner.polisher.ratios
     rest = (1 - SEARCH_SHARE) * evaluations
     if ratios is not None:
@@ -211,7 +211,7 @@ def _most_searched(planner: Planner, evaluations: int) -> int:
 
 
 def _warm_up(planner: Planner, posed: PlanningProblem, trial: Trial) -> None:
-    """Compile and load now what else would be while the clock runs."""
+    """Compile and load machine code now, and not while the clock runs."""
     if planner.polisher is not None and trial.solver.family not in (
         "nlp",
         "multistart",

@@ -1,7 +1,7 @@
-"""A whole flight in closed loop as a trial: what `compare` and `run --seeds` look at.
+"""A whole closed-loop run as a trial, for `compare` and `run --seeds`.
 
-The answer is judged by what was flown, not by the plans: the cost of the path, and the
-largest excess over a constraint along it (`Kind.flown`).
+The answer is judged by the simulated path and not by the plans: by the cost of the
+path, and the largest excess over a constraint along it (`Kind.flown`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from swarmstart.cases.campaign.trials.seeding import seeded
 from swarmstart.cases.format.scenario import Resolved, resolved_again
 
 FLOWN_TOLERANCE = 1e-2
-"""Excess that a flown path may have: a plant with disturbances is no plan."""
+"""Allowed excess of a simulated path: disturbances move it off the plan."""
 MOST_POINTS = 201
-"""Instants of the path that a trial keeps."""
+"""Number of instants of the path that a trial keeps."""
 
 
 def flight_cell(
@@ -32,15 +32,15 @@ def flight_cell(
     named: bool = False,
     by: str = "",
 ) -> Cell:
-    """Return the cell of one flight.
+    """Return the cell of one closed-loop run.
 
     Args:
-        resolved: The scenario, with the search and polish that fly it.
-        seed: The number of the flight: seed of all randomness, see seeding.py.
-        timeout_s: After which it is given up [s]; None: never.
-        named: Whether its claims are judged; else flights that differ in name and
-            claims only are one cell.
-        by: What flies it, for the label; empty: the scenario's own search.
+        resolved: The scenario, with the search and polish of its plans.
+        seed: The number of the run: seed of all random numbers, see seeding.py.
+        timeout_s: Time limit [s]; None means no limit.
+        named: Whether its claims are judged; else runs that differ in name and claims
+            only are one cell.
+        by: The solver, for the label; empty means the scenario's own search.
     """
     settings = dict(resolved.settings) if named else resolved.anonymous_settings()
     solver = f", {by}" if by else ""
@@ -56,9 +56,9 @@ def flight_cell(
 def fly_cell(
     job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
 ) -> dict[str, Any]:
-    """Fly a scenario with a seed; called in a worker.
+    """Return the result of a scenario with a seed; called in a worker.
 
-    Only if the command has given `python_in` may a file of that folder be run.
+    Files of the folder `python_in` may be run only if the command has given it.
     """
     del folder
     settings = seeded(job["settings"], job["seed"])
@@ -67,7 +67,7 @@ def fly_cell(
 
 
 def flown_trial(finished: Run) -> dict[str, Any]:
-    """Return a flight as `comparison` looks at it; all numbers finite, or None."""
+    """Return a run as data for `comparison`; all numbers are finite or None."""
     trajectory, measures = finished.trajectory, finished.measures
     resolved, flight = finished.resolved, finished.flight
     found = resolved.kind.flown(resolved.scenario, flight, trajectory, measures)
@@ -108,7 +108,7 @@ def flown_trial(finished: Run) -> dict[str, Any]:
 
 
 def _track(finished: Run) -> dict[str, Any]:
-    """Return the path flown at few instants: times [s], and the states by name."""
+    """Return the path at some instants: times [s], and the states by name."""
     trajectory = finished.trajectory
     count = trajectory.dense_times.size
     chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(int))

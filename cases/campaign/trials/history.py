@@ -1,14 +1,15 @@
-"""What a solver has found after how much work: counted, kept, and stopped in time.
+"""History of a solver: its best answer after how much work, and its stop in time.
 
-A meter looks on (ocp/watching.py). It knows the work so far in evaluations of one
-rollout, the time without compiling, the best answer so far, feasible before infeasible,
-then cost, both as the checks of the problem say; and when a budget is spent.
+A meter watches the solver (ocp/watching.py). It counts the work so far in evaluations
+of one rollout, the time without compiling, and whether a budget is spent. It keeps the
+best answer so far: feasible before infeasible, then by cost, both at the checks of the
+problem.
 
-The history is told at log-spaced marks of the evaluations, PER_DECADE to a decade, and
-at the end: at each mark the best so far. It is exact after each generation of a search,
-each batch of lanes, each start of a multistart and each generation of a peer; of an
-NLP solver's iterates only those at marks are looked at, which costs it next to nothing.
-Between two moments at which a search has told the time, the time is interpolated.
+The history has the best answer at log-spaced marks of the evaluations, PER_DECADE to a
+decade, and at the end. It is exact after each generation of a search or a peer, each
+batch of lanes and each start of a multistart. Of an NLP solver's iterates only those at
+marks are evaluated, which costs hardly any time. Times between two reports of a search
+are interpolated.
 """
 
 from __future__ import annotations
@@ -31,20 +32,20 @@ from swarmstart.ocp.watching import UNWATCHED, Answer, Ratios, Watch, Work
 Array = NDArray[np.float64]
 PER_DECADE = 10
 CHECKPOINT_S = 0.25
-"""Between two checkpoints, at least; the first comes at once [s]."""
+"""Shortest time between two checkpoints; the first is written at once [s]."""
 Value = tuple[float, float]
 """Cost and violation."""
 WORST: Value = (math.inf, math.inf)
 
 
 class Entry(NamedTuple):
-    """The best so far.
+    """The best answer so far.
 
     Attributes:
-        evaluations: Until then.
-        seconds: Until then [s].
-        cost: Of the best.
-        violation: Of the best.
+        evaluations: Evaluations until then.
+        seconds: Time until then [s].
+        cost: Cost of the best answer.
+        violation: Violation of the best answer.
     """
 
     evaluations: float
@@ -54,14 +55,14 @@ class Entry(NamedTuple):
 
 
 class Meter:
-    """Counts the work of one trial, keeps its best, and says when to stop.
+    """Counter of one trial's work, which keeps the best answer and ends the trial.
 
     Attributes:
-        work: What NLP solvers have asked for.
-        ratios: What derivatives cost; of several NLPs those of the last.
-        stopped: Why a solver was stopped: "evaluations" or "seconds"; empty: it was
-            not.
-        best: The best answer so far; None: there is none, or it is not known.
+        work: Evaluations that NLP solvers asked for.
+        ratios: Costs of derivatives in rollouts; with several NLPs those of the last.
+        stopped: The limit that stopped the solver: "evaluations" or "seconds"; empty if
+            none did.
+        best: The best answer so far; None if there is none, or it is not known.
         value: Its cost and violation.
     """
 
@@ -75,15 +76,15 @@ class Meter:
         seconds: float | None = None,
         kept: Callable[[Meter], None] | None = None,
     ) -> None:
-        """Begin.
+        """Start counting.
 
         Args:
             watch: The solver's clock.
             value_of: Controls and initial state -> cost and violation at the checks.
-            tolerance: Largest violation that counts as none.
-            evaluations: The budget; None: no limit.
-            seconds: The same of time.
-            kept: Keeps a checkpoint, now and then; None: none is wanted.
+            tolerance: Largest violation of a feasible answer.
+            evaluations: Budget of evaluations; None means no limit.
+            seconds: Budget of time [s]; None means no limit.
+            kept: Function that writes a checkpoint; None means no checkpoints.
         """
         self._watch, self._value_of, self._tolerance = watch, value_of, tolerance
         self._limits = evaluations, seconds
@@ -111,7 +112,7 @@ class Meter:
 
     @property
     def is_over(self) -> bool:
-        """Whether a budget is spent."""
+        """True if a budget is spent."""
         return bool(self.stopped) or self._is_spent(self._spent)
 
     def _is_spent(self, evaluations: float) -> bool:
@@ -124,13 +125,13 @@ class Meter:
 
     @property
     def left(self) -> int | None:
-        """Evaluations that are left; None: no limit."""
+        """Number of evaluations that are left; None means no limit."""
         most = self._limits[0]
         return None if most is None else max(math.ceil(most - self._spent), 0)
 
     @contextmanager
     def searching(self) -> Iterator[None]:
-        """Count what a search says, and not what it has others do."""
+        """Count what a search reports, and not the work of solvers that it calls."""
         self._search = self._spent
         self._clock = [(self._spent, self.seconds)]
         try:
@@ -144,7 +145,7 @@ class Meter:
         best: Callable[[], Individual],
         answer: Callable[[Array], Answer],
     ) -> None:
-        """Note the time, and keep a checkpoint if one is due."""
+        """Record the time, and write a checkpoint if one is due."""
         begun = self._search or 0.0
         self._clock.append((begun + evaluations, self.seconds))
         if self._kept is None or self.seconds < self._next_kept:
@@ -156,7 +157,7 @@ class Meter:
             self._keep(begun + evaluations)
 
     def searched(self, result: SearchResult) -> None:
-        """Take in the history of a search."""
+        """Add the history of a search."""
         begun = self._search or 0.0
         evaluations = begun + np.asarray(result.history_evaluations, dtype=np.float64)
         if self._clock:
@@ -181,7 +182,7 @@ class Meter:
             self._spent += evaluations
 
     def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
-        """Look at an iterate if it is at a mark; return whether to go on."""
+        """Evaluate an iterate if it is at a mark; return whether to continue."""
         spent = self._spent + (0.0 if self._search is not None else evaluations)
         mark = math.floor(PER_DECADE * math.log10(max(spent, 1.0)))
         self._keep(spent)
@@ -196,7 +197,7 @@ class Meter:
         """Count a solve."""
         self.work, self.ratios = self.work + work, ratios
         self.counted(work.evaluations(ratios))
-        spent = self._spent  # Iterates were counted about; now it is known.
+        spent = self._spent  # Until now it was estimated.
         for place in range(len(self._entries) - 1, -1, -1):
             one = self._entries[place]
             if one.evaluations <= spent:
@@ -204,7 +205,7 @@ class Meter:
             self._entries[place] = one._replace(evaluations=spent)
 
     def answered(self, answer: Answer, cost: float, violation: float) -> None:
-        """Take in an answer."""
+        """Add an answer."""
         self._noted(self._spent, answer, (cost, violation))
 
     def evaluated(
@@ -213,12 +214,12 @@ class Meter:
         values: tuple[Array, Array],
         answer: Callable[[Array], Answer],
     ) -> None:
-        """Take in a generation that a peer has asked for.
+        """Add a generation that a peer has evaluated.
 
         Args:
-            population: Shape (dim, size).
+            population: The points, shape (dim, size).
             values: Cost and violation, each (size,).
-            answer: What a point means.
+            answer: Function of a point that returns its answer.
         """
         self._spent += population.shape[1]
         cost, violation = values
@@ -243,10 +244,10 @@ class Meter:
             self._keep(spent)
 
     def _keep(self, spent: float) -> None:
-        """Keep a checkpoint, if one is due and there is something new."""
+        """Write a checkpoint, if one is due and the best answer is new."""
         if self._kept is None or self._is_kept or self.seconds < self._next_kept:
             return
-        if self._search is not None:  # Else it is there already.
+        if self._search is not None:  # Else the checkpoint has it already.
             self._partial = Entry(spent, self.seconds, *self.value)
         self._kept(self)
         self._is_kept, self._next_kept = True, self.seconds + CHECKPOINT_S
@@ -254,12 +255,13 @@ class Meter:
     def history(
         self, final: Value | None = None, *, seconds: float | None = None
     ) -> dict[str, list[Any]]:
-        """Return the best so far at log-spaced marks and at the end.
+        """Return the best answer so far at log-spaced marks and at the end.
 
         Args:
-            seconds: When it ended [s]; None: now.
-            final: Value of the solver's answer: nothing before counts as better than
-                it, since that was not answered. None: the best so far.
+            seconds: End of the trial [s]; None means now.
+            final: Value of the solver's answer, which bounds all earlier entries, since
+                the solver did not answer with a better one. None means the best answer
+                so far.
         """
         best, improved = WORST, []
         if seconds is None:
@@ -307,7 +309,7 @@ def _changes(values: Iterator[tuple[float, float, float, float]]) -> list[Entry]
 
 
 def _at_marks(improved: Sequence[Entry], total: float) -> list[Entry]:
-    """Return the best so far at each mark below the end, from the first entry on."""
+    """Return the best entry so far at each mark below the end, from the first on."""
     told: list[Entry] = []
     if not improved:
         return told
@@ -326,19 +328,19 @@ def _at_marks(improved: Sequence[Entry], total: float) -> list[Entry]:
 
 
 class Relay:
-    """Tells one meter after another: what is built once is watched by each trial's.
+    """Relay to one meter after another, so that common parts serve all trials.
 
     Attributes:
-        meter: The meter that is told; until a trial begins, nobody.
+        meter: The current meter; None before a trial begins.
     """
 
     def __init__(self) -> None:
-        """Tell nobody yet."""
+        """Start without a meter."""
         self.meter: Watch = UNWATCHED
 
     @contextmanager
     def to(self, meter: Meter) -> Iterator[None]:
-        """Tell a meter until the context ends."""
+        """Relay to a meter until the context ends."""
         self.meter = meter
         try:
             yield
@@ -347,7 +349,7 @@ class Relay:
 
     @property
     def is_over(self) -> bool:
-        """As the meter says; all that follows passes on."""
+        """State of the meter; all methods below are passed on to it."""
         return self.meter.is_over
 
     def searching(self) -> AbstractContextManager[None]:

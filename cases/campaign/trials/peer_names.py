@@ -10,12 +10,12 @@ class Peer(NamedTuple):
     """A search of another package.
 
     Attributes:
-        title: What it is, in a few words.
+        title: Description in a few words.
         minimize: "module:function" that runs it, as in peers.py.
-        package: What has to be imported.
-        pip: What `pip install` calls that.
-        options: Its options with their defaults, by the package's own names; None: it
-            has a default of its own.
+        package: Package to import.
+        pip: Name of the package for `pip install`.
+        options: Its options with their defaults, by the package's own names; None means
+            the package's default.
     """
 
     title: str
@@ -73,4 +73,4 @@ PEERS = {
         {"size": None, "sigma": 0.3},
     ),
 }  # fmt: skip
-"""Other people's searches."""
+"""Searches of other packages by name."""

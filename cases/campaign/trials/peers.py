@@ -1,18 +1,19 @@
 """Searches of other packages, on the same objective, in the same box.
 
-Each is run as its package runs it, with the package's own defaults unless options say
-otherwise, and may end by its own rules. It minimises one number,
+Each search runs as in its package, with the package's own defaults unless options
+replace them, and can end by its own rules. It minimises one number,
 
     cost + weight * violation,
 
-the static penalty: the weight is that of the scenario's order where this is one, else
-WORTH times the natural size of the cost, which no choice of units changes. What is not
-finite counts as LARGEST. Its best point is the best of all that it has asked for:
-feasible before infeasible, then cost; so no peer loses by how it orders points.
+the static penalty: the weight is that of the scenario's order if that is a static
+penalty, else WORTH times the natural size of the cost, which does not depend on units.
+Values that are not finite count as LARGEST. Its best point is the best of all points
+that it has evaluated: feasible before infeasible, then by cost. So no peer has a
+disadvantage from its order of points.
 
-SciPy and cmaes hand over whole generations, which the compiled evaluator takes at once;
-pagmo asks point by point, at some ten microseconds of Python each: compare it by
-evaluations rather than seconds.
+SciPy and cmaes evaluate whole generations, which the compiled evaluator computes at
+once. pagmo evaluates point by point, with about ten microseconds of Python each:
+compare it by evaluations rather than seconds.
 
 A budget ends a peer by an exception from the objective: the last generation is cut at
 the budget's last evaluation.
@@ -34,11 +35,11 @@ from swarmstart.heuristics import Box
 Array = NDArray[np.float64]
 
 LARGEST = 1e30
-"""What counts for a value that is not finite."""
+"""Value that replaces one that is not finite."""
 WORTH = 1e3
-"""What a violation of 1 is worth, in natural sizes of the cost."""
+"""Penalty of a violation of 1, in natural sizes of the cost."""
 _ENDLESS = 10**9
-"""Generations: the budget ends before."""
+"""Number of generations that no budget reaches."""
 
 
 class BudgetSpent(Exception):  # noqa: N818 - no error
@@ -46,19 +47,19 @@ class BudgetSpent(Exception):  # noqa: N818 - no error
 
 
 class PeerError(SwarmstartError):
-    """A solver of another package refuses what it is given."""
+    """A solver of another package refuses its options or its problem."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PeerTask:
-    """What a peer is given.
+    """Task of a peer.
 
     Attributes:
-        objective: Population (dim, size) -> what is minimised (size,); raises
+        objective: Population (dim, size) -> values to minimise (size,); raises
             BudgetSpent.
-        box: Where.
-        seed: Of its randomness.
-        options: Its options; what is not there or None is the package's default.
+        box: Bounds of the search.
+        seed: Seed of its random numbers.
+        options: Its options; missing ones and None mean the package's default.
     """
 
     objective: Callable[[Array], Array]
@@ -67,17 +68,17 @@ class PeerTask:
     options: Mapping[str, Any]
 
     def given(self, *names: str) -> dict[str, Any]:
-        """Return those options among the names that have a value."""
+        """Return the options with these names that have a value."""
         return {n: self.options[n] for n in names if self.options.get(n) is not None}
 
 
 def penalised(cost: Array, violation: Array, weight: float) -> Array:
-    """Return what a peer minimises.
+    """Return the values that a peer minimises.
 
     Args:
-        cost: Shape (size,).
-        violation: Same shape.
-        weight: What a violation of 1 is worth.
+        cost: Costs, shape (size,).
+        violation: Violations, same shape.
+        weight: Penalty of a violation of 1.
     """
     values = cost + weight * violation
     return np.where(np.isfinite(values), np.minimum(values, LARGEST), LARGEST)
@@ -124,7 +125,7 @@ def pygmo_cmaes(task: PeerTask) -> None:
 
 
 class _Posed:
-    """The problem as pagmo takes it; a copy is the same, since it counts."""
+    """The problem for pagmo; a copy is the same object, since it counts evaluations."""
 
     def __init__(self, task: PeerTask) -> None:
         self._task = task
@@ -183,7 +184,7 @@ def peers_best(run: Callable[[PeerTask], None], task: PeerTask, name: str) -> bo
 
     Args:
         run: The peer.
-        task: What it is given.
+        task: Its task.
         name: Its name, for messages.
 
     Raises:

@@ -1,9 +1,9 @@
-"""Ways to solve: what runs a trial, by the solver's family.
+"""Ways to solve: the function that runs a trial, by the solver's family.
 
 search, nlp   the planner's search, its NLP solver, or one after the other
-multistart    the NLP solver from random points until the meter says stop
-solve         all that `swarmstart.solve` does
-peer          a search of another package, and the NLP solver after it if asked
+multistart    the NLP solver from random points until the meter stops it
+solve         all steps of `swarmstart.solve`
+peer          a search of another package, and the NLP solver after it if asked for
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ Array = NDArray[np.float64]
 
 
 class NotSolvedError(SwarmstartError):
-    """A solver found no point at all."""
+    """A solver found no point."""
 
 
 class Found(NamedTuple):
-    """What a solver answers.
+    """Answer of a solver.
 
     Attributes:
         plan: The plan.
-        solution: The same verified, if the solver has done that itself.
-        has_ended: Whether it came to an end of its own.
+        solution: The verified plan, if the solver has verified it itself.
+        has_ended: Whether it ended by itself.
     """
 
     plan: Plan
@@ -69,12 +69,12 @@ def _searched(
 def _many_starts(
     made: Built, trial: Trial, meter: Meter, rng: np.random.Generator
 ) -> Found:
-    """Return the best of an NLP solver from random points until all is spent."""
+    """Return the best of an NLP solver from random points until the budget is spent."""
     del trial, meter
     plan = multistart(
         made.planner,
         made.posed.x0,
-        budget=Budget(evaluations=ENDLESS),  # The meter stops it.
+        budget=Budget(evaluations=ENDLESS),  # The meter ends the loop.
         known=made.posed.known,
         family=made.posed.family,
         rng=rng,
@@ -83,7 +83,7 @@ def _many_starts(
 
 
 def _solved(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -> Found:
-    """Return what `swarmstart.solve` does."""
+    """Return the answer of `swarmstart.solve`."""
     del trial
     planner, posed = made.planner, made.posed
     x0, known, _ = planner.posed(posed.x0, posed.known)
@@ -99,7 +99,7 @@ def _solved(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -
 
 
 def _peered(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -> Found:
-    """Return the best point that a peer has asked for, polished if that is asked."""
+    """Return the best point that a peer has evaluated, polished if asked for."""
     planner, space, solver = made.planner, made.space, trial.solver
     if space is None:
         raise TypeError("expected a space")
@@ -136,7 +136,7 @@ def _meant(start: Start, x0: Any) -> Answer:
 
 
 def _weight(planner: Planner, x0: Any, known: Known, trial: Trial) -> float:
-    """Return what a violation of 1 is worth to a peer; see peers.py."""
+    """Return the penalty of a violation of 1 for a peer; see peers.py."""
     order = trial.order
     if order is not None and order.rule == STATIC_PENALTY:
         return float(order.weight)
@@ -144,13 +144,13 @@ def _weight(planner: Planner, x0: Any, known: Known, trial: Trial) -> float:
 
 
 class _Asked:
-    """The objective of a peer: counts, and ends it when its budget is spent.
+    """The objective of a peer: it counts, and ends the peer when its budget is spent.
 
     Attributes:
-        meter: Counts.
-        limits: Evaluations and seconds that the peer has; None: no limit.
-        answer: What a point means.
-        spent: Which limit has ended it.
+        meter: The counter.
+        limits: Evaluations and seconds of the peer; None means no limit.
+        answer: Function of a point that returns its answer.
+        spent: The limit that has ended it.
     """
 
     meter: Meter
@@ -184,4 +184,4 @@ ROUTES: Mapping[str, Callable[..., Found]] = {
     "solve": _solved,
     "peer": _peered,
 }
-"""Family of a solver -> what runs it: (built, trial, meter, rng) -> Found."""
+"""Family of a solver -> function that runs it: (built, trial, meter, rng) -> Found."""

@@ -1,8 +1,8 @@
-"""One seed for all randomness of a scenario: of its solver and of its disturbances.
+"""One seed for all random numbers of a scenario: of its solver and disturbances.
 
 A scenario draws gusts and noise with seeds of its own (any key called `seed`). Run s of
-a campaign adds s to each, so that run 0 is the scenario as it stands, and all solvers
-meet the same disturbances in runs of the same number.
+a campaign adds s to each of them. So run 0 is the scenario as it is written, and all
+solvers have the same disturbances in runs of the same number.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Silence for libraries that print what nobody asked for, qpOASES and others."""
+"""Silence for libraries that print unwanted output, qpOASES and others."""
 
 import contextlib
 import ctypes
@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def silenced(*, is_needed: bool = True) -> Iterator[None]:
-    """Send what is printed meanwhile nowhere, by C and C++ libraries as well.
+    """Discard all printed output, also that of C and C++ libraries.
 
-    Standard output of the whole process is replaced: for one thread that solves.
+    Standard output of the whole process is replaced, so only one thread may solve.
 
     Args:
         is_needed: Whether to do anything at all.
@@ -30,7 +30,7 @@ def silenced(*, is_needed: bool = True) -> Iterator[None]:
         with contextlib.redirect_stdout(io.StringIO()):
             yield
     finally:
-        _flush()  # Else what waits in a buffer of C would come later.
+        _flush()  # Else output in a buffer of C would be printed later.
         os.dup2(saved, 1)
         os.close(saved)
         os.close(null)

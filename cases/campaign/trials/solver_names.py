@@ -1,7 +1,7 @@
-"""Names of solvers, with options: what `compare` sets side by side.
+"""Names of solvers with options, for `compare`.
 
     lshade                        a population search (any of `swarmstart list`)
-    lshade[size=60]               with settings of its own: those of a scenario's search
+    lshade[size=60]               with settings, by the keys of a scenario's search
     lshade[size=60]+ipopt[max_iterations=50]
                                   the same with a part of the budget, then IPOPT from
                                   there, with its own options
@@ -12,10 +12,10 @@
     ipopt, fatrop, sqpmethod      an NLP solver once, from zero controls; any that this
                                   CasADi has, after a + too
     solve                         `swarmstart.solve` with its defaults
-    scipy-de, pygmo-de, cmaes     other people's searches (PEERS), each with options
+    scipy-de, pygmo-de, cmaes     searches of other packages (PEERS), each with options
 
-A name is read into its canonical form, options sorted and values as JSON has them: two
-spellings are one solver. Nothing heavy is imported before an option is looked at.
+A name is read into its canonical form, with sorted options and values as JSON, so that
+two spellings are one solver. Nothing heavy is imported before an option is read.
 """
 
 from __future__ import annotations
@@ -36,27 +36,27 @@ from swarmstart.errors import SwarmstartError
 
 IPOPT, SOLVE, MULTISTART = "ipopt", "solve", "multistart-ipopt"
 NULL_HYPOTHESIS = MULTISTART
-"""What a global search has to beat."""
+"""Solver that a global search has to beat."""
 SEARCHED = tuple(name for name in SEARCHES if name != "none")
 Family = Literal["search", "peer", "nlp", "multistart", "solve"]
 _MANY = "multistart-"
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _OPTION = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
 _OF_PART = frozenset({"name", "warm_start", "when"})
-"""Keys of a scenario's search that say nothing of a single plan."""
+"""Keys of a scenario's search that do not concern a single plan."""
 _FILES = ("hsllib", "pardisolib", "output_file", "option_file", "jit", "compiler",
           "dump", "external", "custom_jacobian", "cache")  # fmt: skip
-"""Beginnings of options that name files or run programs: a name is only a name."""
+"""Beginnings of options that name files or run programs, which are refused."""
 LONGEST = 1000
-"""Characters of a name."""
+"""Largest number of characters of a name."""
 
 
 class UnknownSolverError(SwarmstartError, LookupError):
-    """A name that is no solver, or an option that it does not have."""
+    """A solver is unknown, or has no such option."""
 
 
 class MissingPackageError(SwarmstartError, ImportError):
-    """A solver of another package, which is not installed."""
+    """The package of a solver is not installed."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -65,14 +65,15 @@ class Solver:
 
     Attributes:
         name: Canonical: options sorted, values as JSON.
-        title: What it is, in a few words.
-        family: What runs it.
-        search: A key of SEARCHES, as a scenario takes it; "none" without one.
-        polished: Whether an NLP solver goes on from the search's answer, or is all.
+        title: Description in a few words.
+        family: Key of the function that runs it.
+        search: A key of SEARCHES, as in a scenario; "none" without a search.
+        polished: Whether an NLP solver continues from the search's answer, or works
+            alone.
         peer: A key of PEERS; empty without one.
         plugin: The NLP solver, by its name in CasADi; empty without one.
-        options: Of the search or the peer, sorted; values as JSON has them.
-        polish_options: Of the NLP solver.
+        options: Options of the search or the peer, sorted; values as JSON.
+        polish_options: Options of the NLP solver.
     """
 
     name: str
@@ -87,7 +88,7 @@ class Solver:
 
     @property
     def is_deterministic(self) -> bool:
-        """Return whether every seed gives the same."""
+        """Return whether every seed gives the same answer."""
         return self.family == "nlp"
 
 
@@ -96,9 +97,9 @@ def solver_of(text: str) -> Solver:
     """Return the solver of a name; see the head of this module.
 
     Raises:
-        UnknownSolverError: If no solver has that name, or not that option.
-        MissingPackageError: If it is of a package that is not installed.
-        SwarmstartError: If an option has a value that it cannot have.
+        UnknownSolverError: If no solver has that name, or it has no such option.
+        MissingPackageError: If its package is not installed.
+        SwarmstartError: If the value of an option is invalid.
 
     Example:
         >>> solver_of("lshade[size = 60, archive_rate=2]+ipopt").name
@@ -130,14 +131,14 @@ def solvers_of(text: str) -> list[Solver]:
             options.
 
     Raises:
-        UnknownSolverError: If one is no solver; as `solver_of` for the rest.
+        UnknownSolverError: If a solver is unknown; further errors as in `solver_of`.
     """
     found = [solver_of(part.strip()) for part in _split(text, ",")]
     return list({solver.name: solver for solver in found}.values())
 
 
 def plugins() -> list[str]:
-    """Return the NLP solvers that this CasADi has, of those that are known by name."""
+    """Return the known NLP solvers that this CasADi has."""
     known = ("ipopt", "fatrop", "sqpmethod", "feasiblesqpmethod", "qrsqp", "blocksqp",
              "uno", "alpaqa", "bonmin", "snopt", "knitro", "worhp", "madnlp",
              "sleqp")  # fmt: skip
@@ -151,7 +152,7 @@ def _is_plugin(name: str) -> bool:
 
 
 def _split(text: str, at: str) -> Iterator[str]:
-    """Yield the parts of a text between marks that stand outside of brackets."""
+    """Yield the parts of a text between marks outside of brackets."""
     depth, begin = 0, 0
     for place, mark in enumerate(text):
         depth += (mark in "[{") - (mark in "]}")
@@ -259,7 +260,7 @@ Options = tuple[tuple[str, Any], ...]
 
 
 def _search_options(name: str, options: Mapping[str, str], text: str) -> Options:
-    """Return the settings of a search, checked as a scenario's are."""
+    """Return the settings of a search, checked like those of a scenario."""
     if not options:
         return ()
     from swarmstart.cases.format.scenario import search_of
@@ -283,12 +284,12 @@ def _peer_options(name: str, options: Mapping[str, str], text: str) -> Options:
     values = {key: _value(value) for key, value in options.items()}
     for key, value in values.items():
         _require_like(key, value, peer.options[key], text)
-    resolve_name(peer.minimize)  # A package that is broken is found here.
+    resolve_name(peer.minimize)  # A broken package raises here.
     return _sorted(values)
 
 
 def _require_like(key: str, value: Any, default: Any, text: str) -> None:
-    """Refuse a value of another type than its default, or below zero."""
+    """Raise if a value has another type than its default, or is negative."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if isinstance(default, str):
         ok, what = isinstance(value, str), "text"
@@ -304,7 +305,7 @@ def _require_like(key: str, value: Any, default: Any, text: str) -> None:
 
 
 def _nlp_options(plugin: str, options: Mapping[str, str], text: str) -> Options:
-    """Return the options of an NLP solver; it has been asked whether it takes them."""
+    """Return the options of an NLP solver, which are checked by creating it."""
     import casadi as ca
 
     from swarmstart.cases.campaign.trials.silence import silenced
@@ -334,12 +335,12 @@ def _nlp_options(plugin: str, options: Mapping[str, str], text: str) -> Options:
 
 
 def polish_of(plugin: str, options: Mapping[str, Any]) -> Any:
-    """Return an NLP solver with options as a planner takes it.
+    """Return an NLP solver with options for a planner.
 
     Args:
         plugin: Its name in CasADi.
-        options: Of IPOPT `max_iterations` and `tolerance`, as in a scenario, and others
-            by IPOPT's names; of other solvers by their plug-in's names.
+        options: For IPOPT `max_iterations` and `tolerance`, as in a scenario, and
+            others by IPOPT's names; for other solvers by the names of their plug-in.
     """
     from swarmstart.ocp import IpoptOptions, NlpOptions
 
@@ -361,7 +362,7 @@ def _require_known(options: Mapping[str, Any], known: Any, text: str) -> None:
 
 
 def _value(text: str) -> Any:
-    """Return the value of an option: a number, true, false, or text."""
+    """Return the value of an option: a number, true, false or text."""
     try:
         value = json.loads(text)
     except ValueError:
@@ -381,7 +382,7 @@ def _canonical(name: str, options: Options) -> str:
 
 
 def _written(value: Any) -> str:
-    """Return a value as it is read again: text that is nothing else as it is."""
+    """Return a value as text that is read as the same value again."""
     if isinstance(value, str) and _OPTION.fullmatch(value) and _value(value) == value:
         return value
     return json.dumps(value, separators=(",", ":"))

@@ -1,7 +1,7 @@
 """Cells of `compare` on planning problems: a solver, a budget and a seed each.
 
-Names of solvers are in solver_names.py, what a trial is in trial.py. What a worker has
-built for one seed serves the next ones: KEPT scenarios with solvers at most.
+Names of solvers are in solver_names.py, trials in trial.py. A worker keeps what it has
+built for the next seeds, for at most KEPT scenarios with solvers.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ __all__ = [
 ]
 
 LARGEST = 1e12
-"""Budgets are below it."""
+"""Upper limit for a budget."""
 KEPT = 16
-"""Of what a worker has built: the last ones used."""
+"""Number of built solvers that a worker keeps, the last ones used."""
 _BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m|h)")
 _UNITS = {"evals": 1, **UNITS}
 
@@ -72,7 +72,7 @@ class InvalidBudgetTextError(SwarmstartError, ValueError):
 
 
 def budget_of(text: str) -> dict[str, float | int]:
-    """Return a budget as `heuristics.Budget` takes it.
+    """Return a budget as arguments of `heuristics.Budget`.
 
     Args:
         text: "4000evals", "5s", "2m", "1h", or two of them with "|" between.
@@ -104,9 +104,9 @@ def _number(text: str) -> float:
 
 
 def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what of a budget a scenario's search has: for its checks.
+    """Return the part of a budget that a scenario's search has, for its checks.
 
-    A trial gives it less where the NLP solver needs more; see trial.py.
+    A trial gives it less if the NLP solver needs more; see trial.py.
     """
     share = SEARCH_SHARE if solver.polished else 1.0
     parts = {name: share * value for name, value in budget.items()}
@@ -118,15 +118,15 @@ def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
 def solve_cell(
     job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
 ) -> dict[str, Any]:
-    """Solve a scenario's planning problem; called in a worker.
+    """Return the answer of a solver to a scenario's problem; called in a worker.
 
-    Only where the command has given `python_in` may a file of that folder be run.
+    Files of the folder `python_in` may be run only if the command has given it.
 
     Args:
         job: "settings" and "variant" of the scenario, "solver" (its name), "budget",
             "seed", "repair".
-        folder: Where checkpoints are kept.
-        python_in: The folder whose files may be run; None: none may.
+        folder: Folder of the checkpoints.
+        python_in: The folder whose files may be run; None if no file may be run.
     """
     text = _common(job)
     trial = _trial(text, python_in, job)
@@ -136,7 +136,7 @@ def solve_cell(
 def judge_checkpoint(
     job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
 ) -> dict[str, Any]:
-    """Return what a cell had found when the hard limit ended its process.
+    """Return the result of a cell whose process the hard limit has ended.
 
     Args:
         job: As in `solve_cell`.
@@ -149,7 +149,7 @@ def judge_checkpoint(
 
 
 def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return further modules whose code a cell uses: those that registries name.
+    """Return further modules whose code a cell uses: those named by registries.
 
     Args:
         job: As in `solve_cell`.
@@ -166,9 +166,9 @@ def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _common(job: Mapping[str, Any]) -> str:
-    """Return all of a job that its seeds have in common, as text.
+    """Return the part of a job that all seeds have in common, as text.
 
-    In its own order: what a scenario defines may follow from what it defines before.
+    Its order is kept, since definitions of a scenario can depend on earlier ones.
     """
     keys = ("settings", "variant", "solver", "budget")
     return json.dumps({key: job[key] for key in keys})

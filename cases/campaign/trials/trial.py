@@ -1,19 +1,20 @@
 """A trial: one solver on one planning problem with a budget and a seed.
 
-    building.py    all that seeds have in common: planner, evaluator, kernels, peers
-    routes.py      what runs, by the solver's family
-    answered       a trial: the solver's own clock runs from when all is built and
-                   compiled until it answers; then one reference judges the answer
+    building.py    common parts of all seeds: planner, evaluator, kernels, peers
+    routes.py      the function that runs a solver, by its family
+    answered       a trial: the solver's clock runs from the end of building and
+                   compiling to its answer; then one reference judges the answer
 
 A budget of evaluations counts an NLP solver's work in rollouts (ocp/watching.py) and
-stops it after the iteration that spends it. A budget of seconds is kept in time by
+stops it after the iteration that spends the budget. A budget of seconds is kept by
 searches, lanes and NLP solvers themselves, between two generations, batches or
-iterations; what is still running after LATE of it and a moment is ended by the system
-(wall_limit.py), and its last checkpoint is judged (`judged_checkpoint`).
+iterations. A solver that still runs after LATE times the budget and a moment is ended
+by the system (wall_limit.py), and its last checkpoint is judged (`judged_checkpoint`).
 
-The answer is simulated again ten times finer: "claimed" is what the solver says of it,
-"verified" what the one reference says. What repairs an answer that breaks a constraint
-between the checks is no part of the solver: its seconds and evaluations stand apart.
+The answer is simulated again ten times finer: "claimed" values are those of the solver,
+"verified" ones those of this simulation. The repair of an answer that breaks a
+constraint between the checks is not part of the solver: its seconds and evaluations are
+given separately.
 """
 
 from __future__ import annotations
@@ -41,33 +42,33 @@ from swarmstart.ocp.improving import repaired
 from swarmstart.ocp.plan import Source
 
 LATE, MOMENT_S = 1.1, 0.25
-"""The hard limit, in parts of the budget, and what is added [s]."""
+"""The hard limit: a factor of the budget, and a constant [s]."""
 CHECKPOINT = "checkpoint.json"
 
 
 def answered(
     posed: PlanningProblem, trial: Trial, folder: Path | None = None
 ) -> dict[str, Any]:
-    """Solve a planning problem, and return what is kept of it; see `answer_of`.
+    """Solve a planning problem and return the result to keep; see `answer_of`.
 
     Args:
         posed: The problem.
         trial: The solver, its budget and seed.
-        folder: Where checkpoints are kept; None: none are.
+        folder: Folder of the checkpoints; None means no checkpoints.
     """
     return answer_of(built(posed, trial), trial, folder)
 
 
 def answer_of(made: Built, trial: Trial, folder: Path | None = None) -> dict[str, Any]:
-    """Return what a trial answers and what that is worth, as JSON has it.
+    """Return the answer of a trial with its verification, as data for JSON.
 
     Args:
-        made: What the trial is done with, of the same solver.
+        made: The common parts of the trials of the same solver.
         trial: The trial.
-        folder: Where checkpoints are kept; None: none are.
+        folder: Folder of the checkpoints; None means no checkpoints.
 
     Raises:
-        SwarmstartError: If the solver cannot serve the problem.
+        SwarmstartError: If the solver cannot solve problems of this form.
     """
     planner, posed, budget = made.planner, made.posed, trial.budget
     rng = np.random.default_rng(trial.seed)
@@ -118,7 +119,7 @@ def answer_of(made: Built, trial: Trial, folder: Path | None = None) -> dict[str
 
 
 def _counts(meter: Meter) -> dict[str, Any]:
-    """Return what NLP solvers asked for; what else was spent are rollouts."""
+    """Return the evaluations of NLP solvers; all others are rollouts."""
     work, ratios = meter.work, meter.ratios
     others = meter.evaluations - work.evaluations(ratios)
     return {
@@ -133,7 +134,7 @@ def _counts(meter: Meter) -> dict[str, Any]:
 def _told(
     solution: Solution, history: Mapping[str, Any], **account: Any
 ) -> dict[str, Any]:
-    """Return an answer and its account; numbers are finite or None."""
+    """Return an answer and its effort; numbers are finite or None."""
     problem, plan = solution.problem, solution.plan
     checks, model = problem.checks, problem.model
     account["evaluations"] = round(account["evaluations"])
@@ -161,7 +162,7 @@ def _told(
 
 
 def _finite(value: Any) -> Any:
-    """Return plain data with None for what is not finite."""
+    """Return plain data with None for numbers that are not finite."""
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, Mapping):
@@ -172,7 +173,7 @@ def _finite(value: Any) -> Any:
 
 
 def _keeper(made: Built, folder: Path) -> Callable[[Meter], None]:
-    """Return what writes a checkpoint: not synced, since only the process may die."""
+    """Return a writer of checkpoints, not synced since only the process can die."""
 
     def keep(meter: Meter) -> None:
         if meter.best is None:
@@ -195,13 +196,13 @@ def _keeper(made: Built, folder: Path) -> Callable[[Meter], None]:
 def judged_checkpoint(
     posed: PlanningProblem, trial: Trial, folder: Path
 ) -> dict[str, Any]:
-    """Return what a trial had found when the hard limit ended its process.
+    """Return the result of a trial whose process the hard limit has ended.
 
     Args:
         posed: The problem.
         trial: The trial.
-        folder: Where its checkpoints were kept. Without any it had found nothing: then
-            its numbers are None.
+        folder: Folder of its checkpoints. Without a checkpoint it had found nothing,
+            and its numbers are None.
     """
     began = clock.perf_counter()
     seconds = LATE * trial.budget["seconds"] + MOMENT_S
