@@ -2,7 +2,7 @@
 
     scenario.yaml    the scenario as resolved
     trajectory.npz   the simulated trajectory, see docs/record.md
-    run.json         settings, measures, claims; written last, it marks a complete record
+    run.json         settings, measures, claims; written last: marks a complete record
     partial.npz, partial.json   finished steps of an interrupted run
     figures/
 

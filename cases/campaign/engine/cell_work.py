@@ -147,6 +147,9 @@ def commit(folder: Path, text: str, *, seconds: float) -> None:
         folder: The cell's folder.
         text: Content of the mark, JSON in one line.
         seconds: Duration of the cell [s].
+
+    Raises:
+        RecordError: If the mark cannot be written.
     """
     write_text(folder / MARK, text + "\n", sync=seconds >= SYNCED_S)
 

@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 CHANCE = 0.05
-"""That an interval ends short of the change, on either side."""
+"""Probability that an interval ends short of the change, on either side."""
 _MOST_EXACT = 200
-"""Pairs up to which the signed-rank distribution is counted."""
+"""Largest number of pairs for which the signed-rank distribution is counted."""
 
 
 def share_interval(gained: int, lost: int, pairs: int) -> tuple[float, float]:
     """Return the 90 percent interval of the difference of two paired shares.
 
     Args:
-        gained: In how many pairs only the second has succeeded.
-        lost: In how many only the first.
-        pairs: Of all.
+        gained: Number of pairs in which only the second has succeeded.
+        lost: Number of pairs in which only the first has succeeded.
+        pairs: Number of all pairs.
 
     Returns:
-        Of the second share less the first.
+        The interval of the second share minus the first.
     """
     from scipy.stats import norm
 
@@ -43,8 +43,8 @@ def share_interval(gained: int, lost: int, pairs: int) -> tuple[float, float]:
 def median_interval(values: Array) -> tuple[float, float]:
     """Return the 90 percent interval of the median of symmetric values.
 
-    The ends are order statistics of the means of all pairs (Walsh averages), as the
-    signed-rank test has them. Of one value it is that value.
+    The ends are order statistics of the means of all pairs (Walsh averages), as in the
+    signed-rank test. For one value the interval is that value.
 
     Args:
         values: Shape (n,).
@@ -61,9 +61,9 @@ def median_interval(values: Array) -> tuple[float, float]:
 
 @cache
 def _end(count: int) -> int:
-    """Return which Walsh average from either side ends the interval of so many.
+    """Return the rank, from either side, of the Walsh average that ends an interval.
 
-    0: no interval of that chance is finite.
+    0 means that no interval of this probability is finite.
     """
     if count > _MOST_EXACT:
         from scipy.stats import norm
@@ -71,7 +71,7 @@ def _end(count: int) -> int:
         mean = count * (count + 1) / 4
         deviation = math.sqrt(count * (count + 1) * (2 * count + 1) / 24)
         return int(mean + float(norm.ppf(CHANCE)) * deviation + 0.5)
-    # How many sets of the ranks 1 to n have each sum, in parts of all sets.
+    # Share of the sets of ranks 1 to n that have each sum.
     shares = np.zeros(count * (count + 1) // 2 + 1)
     shares[0] = 1.0
     for rank in range(1, count + 1):

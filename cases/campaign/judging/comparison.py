@@ -1,9 +1,9 @@
-"""Solvers side by side on planning problems: cells, and what they show.
+"""Comparison of solvers on planning problems: cells and results.
 
 A success is a feasible answer, confirmed on the finer grid, whose cost is within NEAR
 of the least that any solver of the comparison has found. Each solver is compared with
 the first, seed by seed, by a signed-rank test; p values are adjusted for their number
-(Holm). An answer that is not feasible counts as dearer than any that is.
+(Holm). An infeasible answer counts as costlier than any feasible one.
 """
 
 from __future__ import annotations
@@ -31,17 +31,18 @@ class Row:
 
     Attributes:
         entry: The solver and the scenario.
-        outcomes: Of its cells.
-        feasible: How many answers are feasible.
-        successes: How many come near the best known cost.
-        success_interval: 95 percent interval of the rate; None where deterministic.
+        outcomes: Outcomes of its cells.
+        feasible: Number of feasible answers.
+        successes: Number of answers near the best known cost.
+        success_interval: 95 percent interval of the rate; None for a deterministic
+            solver.
         costs: Verified costs of the feasible answers, sorted.
-        evaluations: Median of the evaluations; None where no cell has ended well.
-        against_first: In words, how it compares with the first solver.
-        false_successes: How many answers the solver calls feasible that are not, or
-            that cost other than it says.
-        expected_evaluations: To come near the best known cost, what failed runs have
-            spent counted; None if no run does, or it is not known.
+        evaluations: Median of the evaluations; None if no cell ended without failure.
+        against_first: Comparison with the first solver, in words.
+        false_successes: Number of answers that the solver calls feasible although they
+            are not, or whose cost differs from the solver's.
+        expected_evaluations: Expected evaluations to come near the best known cost,
+            with those of failed runs; None if no run does, or it is not known.
     """
 
     entry: Entry
@@ -56,7 +57,7 @@ class Row:
     expected_evaluations: float | None = None
 
     def __repr__(self) -> str:
-        """Return problem, solver and what it has shown in one line."""
+        """Return problem, solver and results in one line."""
         cost = f"{statistics.median(self.costs):.6g}" if self.costs else "-"
         said = f"; {self.against_first}" if self.against_first else ""
         return (
@@ -69,12 +70,12 @@ class Row:
 def rows_of(
     entries: Sequence[Entry], outcomes: Mapping[str, Outcome], *, seeds: int
 ) -> list[Row]:
-    """Return what the solvers of one scenario have shown, in their order.
+    """Return the results of the solvers of one scenario, in their order.
 
     Args:
-        entries: Of one scenario; the first is what the others are compared with.
-        outcomes: By the cells' keys.
-        seeds: Number of seeds: a deterministic answer counts for each.
+        entries: Solvers on one scenario; the others are compared with the first.
+        outcomes: Outcomes by the cells' keys.
+        seeds: Number of seeds; a deterministic answer counts for each.
     """
     asked = Asked(seeds=tuple(range(seeds)), resamples=0)
     found = judged_scenario([runs_of(e, outcomes, asked) for e in entries], asked)

@@ -1,4 +1,4 @@
-"""A comparison read from a file: data of a user's, checked before anything uses it."""
+"""A comparison read from a user's file, checked before use."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ MOST_BYTES = 200 * 1024 * 1024
 
 
 def read_comparison(path: Path) -> dict[str, Any]:
-    """Return a comparison that `compare` has written.
+    """Return a comparison written by `compare`.
 
     Args:
         path: comparison.json, or the folder that holds it.
 
     Returns:
-        As of `content_of`.
+        Its content, as from `content_of`.
 
     Raises:
-        RecordError: If it cannot be read, or is anything else.
+        RecordError: If the file cannot be read, or has another form.
     """
     file = path / "comparison.json" if path.is_dir() else path
     try:

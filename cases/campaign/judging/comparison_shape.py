@@ -1,4 +1,4 @@
-"""Shape of comparison.json: every key that a table, page or gate looks at."""
+"""Shape of comparison.json: all keys that a table, page or gate reads."""
 
 from __future__ import annotations
 
@@ -59,12 +59,15 @@ _COMPARISON = {
     "ranks": [{"solver": TEXT, "mean": NUMBER, "low": NUMBER, "high": NUMBER}],
     "regression": ({"margin": NUMBER, "rows": [_CHANGE], "is_regression": FLAG},),
 }  # fmt: skip
-"""A text names a kind, a tuple allows null, a list is one of such; a mapping has at
-least these keys, or, with "*", any keys and such values."""
+"""Form of a comparison.
+
+A text names a type, a tuple allows null, a list contains such values; a mapping has at
+least these keys, or, with "*", any keys with such values.
+"""
 
 
 def fault_of(content: Mapping[str, Any]) -> str:
-    """Return what is wrong with a comparison, and where; empty if nothing is.
+    """Return an error of a comparison with its place; empty if there is none.
 
     Args:
         content: As read from JSON.
@@ -79,7 +82,7 @@ def short(value: object) -> str:
 
 
 def _fault(value: Any, expected: Any, place: str) -> str:
-    """Return what is other than expected, and where; empty if nothing is."""
+    """Return a difference from the expected form with its place; empty without one."""
     if isinstance(expected, tuple):
         return "" if value is None else _fault(value, expected[0], place)
     if isinstance(expected, str):
@@ -116,7 +119,7 @@ def _is(value: object, kind: str) -> bool:
 
 
 def _miscounted(content: Mapping[str, Any]) -> str:
-    """Return which list has another length than it must; empty if none has."""
+    """Return an error of a list's length; empty if there is none."""
     if len(content["near"]) != 2:  # noqa: PLR2004
         return f"{len(content['near'])} distances in near, where 2 are expected"
     seeds = len(content["seeds"])

@@ -18,9 +18,9 @@ def report_text(content: Content, *, times: bool = False) -> str:
     """Return a comparison as a table for each scenario, a line for each solver.
 
     Args:
-        content: As of `content_of`.
-        times: Whether seconds are shown. Without them the text is the same on every
-            call and every machine, if the budget is in evaluations.
+        content: Content, as from `content_of`.
+        times: Whether seconds are shown. Without them the text is the same in every
+            call and on every machine, if the budget is in evaluations.
     """
     seeds = content["seeds"]
     range_of = f"seeds {seeds[0]} to {seeds[-1]}" if seeds else "no seeds"
@@ -68,7 +68,7 @@ def _number(value: float | None, form: str) -> str:
 
 
 def _verdict(row: Content) -> str:
-    """Return how a solver compares with the first, in few words."""
+    """Return the comparison of a solver with the first, in few words."""
     against = row["against_first"]
     if against["p"] is None:
         return str(against["words"])

@@ -1,4 +1,4 @@
-"""A whole comparison as plain data: what comparison.json holds and every page shows."""
+"""A whole comparison as plain data, for comparison.json and all pages."""
 
 from __future__ import annotations
 
@@ -31,12 +31,14 @@ from swarmstart.cases.campaign.judging.statistics import median, resampled
 
 SCHEMA = 2
 LOAD = 1.25
-"""A machine is busy where the load is above this times its cores: the runs themselves
-take one each, and the command a little."""
+"""A machine is busy if its load exceeds this factor times its cores.
+
+Each run uses one core, and the command uses a little.
+"""
 ON_CPU = 0.8
-"""It is where runs were on the CPU for less than this part of their wall time."""
+"""A machine is busy if runs had the CPU for less than this part of their wall time."""
 SHORTEST_S = 0.05
-"""Of shorter runs that part says nothing [s]."""
+"""Shortest run for which that part is meaningful [s]."""
 NOTHING: Mapping[str, About] = MappingProxyType({})
 
 
@@ -49,21 +51,21 @@ def content_of(
     """Return a comparison as plain data; its keys are those of comparison.json.
 
     Args:
-        entries: For each scenario its solvers; the first is what the others are
-            compared with. Some may be missing where they cannot serve.
-        outcomes: By the cells' keys.
-        asked: Seeds, budget, command, how near is near.
-        about: Of the scenarios by name, where something is known beside the runs.
+        entries: The solvers of each scenario; the others are compared with the first.
+            Solvers that cannot solve a scenario are missing.
+        outcomes: Outcomes by the cells' keys.
+        asked: Seeds, budget, command and the distance that counts as near.
+        about: Further knowledge about scenarios, by name.
 
     Returns:
-        Numbers finite or None; the same bits for the same outcomes. "regression" is
-        None: `regression` makes it of two.
+        Plain data: numbers are finite or None, and the same outcomes give the same
+        bits. "regression" is None: `regression` makes it from two comparisons.
     """
     rng = np.random.default_rng(asked.bootstrap_seed)
     used = [outcomes[c.key] for each in entries for e in each for c in e.cells]
     load, noisy = load_of(used)
     known = [about.get(each[0].scenario, About()) for each in entries]
-    # Of equal evaluations seconds are shown, and nothing is claimed: see `judgement`.
+    # With equal evaluations seconds are shown, but not compared: see `judgement`.
     judges = not noisy and asked.budget.get("seconds") is not None
     found = [
         judged_scenario(
@@ -81,7 +83,7 @@ def content_of(
     ]
     solvers = {e.solver.name: e for each in entries for e in each}
     names = list(solvers)
-    # Only where all solvers ran can all be ranked; a missing one has not failed.
+    # Solvers are ranked only on scenarios on which all ran; a missing one did not fail.
     shared = [one for one in found if [runs.name for runs in one.runs] == names]
     content = {
         "schema": SCHEMA,
@@ -119,7 +121,7 @@ def _solver(entry: Entry) -> dict[str, Any]:
 
 
 def _circumstances(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Return when and where the cells were done, as far as they say."""
+    """Return dates and machines of the cells, as far as known."""
     machines: list[dict[str, Any]] = []
     versions: dict[str, Any] = {}
     for one in outcomes:
@@ -139,14 +141,15 @@ def _circumstances(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 def load_of(outcomes: Sequence[Outcome]) -> tuple[float | None, bool]:
     """Return the highest load, and whether the machine was too busy to time anything.
 
-    It was if the median run saw a load above 1.25 times the cores, or was on the CPU
-    for less than 0.8 of its time. The median: one busy moment spoils no comparison.
+    It was too busy if the median run saw a load above 1.25 times the cores, or had the
+    CPU for less than 0.8 of its time. With the median one busy moment does not spoil a
+    comparison.
 
     Args:
-        outcomes: With `load`, `machine` and `cpu_s` where they are known.
+        outcomes: Outcomes, with `load`, `machine` and `cpu_s` if known.
 
     Returns:
-        None where no run knows its load.
+        None if no run knows its load.
     """
     loads, relative, shares = [], [], []
     for one in outcomes:
@@ -203,14 +206,14 @@ def _profile(
 def profile_times(
     found: Sequence[Judged], asked: Asked
 ) -> tuple[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Return what solvers spent to come near the best, shape (solvers, instances).
+    """Return the effort of solvers to come near the best, shape (solvers, instances).
 
     Args:
         found: The scenarios, each with the same solvers in the same order.
-        asked: The budget says whether that is in evaluations or seconds.
+        asked: The request, whose budget decides between evaluations and seconds.
 
     Returns:
-        The quantity, and the times: infinite where never.
+        The quantity, and the times: infinite if never reached.
     """
     by_clock = asked.budget.get("evaluations") is None and (
         asked.budget.get("seconds") is not None
@@ -232,7 +235,7 @@ def _ranks(
     asked: Asked,
     rng: np.random.Generator,
 ) -> list[dict[str, Any]]:
-    """Return mean ranks; none for one scenario or one solver."""
+    """Return mean ranks; empty for one scenario or one solver."""
     told = [one for one in found if math.isfinite(one.best)]
     if len(told) < 2 or len(names) < 2:  # noqa: PLR2004
         return []

@@ -1,4 +1,4 @@
-"""Curves of solvers on one scenario: what they had found, and reached, when.
+"""Curves of solvers on one scenario: best cost and reached targets over time.
 
 history   the best cost so far: lowest, median, highest of the runs
 ecdf      the share of (seed, target) pairs reached: 51 targets between the best
@@ -28,7 +28,7 @@ from swarmstart.cases.campaign.judging.statistics import bands, resampled
 
 Array = NDArray[np.float64]
 DIGITS = 6
-"""Of the numbers of a curve."""
+"""Significant digits of the numbers of a curve."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -52,11 +52,11 @@ class Curves:
         """Return the curves' frame; the random numbers are drawn in any case.
 
         Args:
-            runs: Of all solvers.
-            best: The least cost known; infinite if none is.
-            limits: Up to which costs are near it, shape (2,).
+            runs: Runs of all solvers.
+            best: The least known cost; infinite if there is none.
+            limits: Largest costs that count as near it, shape (2,).
             asked: Seeds and resamples.
-            rng: Of the bootstrap.
+            rng: Random numbers of the bootstrap.
         """
         seeds = len(asked.seeds)
         weights = resampled(seeds, resamples=asked.resamples, rng=rng)
@@ -115,7 +115,7 @@ def _worst_first(courses: Courses) -> float:
 
 
 def _seconds_at(runs: Runs, marks: Array) -> Array:
-    """Return the median over the runs of what the clock said at marks of evaluations.
+    """Return the median time of the runs at marks of evaluations.
 
     A run that has ended keeps its last time.
     """
@@ -128,14 +128,14 @@ def _seconds_at(runs: Runs, marks: Array) -> Array:
 
 
 def _middle(rising: Array) -> Array:
-    """Return medians of sorted columns; infinite where one of the middle two is."""
+    """Return medians of sorted columns; infinite if one of the middle two is."""
     count = len(rising)
     middle: Array = rising[(count - 1) // 2] / 2 + rising[count // 2] / 2
     return middle
 
 
 def rounded(values: ArrayLike) -> list[float | None]:
-    """Return numbers of a curve: six digits; None where one is not finite."""
+    """Return numbers of a curve with six digits; None for those that are not finite."""
     return [
         float(f"{v:.{DIGITS}g}") if math.isfinite(v) else None
         for v in np.ravel(values).tolist()

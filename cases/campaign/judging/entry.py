@@ -1,4 +1,4 @@
-"""A solver on a scenario, and its cells: one a seed."""
+"""A solver on a scenario, with a cell for each seed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Entry:
     Attributes:
         scenario: The scenario's name.
         solver: The solver.
-        cells: One a seed; one where the solver is deterministic.
+        cells: One for each seed; only one if the solver is deterministic.
     """
 
     scenario: str
@@ -31,7 +31,7 @@ class Entry:
 
     @property
     def settings_key(self) -> str:
-        """What names the settings that its results depend on, the seeds apart."""
+        """Key of the settings that its results depend on, without the seeds."""
         if not self.cells:
             return ""
         job = {k: v for k, v in self.cells[0].job.items() if k != "seed"}
@@ -53,9 +53,9 @@ def entry_of(
     Args:
         resolved: The scenario with the solver's search.
         solver: The solver.
-        seeds: Their number, from 0 on.
-        budget: Of one planning problem.
-        timeout_s: After which a cell is given up [s].
+        seeds: Number of seeds, from 0 on.
+        budget: Budget of one planning problem.
+        timeout_s: Time limit of a cell [s].
         repair: Whether answers that break constraints between the checks are solved
             again with a margin.
     """
@@ -83,7 +83,7 @@ def entry_of(
 
 
 def _package(solver: Solver) -> dict[str, str]:
-    """Return the version of the package that a search of other people's is from."""
+    """Return the version of the package of a peer."""
     if not solver.peer:
         return {}
     name = PEERS[solver.peer].pip

@@ -1,9 +1,9 @@
 """A comparison in one sentence, which claims no more than its tests show.
 
-What searches have to be better than, the null hypothesis, is IPOPT from random starts;
-where there is none, the first solver. A difference is in the sentence only if it is
-shown on its scenario and holds as well with p values adjusted over all that the
-sentence might have claimed, on all scenarios and of all solvers (Holm).
+The null hypothesis, which searches have to beat, is IPOPT from random starts, or the
+first solver without it. A difference is in the sentence only if it is shown on its
+scenario, and also with p values adjusted for everything that the sentence could have
+claimed, on all scenarios and for all solvers (Holm).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from swarmstart.cases.campaign.trials.solver_names import NULL_HYPOTHESIS
 
 PLAIN = "ipopt"
 NAMED = 2
-"""So many scenarios are named; of more the number is given."""
+"""Largest number of scenarios that are named; of more only the number is given."""
 _OPPOSITE = {"more": "fewer", "fewer": "more", CHEAPER: DEARER, DEARER: CHEAPER}
 
 Content = Mapping[str, Any]
@@ -33,7 +33,7 @@ Content = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Shown:
-    """Scenarios by what is shown on them of a solver against the null hypothesis."""
+    """Scenarios by the result of a solver against the null hypothesis."""
 
     solver: str
     more: list[str] = field(default_factory=list)
@@ -43,7 +43,7 @@ class Shown:
 
     @property
     def merit(self) -> tuple[int, int]:
-        """Scenarios gained less those lost, of successes, then of costs."""
+        """Number of scenarios gained minus lost, by successes, then by costs."""
         return (
             len(self.more) - len(self.fewer),
             len(self.cheaper) - len(self.dearer),
@@ -51,10 +51,10 @@ class Shown:
 
 
 def headline(content: Content) -> str:
-    """Return what a comparison shows in one sentence.
+    """Return the result of a comparison in one sentence.
 
     Args:
-        content: As of `content_of`, its headline and limits aside.
+        content: Content, as from `content_of`, without headline and limits.
     """
     names = [one["name"] for one in content["solvers"]]
     scenarios = content["scenarios"]
@@ -86,7 +86,7 @@ def _on(some: Sequence[Content], all_of_them: Sequence[Content]) -> str:
 
 
 def _alone(content: Content) -> str:
-    """Return what one solver alone has shown; nothing is compared."""
+    """Return the results of a single solver, without a comparison."""
     scenarios, name = content["scenarios"], content["solvers"][0]["name"]
     if len(scenarios) == 1:
         row = scenarios[0]["rows"][0]
@@ -114,18 +114,18 @@ def _near(content: Content) -> str:
 
 
 def _too_few(content: Content) -> str:
-    """Return why nothing is compared; empty if something is."""
+    """Return the reason why nothing is compared; empty if something is."""
     pairs = [pair for s in content["scenarios"] for pair in s["pairs"]]
     is_compared = any(pair["verdict"] != NOT_COMPARED for pair in pairs)
     return "" if is_compared or not pairs else str(pairs[0]["words"])
 
 
 def shown_against(content: Content, null: str) -> list[Shown]:
-    """Return of each solver what is shown against the null hypothesis.
+    """Return the results of each solver against the null hypothesis.
 
     Args:
-        content: As of `content_of`.
-        null: The solver that the others are held against.
+        content: Content, as from `content_of`.
+        null: The solver with which the others are compared.
     """
     found = {
         one["name"]: Shown(solver=one["name"])
@@ -160,14 +160,14 @@ def _oriented(pair: Content, null: str) -> tuple[str, bool]:
 
 
 def _is_gained(content: Content, null: str) -> bool:
-    """Return whether more scenarios show a gain than show that there is none."""
+    """Return whether more scenarios show a gain than a loss."""
     best = max(shown_against(content, null), key=lambda one: one.merit)
     without = len(_plain_finds(content)) + len(_null_finds(content, null))
     return max(best.merit) > 0 and max(len(best.more), len(best.cheaper)) >= without
 
 
 def _successes(content: Content, shown: Shown) -> int:
-    """Return how many runs come near the best where a solver does so more often."""
+    """Return the number of runs near the best on scenarios that a solver gains."""
     return sum(
         row["near"][0]
         for scenario in content["scenarios"]
@@ -178,7 +178,7 @@ def _successes(content: Content, shown: Shown) -> int:
 
 
 def _gain(content: Content, null: str) -> str:
-    """Return what is gained over the null hypothesis, by the solver that gains most."""
+    """Return the gain over the null hypothesis by the solver that gains most."""
     every = shown_against(content, null)
     best = max(
         every, key=lambda one: (one.merit[0], _successes(content, one), one.merit)
@@ -228,7 +228,7 @@ def _seeds(content: Content) -> str:
 
 
 def _counted(content: Content, names: Sequence[str], solver: str, null: str) -> str:
-    """Return the counts where one scenario is spoken of, else the number of seeds."""
+    """Return the counts for one scenario, else the number of seeds."""
     if len(names) > 1:
         return _seeds(content)
     rows = {
@@ -254,7 +254,7 @@ def _plain_finds(content: Content) -> list[tuple[Content, Content]]:
 def _null_finds(content: Content, null: str) -> list[Content]:
     """Return other scenarios whose best known the null hypothesis finds each time.
 
-    A first solver that stands in for it is held to nothing, and few seeds show nothing.
+    It is empty if the first solver replaces the null hypothesis, or with few seeds.
     """
     if null != NULL_HYPOTHESIS or len(content["seeds"]) < FEWEST_SEEDS:
         return []
@@ -269,7 +269,7 @@ def _null_finds(content: Content, null: str) -> list[Content]:
 
 
 def _nothing_gained(content: Content, null: str) -> str:
-    """Return where plain IPOPT, or the null hypothesis, is as good as any."""
+    """Return the scenarios on which IPOPT or the null hypothesis is as good as any."""
     plain, often = _plain_finds(content), _null_finds(content, null)
     scenarios, parts = content["scenarios"], []
     if plain:
@@ -300,7 +300,7 @@ def _every(words: str) -> str:
 
 
 def _spent(content: Content, row: Content) -> str:
-    """Return what a run has spent; seconds only if something may be said of them."""
+    """Return the effort of a run; in seconds only if they can be compared."""
     if content["judges_seconds"] and row["seconds_p50"] is not None:
         return f" in {row['seconds_p50']:.2g} s"
     if row["evaluations_median"] is not None:

@@ -1,18 +1,19 @@
-"""What can be claimed of pairs of solvers on one scenario, and what cannot.
+"""Tests of pairs of solvers on one scenario.
 
-Of two solvers three things are asked, seed by seed:
+Two solvers are compared in three ways, seed by seed:
 
     cost       is the one cheaper? Wilcoxon's signed-rank test; an answer that is not
-               feasible is dearer than any that is
+               feasible is costlier than any feasible one
     success    does it come near the best known in more seeds? McNemar's exact test
-    seconds    is it faster? The signed-rank test of logarithms; only if told so
+    seconds    is it faster? The signed-rank test of logarithms; only if asked for
 
 All p values of a scenario are adjusted together (Holm), so that the chance of any false
 claim about it stays below 5 percent: 4 for cost and success, 1 for seconds. The shares
-are fixed, so that what is said of costs never depends on how busy a machine was.
+are fixed, so that claims about costs never depend on the load of a machine.
 
-Two deterministic solvers are compared without a test: there is no chance in it. One has
-one run, which counts for each seed of the other; its seconds are not compared.
+Two deterministic solvers are compared without a test, since nothing is random. A
+deterministic solver has one run, which counts for each seed of the other solver; its
+seconds are not compared.
 """
 
 from __future__ import annotations
@@ -41,11 +42,14 @@ from swarmstart.cases.campaign.trials.solver_names import NULL_HYPOTHESIS
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 SECONDS_SHARE = 0.2
-"""Of the chance of a false claim."""
+"""Shares of the chance of a false claim."""
 FEWEST_SEEDS = 6
 ALL_PAIRS_FROM = 20
-"""With so many seeds all pairs are compared; with fewer, those with the first and with
-the null hypothesis, since more tests at once show less."""
+"""Number of seeds from which all pairs are compared.
+
+With fewer only those with the first solver and with the null hypothesis are compared,
+since more tests at once show less.
+"""
 CHEAPER, DEARER, SHOWN_NONE, NOT_COMPARED = (
     *("cheaper", "dearer"),
     *("no difference shown", "not compared"),
@@ -57,14 +61,15 @@ class Results:
     """Results of the solvers of one scenario, seed by seed.
 
     Attributes:
-        names: Of the solvers.
+        names: Names of the solvers.
         deterministic: Whether each has one run, repeated in its row.
-        costs: Verified, shape (solvers, seeds); infinite where not feasible.
+        costs: Verified costs, shape (solvers, seeds); infinite if infeasible.
         near: Whether the cost is near the best known, shape (solvers, seeds).
-        seconds: Shape (solvers, seeds), infinite where a run has not ended; None if
-            nothing is to be claimed about them.
-        near_words: What near means, such as "1 %".
-        sense: -1 where the user maximises: then less is better, and not cheaper.
+        seconds: Times, shape (solvers, seeds), infinite if a run has not ended; None if
+            they are not compared.
+        near_words: Distance that counts as near, such as "1 %".
+        sense: -1 if the user maximises; then a lower cost is called better, not
+            cheaper.
     """
 
     names: tuple[str, ...]
@@ -78,15 +83,15 @@ class Results:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Finding:
-    """What one test says.
+    """Result of one test.
 
     Attributes:
         verdict: "cheaper", "more", "faster", ..., "no difference shown", or "not
             compared".
-        p: Adjusted for all tests of the scenario; None if there was no test.
-        p_alone: Not adjusted.
-        pairs: How many seeds differ.
-        words: In words.
+        p: p value adjusted for all tests of the scenario; None if there was no test.
+        p_alone: p value without adjustment.
+        pairs: Number of seeds that differ.
+        words: The result in words.
     """
 
     verdict: str
@@ -97,21 +102,22 @@ class Finding:
 
     @property
     def is_shown(self) -> bool:
-        """Whether it claims a difference."""
+        """True if it claims a difference."""
         return self.verdict not in (SHOWN_NONE, NOT_COMPARED, "")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pair:
-    """How one solver compares with another.
+    """Comparison of one solver with another.
 
     Attributes:
-        a: The one.
-        b: The other: "cheaper" says that a is cheaper than b.
-        cost: Of the costs.
-        success: Of coming near the best known.
-        seconds: Of the time; None if nothing is claimed about seconds.
-        effect: Chance that an answer of a is cheaper than one of b; ties count half.
+        a: The first solver.
+        b: The second solver: "cheaper" means that a is cheaper than b.
+        cost: Result for the costs.
+        success: Result for coming near the best known cost.
+        seconds: Result for the time; None if seconds are not compared.
+        effect: Probability that an answer of a is cheaper than one of b; ties count
+            half.
         shift: Median over the seeds of (cost of a - cost of b) / |cost of b|; None if
             it is infinite or not defined.
     """
@@ -126,12 +132,12 @@ class Pair:
 
 
 def compared_pairs(names: Sequence[str], seeds: int) -> list[tuple[int, int]]:
-    """Return which solvers are compared with which, decided before any result.
+    """Return the pairs of solvers to compare, chosen before any result.
 
     Args:
-        names: Of the solvers; the first and the null hypothesis are what others are
-            compared with.
-        seeds: Their number.
+        names: Names of the solvers; others are compared with the first one and with the
+            null hypothesis.
+        seeds: Number of seeds.
     """
     first = [(k, 0) for k in range(1, len(names))]
     null = names.index(NULL_HYPOTHESIS) if NULL_HYPOTHESIS in names else 0
@@ -145,15 +151,15 @@ def compared_pairs(names: Sequence[str], seeds: int) -> list[tuple[int, int]]:
 
 
 def fewest_seeds(pairs: int) -> int:
-    """Return with how many seeds a difference can be shown, so many pairs compared."""
+    """Return the number of seeds that can show a difference, for a number of pairs."""
     return max(FEWEST_SEEDS, fewest_pairs(2 * pairs / (1 - SECONDS_SHARE)))
 
 
 def judged(results: Results) -> list[Pair]:
-    """Return how the solvers of one scenario compare, the pairs with the first first.
+    """Return the comparisons of one scenario's solvers, those with the first first.
 
     Args:
-        results: Seed by seed.
+        results: Results seed by seed.
     """
     seeds = results.costs.shape[1]
     pairs = compared_pairs(results.names, seeds)
@@ -199,7 +205,7 @@ def _not_tested(results: Results, words: str) -> Three:
 
 
 def _certain(results: Results, i: int, j: int) -> Three:
-    """Return how two deterministic solvers compare: as they did in their one run."""
+    """Return the comparison of two deterministic solvers: that of their one run."""
     one, other = with_ties(results.costs[[i, j], :1])[:, 0]
     sign = 0 if one == other else (-1 if one < other else 1)
     verdict = {0: SHOWN_NONE, -1: CHEAPER, 1: DEARER}[sign]
@@ -227,7 +233,7 @@ def _certain(results: Results, i: int, j: int) -> Three:
 def _tested(
     results: Results, pairs: Sequence[tuple[int, int]]
 ) -> dict[tuple[int, int], Three]:
-    """Return what the tests of a scenario say, adjusted together."""
+    """Return the results of a scenario's tests, adjusted together."""
     differences = _differences(results.costs, pairs)
     near = results.near
     gained = np.array([(near[i] & ~near[j]).sum() for i, j in pairs])
@@ -249,14 +255,15 @@ def _tested(
 
 
 def _differences(costs: Array, pairs: Sequence[tuple[int, int]]) -> Array:
-    """Return differences of costs, shape (pairs, seeds), 0 where as good as equal.
+    """Return differences of costs, shape (pairs, seeds), 0 for equal costs.
 
-    One between a feasible answer and none is twice the largest of the others.
+    The difference of a feasible and an infeasible answer is twice the largest other
+    one.
     """
     tied = with_ties(costs)
     feasible = np.isfinite(tied)
     plain = np.where(feasible, tied, 0.0)
-    # By a power of two, which rounds nothing: differences of huge costs are finite.
+    # Division by a power of two is exact, and keeps differences of huge costs finite.
     plain = np.ldexp(plain, -int(np.frexp(np.abs(plain).max(initial=1.0))[1]))
     rows = []
     for i, j in pairs:
@@ -271,7 +278,7 @@ def _differences(costs: Array, pairs: Sequence[tuple[int, int]]) -> Array:
 def _tested_seconds(
     results: Results, pairs: Sequence[tuple[int, int]]
 ) -> dict[tuple[int, int], Finding]:
-    """Return what the tests of seconds say; nothing of a deterministic solver."""
+    """Return the results of the tests of seconds; none for a deterministic solver."""
     seconds = results.seconds
     if seconds is None:
         return {}
@@ -306,7 +313,7 @@ def _counts(differences: Array) -> tuple[int, int]:
 
 
 def _direction(differences: Array) -> float:
-    """Return the sum of signed ranks: whose sign the test speaks of."""
+    """Return the sum of signed ranks, whose sign is the direction of the test."""
     from scipy.stats import rankdata
 
     kept = differences[differences != 0]

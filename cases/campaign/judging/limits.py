@@ -1,4 +1,4 @@
-"""Sentences on what a comparison cannot say."""
+"""Sentences on the limits of a comparison."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from swarmstart.ocp import BoundKind
 FEW_SEEDS = 15
 MOST_NAMED = 3
 _BOUNDS = tuple(kind.value for kind in BoundKind if kind.is_bound)
-"""Kinds that are bounds; an estimate from samples is none."""
+"""Kinds of proven bounds; an estimate from samples is not one."""
 
 Content = Mapping[str, Any]
 
@@ -19,14 +19,14 @@ def limits_of(content: Content) -> list[str]:
     """Return the known limits of a comparison, each a sentence.
 
     Args:
-        content: As of `content_of`.
+        content: Content, as from `content_of`.
     """
     said = [one(content) for one in _LIMITS]
     return [sentence for sentence in said if sentence]
 
 
 def listed(names: Sequence[str], most: int = MOST_NAMED) -> str:
-    """Return names with commas and "and"; of many the first, and how many more."""
+    """Return names with commas and "and"; of many only the first and a number."""
     if len(names) > most:
         return f"{', '.join(names[:most])} and {len(names) - most} more"
     if len(names) > 1:

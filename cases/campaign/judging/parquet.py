@@ -1,4 +1,4 @@
-"""Tables of comparisons as Parquet files, which keep types and say what columns are."""
+"""Tables of comparisons as Parquet files, with types and descriptions of columns."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from swarmstart.cases.record.files import (
 from swarmstart.cases.record.tables import MissingPackageError
 
 OURS = b"swarmstart"
-"""Key of a file's metadata that says who has written it: a JSON object of columns."""
+"""Key of a file's metadata that identifies its writer: a JSON object of columns."""
 CURVES: Mapping[str, Column] = {
     **{
         name: COLUMNS[name]
@@ -29,7 +29,7 @@ CURVES: Mapping[str, Column] = {
     "cost": Column("number", "Cost of the best so far; the less, the better"),
     "violation": Column("number", "Violation of the best so far, scaled [1]"),
 }
-"""Columns of the curves: a row is a mark of a run's history."""
+"""Columns of the curves; each row is a mark of a run's history."""
 READ: Mapping[str, Callable[[str], Any]] = {
     "text": str,
     "integer": int,
@@ -39,23 +39,23 @@ READ: Mapping[str, Callable[[str], Any]] = {
 
 
 def write_parquet(rows_file: Path, path: Path) -> None:
-    """Write the runs of a table of comparisons as a Parquet file, a row a run.
+    """Write the runs of a table of comparisons as a Parquet file, a row for each run.
 
     Args:
         rows_file: The table, such as results.csv.
-        path: The file to be written. One of this package is replaced.
+        path: The file to write; an earlier one of this package is replaced.
 
     Raises:
         MissingPackageError: If pyarrow is not installed.
         ForeignFileError: If another file is there.
-        RecordError: If the table is none, or a file cannot be read or written.
+        RecordError: If the table is invalid, or a file cannot be read or written.
     """
     pyarrow_module()
     _write(path, COLUMNS, _read(rows_file))
 
 
 def write_curves(runs: Iterable[TabledRun], path: Path) -> None:
-    """Write how the best answers came about, a row a mark of a run's history.
+    """Write the histories of the best answers, a row for each mark of a run.
 
     Args:
         runs: The runs; those without a history add no rows.
@@ -102,7 +102,7 @@ def pyarrow_module() -> Any:
 
 
 def _read(rows_file: Path) -> dict[str, list[Any]]:
-    """Return the columns of a table of this version, typed; None: not known."""
+    """Return the typed columns of a table of this version; None means not known."""
     columns: dict[str, list[Any]] = {name: [] for name in COLUMNS}
     try:
         with rows_file.open(encoding="utf-8", newline="") as file:
@@ -159,7 +159,7 @@ def _write(
 
 
 def _require_own(path: Path) -> None:
-    """Refuse to replace a file that this package has not written."""
+    """Raise if the file to replace was not written by this package."""
     if not path.exists():
         return
     pa = pyarrow_module()

@@ -1,10 +1,11 @@
-"""Performance profiles: in what share of instances a solver is how near the fastest.
+"""Performance profiles: share of instances on which a solver is near the fastest.
 
     rho_s(ratio) = share of instances in which t(s) <= ratio * min over solvers of t
 
-t is what a solver spent to reach the target, infinite if it never did; an instance that
-no solver has reached counts among all and for none. The order of two solvers can change
-if a third leaves (Gould and Scott 2016); `pairwise_profile` is that of two alone.
+t is the effort of a solver to reach the target, infinite if it never did. An instance
+that no solver has reached counts in the total, but for no solver. The order of two
+solvers can change if a third one is left out (Gould and Scott 2016); `pairwise_profile`
+is the profile of two solvers alone.
 
 Source: Dolan and More (2002), Benchmarking optimization software with performance
 profiles, Mathematical Programming 91; Gould and Scott (2016), A note on performance
@@ -21,11 +22,11 @@ from swarmstart.cases.campaign.judging.statistics import bands
 Array = NDArray[np.float64]
 RATIOS = 41
 MOST_RATIO = 1e6
-"""Where the ratios end at the latest."""
+"""Largest ratio of a profile."""
 
 
 def relative_times(times: ArrayLike) -> Array:
-    """Return times over the least of each instance; infinite where never.
+    """Return times divided by the least of each instance; infinite if never reached.
 
     Args:
         times: Shape (solvers, instances), positive; infinite where never.
@@ -37,7 +38,7 @@ def relative_times(times: ArrayLike) -> Array:
     least = spent.min(axis=0)
     known = np.isfinite(least)
     ratios = np.full(spent.shape, np.inf)
-    # A time of 0 is that of a mark before the first step: one of the smallest there is.
+    # A time of 0 belongs to a mark before the first step: take the smallest number.
     floor = np.finfo(np.float64).tiny
     ratios[:, known] = np.maximum(spent[:, known], floor) / np.maximum(
         least[known], floor
@@ -46,7 +47,7 @@ def relative_times(times: ArrayLike) -> Array:
 
 
 def ratios_of(relative: Array) -> Array:
-    """Return ratios at which profiles are drawn: 41, equally spaced by logarithm."""
+    """Return 41 ratios at which profiles are drawn, equally spaced by logarithm."""
     finite = relative[np.isfinite(relative)]
     most = min(max(2.0, float(finite.max(initial=1.0))), MOST_RATIO)
     ratios: Array = np.geomspace(1.0, most * (1 + 1e-9), RATIOS)
@@ -57,7 +58,7 @@ def performance_profile(relative: Array, ratios: ArrayLike) -> Array:
     """Return the share of instances within each ratio of the fastest.
 
     Args:
-        relative: As of `relative_times`, shape (solvers, instances).
+        relative: Ratios from `relative_times`, shape (solvers, instances).
         ratios: Shape (ratios,), at least 1.
 
     Returns:
@@ -68,7 +69,7 @@ def performance_profile(relative: Array, ratios: ArrayLike) -> Array:
 
 
 def _within(relative: Array, ratios: ArrayLike) -> Array:
-    """Return 1 where an instance is within a ratio, else 0."""
+    """Return 1 if an instance is within a ratio, else 0."""
     within: Array = (relative[:, :, None] <= np.asarray(ratios)).astype(np.float64)
     return within
 
@@ -79,9 +80,9 @@ def pairwise_profile(
     """Return the profile of two solvers alone, shape (2, ratios).
 
     Args:
-        times: Of all, shape (solvers, instances); infinite where never.
-        one: Row of the first.
-        other: Row of the second.
+        times: Times of all solvers, shape (solvers, instances); infinite if never.
+        one: Row of the first solver.
+        other: Row of the second solver.
         ratios: Shape (ratios,), at least 1.
     """
     two = np.asarray(times, dtype=np.float64)[[one, other]]
@@ -93,7 +94,7 @@ def profile_bands(
 ) -> tuple[Array, Array]:
     """Return 95 percent bands of a profile, seeds drawn again within each scenario.
 
-    They so speak of other seeds on these scenarios, not of other scenarios.
+    So they concern other seeds on these scenarios, not other scenarios.
 
     Args:
         relative: As of `relative_times`, shape (solvers, instances), the instances of a

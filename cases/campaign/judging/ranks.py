@@ -1,8 +1,8 @@
 """Mean ranks of solvers over scenarios.
 
-In each seed the solvers are ranked by cost (1: the cheapest; equal ones share the
-middle of their ranks; an answer that is not feasible is last); a scenario's rank is the
-mean over its seeds.
+In each seed the solvers are ranked by cost: 1 is the cheapest, equal ones share the
+mean of their ranks, and infeasible answers are last. A scenario's rank is the mean over
+its seeds.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ SAME = 1e-6
 
 
 def with_ties(costs: Array, same: float = SAME) -> Array:
-    """Return costs in which those that are as good as equal are equal.
+    """Return costs in which practically equal ones are replaced by the same number.
 
-    From the least on, each that is within `same` of the first of a group becomes it.
+    From the least on, each cost within `same` of the first cost of a group becomes that
+    cost.
 
     Args:
         costs: Any shape; infinite where there is no feasible answer.
@@ -65,8 +66,9 @@ def mean_ranks(
     """Return mean ranks over scenarios and their 95 percent bootstrap intervals.
 
     Args:
-        ranks: Of each scenario, shape (solvers,).
-        resamples: Of the bootstrap over scenarios; 0: no intervals.
+        ranks: Ranks on each scenario, shape (solvers,).
+        resamples: Number of resamples of the bootstrap over scenarios; 0 means no
+            intervals.
         rng: Source of all random numbers.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Whether a newer comparison shows a solver to be worse than an older one did.
+"""Regression test: is a solver worse in a newer comparison than in an older one?
 
 Of each solver on each scenario the success rate, the costs and the seconds are compared
 with a margin m:
@@ -8,11 +8,11 @@ with a margin m:
     same       it lies within the margin on both sides
     unknown    anything else: more seeds would tell
 
-so that a solver that is no worse is called worse in far less than 5 percent of rows.
+so that a solver that is not worse is called worse in far less than 5 percent of rows.
 The change of costs and seconds is the median of the seeds' relative differences (Hodges
-and Lehmann), its interval that of the signed-rank test; the change of the success rate
-is that of paired shares. Pairs are formed by seed; if the two have few seeds in common,
-in their order, which of independent runs is as good.
+and Lehmann), with the interval of the signed-rank test; the change of the success rate
+is that of paired shares. Pairs are formed by seed, or by order if the two comparisons
+share few seeds, which is equivalent for independent runs.
 """
 
 from __future__ import annotations
@@ -41,23 +41,23 @@ FEWEST = 6
 BETTER, AS_BEFORE, WORSE, UNKNOWN = "better", "same", "worse", "unknown"
 SUCCESS, COST, SECONDS = "success rate", "median cost", "P50 seconds"
 _FAR = 1e6
-"""Stands for the change from a feasible answer to none, in parts of the cost."""
+"""Relative change of the cost that stands for the loss of a feasible answer."""
 
 
 class InvalidMarginError(SwarmstartError, ValueError):
-    """A margin of a regression that is not between 0 and 1."""
+    """A margin of a regression test is not between 0 and 1."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Change:
-    """What became of one quantity.
+    """Change of one quantity.
 
     Attributes:
         quantity: "success rate", "median cost" or "P50 seconds".
-        before: In the older comparison; None if there is none.
-        now: In the newer one.
+        before: Value in the older comparison; None if there is none.
+        now: Value in the newer one.
         verdict: "better", "same", "worse" or "unknown".
-        words: Why.
+        words: Reason in words.
     """
 
     quantity: str
@@ -70,14 +70,14 @@ class Change:
 def regression(
     old: Content, new: Content, margin: float = MARGIN, *, against: str = ""
 ) -> dict[str, Any]:
-    """Return what became of every solver since an older comparison.
+    """Return the changes of all solvers since an older comparison.
 
     Args:
-        old: The older one, as of `content_of` or `read_comparison`.
+        old: The older one, as from `content_of` or `read_comparison`.
         new: The newer one.
-        margin: How much worse is no regression: a part of costs and seconds, and a
-            difference of success rates; above 0, below 1.
-        against: Where the older one is from.
+        margin: Change that is no regression: relative for costs and seconds, a
+            difference for success rates; above 0, below 1.
+        against: Origin of the older one.
 
     Returns:
         {"against", "margin", "rows", "is_regression"}: a row for each scenario, solver
@@ -109,7 +109,7 @@ def regression(
 
 
 def require_margin(margin: float) -> None:
-    """Refuse a margin that is none.
+    """Validate a margin.
 
     Raises:
         InvalidMarginError: If it is not between 0 and 1.
@@ -125,11 +125,11 @@ class _Both:
     """A solver on a scenario, before and now, run by run.
 
     Attributes:
-        costs: Shape (2, pairs); infinite where not feasible.
-        seconds: Shape (2, pairs); infinite where a run failed.
+        costs: Costs, shape (2, pairs); infinite if infeasible.
+        seconds: Times, shape (2, pairs); infinite if a run failed.
         success: Whether near the best known of both, shape (2, pairs).
         rows: Its rows in both.
-        is_certain: Whether each is one run without chance in it.
+        is_certain: Whether each has one deterministic run.
     """
 
     costs: Array
@@ -140,12 +140,12 @@ class _Both:
 
     @property
     def count(self) -> int:
-        """How many pairs there are."""
+        """Number of pairs."""
         return int(self.costs.shape[1])
 
     @property
     def is_reproduced(self) -> bool:
-        """Whether every run of the older one has exactly the same cost again."""
+        """True if every run of the older one has exactly the same cost again."""
         everything = self.count == len(self.rows[0]["costs"])
         return everything and bool((self.costs[0] == self.costs[1]).all())
 
@@ -153,7 +153,7 @@ class _Both:
 def _changes(
     old: Content, new: Content, margin: float
 ) -> Iterator[tuple[str, str, list[Change]]]:
-    """Yield scenario, solver and what became of it, in the older one's order."""
+    """Yield scenario, solver and its change, in the older one's order."""
     now = {s["name"]: s for s in new["scenarios"]}
     for scenario in old["scenarios"]:
         name = scenario["name"]
@@ -179,7 +179,7 @@ def _changes(
 def _not_comparable(
     old: Content, new: Content, row: Content, later: Content | None
 ) -> str:
-    """Return why two rows cannot be compared; empty if they can."""
+    """Return the reason why two rows cannot be compared; empty if they can."""
     if later is None:
         return "not in the newer comparison"
     if old["budget"] != new["budget"]:
@@ -194,7 +194,7 @@ def _not_comparable(
 
 
 def _clocks_differ(old: Content, new: Content) -> str:
-    """Return why seconds cannot be compared; empty if they can."""
+    """Return the reason why seconds cannot be compared; empty if they can."""
     if old["is_noisy"] or new["is_noisy"]:
         return "a machine was busy"
     kept = ("processor", "cores", "system")
@@ -230,7 +230,7 @@ def _rate(row: Content) -> float | None:
 
 
 def _filled(values: Sequence[float | None]) -> Array:
-    """Return numbers; infinite where there is none."""
+    """Return numbers, with infinity for missing ones."""
     return np.array([math.inf if v is None else v for v in values], dtype=np.float64)
 
 
@@ -261,7 +261,7 @@ def _both(
 
 
 def _least(scenarios: tuple[Content, Content], chosen: Any) -> Array:
-    """Return the best known of both, for each pair; its seed's, if those differ."""
+    """Return the best known cost of both for each pair, or for its seed."""
     drawn = [scenario["bests"] for scenario in scenarios]
     if None in drawn:
         return np.atleast_1d(_filled([s["best_cost"] for s in scenarios]).min())
@@ -271,7 +271,7 @@ def _least(scenarios: tuple[Content, Content], chosen: Any) -> Array:
 
 
 def _pairs(seeds: Sequence[Sequence[int]], counts: Sequence[int]) -> Any:
-    """Return which runs are paired: of the same seed, or else in their order."""
+    """Return the pairs of runs: those of the same seed, or else in their order."""
     if counts[0] == len(seeds[0]) and counts[1] == len(seeds[1]):
         places = {seed: k for k, seed in enumerate(seeds[1])}
         common = [(k, places[s]) for k, s in enumerate(seeds[0]) if s in places]
@@ -301,7 +301,7 @@ def _success_change(both: _Both, margin: float) -> Change:
         gained = int((both.success[1] & ~both.success[0]).sum())
         lost = int((both.success[0] & ~both.success[1]).sum())
         low, high = share_interval(gained, lost, both.count)
-    # The rate rises where a cost falls.
+    # A higher rate is better, a higher cost worse.
     return Change(
         quantity=SUCCESS,
         before=before,
@@ -312,13 +312,13 @@ def _success_change(both: _Both, margin: float) -> Change:
 
 
 def _verdict(low: float, high: float, margin: float, less: float) -> str:
-    """Return the verdict on a change of which less is better.
+    """Return the verdict on a change for which less is better.
 
     Args:
-        low: Of its interval.
-        high: Of its interval.
-        margin: How much more is no regression.
-        less: How much less is no improvement.
+        low: Lower end of its interval.
+        high: Upper end of its interval.
+        margin: Increase that is no regression.
+        less: Decrease that is no improvement.
     """
     if low > margin:
         return WORSE
@@ -352,10 +352,10 @@ def _cost_change(both: _Both, margin: float) -> Change:
 
 
 def _relative(costs: Array) -> Array | None:
-    """Return changes in parts of the cost; None if that is about 0.
+    """Return changes relative to the cost; None if that is about 0.
 
     Args:
-        costs: Shape (2, pairs).
+        costs: Costs before and now, shape (2, pairs).
     """
     old, new = costs
     finite = np.isfinite(old), np.isfinite(new)

@@ -1,8 +1,8 @@
 """The table of all comparisons in a folder: rows are appended, and none is replaced.
 
-A row is a run. The same command again adds no row, unless a run that had failed was
-tried again; its new row follows the old one. A table that has other columns, of another
-version, is left as it is, and the next one goes on: `results-2.csv` and so on.
+A row is a run. The same command again adds no row, unless a failed run was tried again;
+its new row follows the old one. A table with the columns of another version is not
+changed, and a new one is started: `results-2.csv` and so on.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from swarmstart.cases.record.files import require_ours, write_text
 from swarmstart.cases.record.record import RECORDED
 
 FIRST = "scenario,variant,solver,seed,"
-"""What every table of comparisons begins with, whatever its version."""
+"""Beginning of every table of comparisons, of any version."""
 
 
 class Column(NamedTuple):
     """A column of the table.
 
     Attributes:
-        kind: What its entries are; an empty entry is one that is not known.
-        what: What it is, with its unit.
+        kind: Type of its entries; an empty entry is not known.
+        what: Meaning, with its unit.
     """
 
     kind: Literal["text", "integer", "number", "flag"]
@@ -101,7 +101,7 @@ class TabledRun:
         scenario: Name of the scenario.
         solver: Name of the solver.
         cell: Its cell.
-        outcome: What came of it.
+        outcome: Its outcome.
     """
 
     scenario: str
@@ -130,17 +130,17 @@ def tabled_runs(
 
 
 def require_table(path: Path) -> Path:
-    """Return the table that rows of this version are appended to.
+    """Return the table to which rows of this version are appended.
 
     Args:
-        path: The first table. One with other columns stays as it is: then it is the
-            next of its numbers.
+        path: The first table. If it has other columns it is not changed, and the table
+            with the next number is taken.
 
     Returns:
         A table with the columns of this version, or a file that does not exist yet.
 
     Raises:
-        ForeignFileError: If the file there is no such table.
+        ForeignFileError: If the file is not such a table.
         RecordError: If it cannot be read.
     """
     number, place = 1, path
@@ -170,7 +170,7 @@ def append_runs(path: Path, runs: Iterable[TabledRun]) -> Path:
         The table that has them; see `require_table`.
 
     Raises:
-        ForeignFileError: If the file is no such table.
+        ForeignFileError: If the file is not such a table.
         RecordError: If it cannot be read or written.
     """
     place = require_table(path)
@@ -191,7 +191,7 @@ def _line_of(run: TabledRun) -> str:
 
 
 def content_of_run(run: TabledRun) -> dict[str, Any]:
-    """Return a run as a row: column -> entry; what is not known is missing or None."""
+    """Return a run as a row: column -> entry; unknown entries are missing or None."""
     outcome = run.outcome
     result = outcome.result or {}
     began, ended = outcome.load or (None, None)
@@ -221,7 +221,7 @@ def content_of_run(run: TabledRun) -> dict[str, Any]:
 
 
 def _line(values: Sequence[object]) -> str:
-    """Return a line; an entry that has several lines is put in one."""
+    """Return a line; entries of several lines are put in one."""
     text = io.StringIO()
     entries = [" ".join(v.split()) if isinstance(v, str) else v for v in values]
     csv.writer(text, lineterminator="\n").writerow(entries)

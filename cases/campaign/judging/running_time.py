@@ -1,11 +1,12 @@
-"""How long solvers take to a target, from what their runs had found when.
+"""Expected running time of solvers to a target, from the histories of their runs.
 
-    ERT(target) = what all runs spent until they reached it, or ended / those that did
+    ERT(target) = effort of all runs until they reached it or ended / number that did
 
-so that what failed runs have spent is counted. A history holds the best so far at marks
-of what was spent; every budget and every target is a cut made later. A solver's word
-counts only as far as its verified answer bears it out: a run has reached a target if
-its verified cost has; when, is the first mark of its history that says so, or its end.
+so that the effort of failed runs counts. A history has the best answer so far at marks
+of the effort; every budget and every target is a cut made later. A solver's own values
+count only if its verified answer supports them: a run has reached a target if its
+verified cost has reached it; the time is the first mark of its history with that cost,
+or its end.
 
 Source: Hansen, Auger, Ros, Mersmann, Tusar and Brockhoff (2021), COCO: a platform for
 comparing continuous optimizers in a black-box setting, Optimization Methods and
@@ -26,7 +27,7 @@ TARGETS = 51
 A_DECADE = 10
 """Marks, as in the histories."""
 FEASIBLE = 1e-6
-"""A violation up to this counts as none: the tolerance of a problem without one."""
+"""Largest violation of a feasible answer, for a problem without a tolerance."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -34,10 +35,10 @@ class Courses:
     """Courses of the runs of one solver.
 
     Attributes:
-        spent: At each mark, not falling, shape (runs, marks).
-        cost: The best so far there, not rising, infinite before a feasible one, shape
+        spent: Effort at each mark, not decreasing, shape (runs, marks).
+        cost: Best cost so far, not increasing, infinite before a feasible answer, shape
             (runs, marks).
-        ends: What each had spent in all, shape (runs,).
+        ends: Total effort of each run, shape (runs,).
         final: Verified costs; infinite if there is no feasible answer, shape (runs,).
     """
 
@@ -67,10 +68,10 @@ def courses_of(
     """Return the courses of a solver's runs.
 
     Args:
-        histories: Of each; None: nothing is known before its end.
+        histories: History of each run; None if nothing is known before its end.
         quantity: "evaluations" or "seconds".
-        ends: What each had spent in all.
-        final: Its verified cost; infinite if it is not feasible.
+        ends: Total effort of each run.
+        final: Verified cost of each run; infinite if infeasible.
         tolerance: Violation up to which a mark is feasible.
     """
     last, costs = np.asarray(ends, dtype=float), np.asarray(final, dtype=float)
@@ -90,7 +91,7 @@ def courses_of(
 def _marks(
     history: Mapping[str, Any] | None, quantity: str, tolerance: float
 ) -> tuple[Array, Array]:
-    """Return what was spent at the marks, and the best feasible cost there."""
+    """Return the effort at the marks, and the best feasible cost there."""
     if not history or not history.get(quantity):
         return np.empty(0), np.empty(0)
     columns = [history[name] for name in (quantity, "cost", "violation")]
@@ -101,10 +102,10 @@ def _marks(
 
 
 def reached(courses: Courses, targets: ArrayLike) -> Array:
-    """Return what each run had spent when it reached each target; infinite if never.
+    """Return the effort of each run to reach each target; infinite if never.
 
     Args:
-        courses: Of the runs.
+        courses: Courses of the runs.
         targets: Costs, shape (targets,).
 
     Returns:
@@ -128,9 +129,9 @@ def expected_running_time(
     """Return the expected running time to a target; None if no run has reached it.
 
     Args:
-        spent: When each run reached the target, infinite if never, shape (runs,).
-        ends: What each had spent in all, shape (runs,).
-        budget: What each is cut at.
+        spent: Effort of each run to reach the target, infinite if never, shape (runs,).
+        ends: Total effort of each run, shape (runs,).
+        budget: Effort at which each run is cut.
     """
     when, last = np.asarray(spent, dtype=float), np.asarray(ends, dtype=float)
     succeeded = when <= budget
@@ -140,7 +141,7 @@ def expected_running_time(
 
 
 def targets_between(best: float, worst: float, nearest: float) -> Array:
-    """Return 51 costs: the distances from the best are in equal ratios.
+    """Return 51 costs whose distances from the best are in equal ratios.
 
     Args:
         best: The best known.
@@ -148,7 +149,7 @@ def targets_between(best: float, worst: float, nearest: float) -> Array:
         nearest: The distance of the first target from the best; above 0.
 
     Returns:
-        Shape (51,), rising; all the same if no first value is as far off as that.
+        Shape (51,), increasing; all equal if no first value is that far from the best.
     """
     farthest = max(worst - best, nearest)
     return best + np.geomspace(nearest, farthest, TARGETS)
@@ -166,7 +167,7 @@ def shares_reached(spent: Array, marks: Array) -> Array:
     """Return the share of targets that each run had reached at each mark.
 
     Args:
-        spent: As of `reached`, shape (runs, targets).
+        spent: Efforts from `reached`, shape (runs, targets).
         marks: Shape (marks,), rising.
 
     Returns:
@@ -178,7 +179,7 @@ def shares_reached(spent: Array, marks: Array) -> Array:
 
 
 def costs_at(courses: Courses, marks: Array) -> Array:
-    """Return the best cost that each run had at each mark, by its own word.
+    """Return the best cost that each run itself reported at each mark.
 
     A run that has ended keeps its verified cost.
 

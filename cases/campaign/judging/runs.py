@@ -1,6 +1,6 @@
-"""Runs of one solver on one scenario, read from its cells, and what was asked of them.
+"""Runs of one solver on one scenario, read from its cells, and their settings.
 
-A run that failed, was cut or has no feasible answer stays in every count.
+A run that failed, was cut or has no feasible answer counts in all numbers.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from swarmstart.cases.campaign.judging.running_time import FEASIBLE, Courses, co
 Array = NDArray[np.float64]
 NEAR = (0.01, 0.0001)
 ROUND_OFF = 1e-9
-"""Of the largest cost: where the best is about 0, this is near it."""
+"""Part of the largest cost that counts as near a best cost of about 0."""
 FIRST_ROUND_OFF = 1e-12
-"""Of the first cost of a history: so much is lost where what is summed up cancels."""
+"""Part of a history's first cost that cancellation in sums can lose."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class About:
-    """What is known of a scenario beside the runs.
+    """Knowledge about a scenario besides its runs.
 
     Attributes:
-        title: In words.
-        kind: Of the scenario.
-        variant: Of it.
-        of: "plan" or "flight"; empty: as the results say.
-        known_cost: A feasible cost known from elsewhere, to be minimised like all; None
-            if there is none.
-        bound: {"value", "kind", "reason"} and what it took: a value below which no cost
-            is, if its kind is one of a bound; None if none was sought.
-        is_seeded: Whether each seed is a problem of its own, as its gusts differ: then
-            the best known is that of each seed.
+        title: Title in words.
+        kind: Kind of the scenario.
+        variant: Variant of the scenario.
+        of: "plan" or "flight"; empty means that the results decide.
+        known_cost: A feasible cost known from elsewhere, of a cost that is minimised;
+            None if there is none.
+        bound: {"value", "kind", "reason"} and its effort: no cost is below the value,
+            if its kind is that of a bound; None if no bound was sought.
+        is_seeded: Whether each seed is a problem of its own, for example with other
+            gusts; then each seed has its own best known cost.
     """
 
     title: str = ""
@@ -54,16 +54,16 @@ class About:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Asked:
-    """What was asked of a comparison.
+    """Settings of a comparison.
 
     Attributes:
         seeds: The seeds.
-        budget: {"evaluations", "seconds"} of a run; a missing one is no limit.
-        budget_text: As the user wrote it.
-        command: By which the comparison can be repeated.
+        budget: {"evaluations", "seconds"} of a run; a missing one means no limit.
+        budget_text: The budget as the user wrote it.
+        command: Command that repeats the comparison.
         near: Relative distances from the best known that count as a success.
-        resamples: Of every bootstrap; 0: no bands.
-        bootstrap_seed: Of its random numbers.
+        resamples: Number of resamples of every bootstrap; 0 means no bands.
+        bootstrap_seed: Seed of its random numbers.
     """
 
     seeds: tuple[int, ...]
@@ -88,9 +88,9 @@ class Runs:
 
     Attributes:
         entry: The solver and the scenario.
-        outcomes: Of its cells, in their order.
-        results: Of them; empty where a run has failed.
-        costs: Verified; infinite where not feasible, shape (runs,).
+        outcomes: Outcomes of its cells, in their order.
+        results: Results of its cells; empty if a run has failed.
+        costs: Verified costs; infinite if infeasible, shape (runs,).
         evaluations: Courses by evaluations.
         seconds: Courses by seconds.
     """
@@ -104,34 +104,34 @@ class Runs:
 
     @property
     def is_deterministic(self) -> bool:
-        """Whether there is one run without chance in it, which counts for each seed.
+        """True if there is one deterministic run, which counts for each seed.
 
-        A flight through gusts has a run a seed, whatever solves it.
+        A closed-loop run with gusts has a run for each seed, with every solver.
         """
         return self.entry.solver.is_deterministic and len(self.entry.cells) == 1
 
     @property
     def name(self) -> str:
-        """The solver's."""
+        """Name of the solver."""
         return self.entry.solver.name
 
     @property
     def seeds(self) -> list[int]:
-        """The seed of each run."""
+        """Seed of each run."""
         return [cell.job.get("seed", k) for k, cell in enumerate(self.entry.cells)]
 
     @property
     def has_answer(self) -> NDArray[np.bool_]:
-        """Whether each run came to an end of its own, feasible or not."""
+        """True for each run that ended by itself, feasible or not."""
         return np.array([bool(result) for result in self.results])
 
     @property
     def clock(self) -> Array:
-        """Seconds of each run; infinite where it failed."""
+        """Seconds of each run; infinite if it failed."""
         return np.where(self.has_answer, self.seconds.ends, np.inf)
 
     def for_seeds(self, values: Array, seeds: int) -> Array:
-        """Return values a seed."""
+        """Return values for each seed."""
         return np.repeat(values, seeds) if len(values) == 1 else values
 
 
@@ -145,7 +145,7 @@ def runs_of(entry: Entry, outcomes: Mapping[str, Outcome], asked: Asked) -> Runs
     clocks = np.array([number(r.get("seconds")) for r in results])
     lost = np.array([not result for result in results])
     spent = np.array([one.seconds or math.nan for one in found])
-    # A run that failed has spent its budget; if it has none, as much as any other.
+    # A failed run counts with its budget, or without one with the largest effort.
     counts = np.where(lost, _budget(asked, "evaluations", counts), counts)
     clocks = np.where(lost, np.fmax(spent, _budget(asked, "seconds", clocks)), clocks)
     evaluations, seconds = (
@@ -165,14 +165,14 @@ def runs_of(entry: Entry, outcomes: Mapping[str, Outcome], asked: Asked) -> Runs
 
 
 def _tolerance(results: Sequence[Mapping[str, Any]]) -> float:
-    """Return the largest violation that the solver itself has called feasible."""
+    """Return the largest violation of an answer that the solver calls feasible."""
     called = [r.get("claimed_violation") for r in results if r.get("claimed_feasible")]
     known = [number(violation) for violation in called]
     return max([FEASIBLE, *(one for one in known if math.isfinite(one))])
 
 
 def number(value: object) -> float:
-    """Return a number; NaN where there is none."""
+    """Return a number; NaN if there is none."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return float(value) if is_number else math.nan  # type: ignore[arg-type]
 
@@ -189,21 +189,21 @@ def _any(values: Array) -> bool:
 
 
 def _cost(result: Mapping[str, Any]) -> float:
-    """Return the verified cost; infinity where the answer is not feasible."""
+    """Return the verified cost; infinity if the answer is infeasible."""
     cost = number(result.get("verified_cost"))
     return cost if result.get("feasible") and math.isfinite(cost) else math.inf
 
 
 def is_false_success(result: Mapping[str, Any], near: float = NEAR[0]) -> bool | None:
-    """Return whether an answer called feasible is not, or costs other than claimed.
+    """Return whether an answer called feasible is not, or has another cost.
 
     Args:
-        result: Of a run.
-        near: Relative difference of costs that is none. One of round-off is none
-            either: of the claimed cost, and of the first cost of its history.
+        result: Result of a run.
+        near: Relative difference below which costs count as equal. They also do within
+            round-off of the claimed cost and of the first cost of its history.
 
     Returns:
-        None if nothing is known of a claim.
+        None if the solver's own values are not known.
     """
     claims = result.get("claimed_feasible")
     if claims is None:
@@ -220,5 +220,5 @@ def is_false_success(result: Mapping[str, Any], near: float = NEAR[0]) -> bool |
 
 
 def plain(values: ArrayLike) -> list[float | None]:
-    """Return numbers as plain data; None where one is not finite."""
+    """Return numbers as plain data; None for those that are not finite."""
     return [v if math.isfinite(v) else None for v in np.ravel(values).tolist()]

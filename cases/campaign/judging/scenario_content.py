@@ -1,7 +1,7 @@
-"""What solvers have shown on one scenario, as plain data for tables and pages.
+"""Results of solvers on one scenario, as plain data for tables and pages.
 
 The best known cost is the least verified one here, or one given from elsewhere if that
-is less. A run that failed, was cut or has no feasible answer stays in every count.
+is lower. A run that failed, was cut or has no feasible answer counts in all numbers.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Judged:
-    """Runs of all solvers on one scenario, and what can be claimed of them.
+    """Runs of all solvers on one scenario, with their comparisons.
 
     Attributes:
-        runs: Of each solver.
-        best: The least cost known; infinite if none is.
-        bests: The least cost known of each seed, shape (seeds,): all the same, unless
+        runs: Runs of each solver.
+        best: The least known cost; infinite if there is none.
+        bests: The least known cost of each seed, shape (seeds,): all the same, unless
             each is a problem of its own.
         limits: Costs up to which an answer is near the best, shape (2, seeds), one row
             for each of `near`.
-        costs: Seed by seed, shape (solvers, seeds).
-        pairs: What can be claimed.
+        costs: Costs seed by seed, shape (solvers, seeds).
+        pairs: Comparisons of pairs of solvers.
         is_seeded: Whether each seed is a problem of its own.
     """
 
@@ -67,19 +67,19 @@ class Judged:
     is_seeded: bool = False
 
     def near(self, runs: Runs, which: int) -> NDArray[np.bool_]:
-        """Return which runs of a solver end near the best.
+        """Return whether each run of a solver ends near the best.
 
         Args:
-            runs: The solver's.
-            which: The number of the distance among `near`.
+            runs: Runs of the solver.
+            which: Index of the distance in `near`.
         """
         limits = self.limits[which, : len(runs.costs)]
         return np.isfinite(limits) & (runs.costs <= limits)
 
     def times_to(self, runs: Runs, courses: Courses, which: int) -> Array:
-        """Return what each run had spent when it came near the best; infinite: never.
+        """Return the effort of each run to come near the best; infinite if never.
 
-        Where each seed is a problem of its own, at the run's end.
+        If each seed is a problem of its own, it is that at the run's end.
         """
         if self.is_seeded:
             return np.where(self.near(runs, which), courses.ends, np.inf)
@@ -98,13 +98,13 @@ def judged_scenario(
     judges_seconds: bool = False,
     is_seeded: bool = False,
 ) -> Judged:
-    """Return what can be claimed of solvers on one scenario.
+    """Return the runs of solvers on one scenario with their comparisons.
 
     Args:
-        runs: Of each solver; the first is what the others are compared with.
-        asked: What was asked.
-        known_cost: From elsewhere.
-        judges_seconds: Whether something is claimed about seconds.
+        runs: Runs of each solver; the others are compared with the first.
+        asked: Settings of the comparison.
+        known_cost: Best known cost from elsewhere.
+        judges_seconds: Whether seconds are compared.
         is_seeded: Whether each seed is a problem of its own.
     """
     seeds = len(asked.seeds)
@@ -140,14 +140,14 @@ def judged_scenario(
 
 
 def slack_of(runs: Sequence[Runs], costs: Array) -> float:
-    """Return the difference of costs that is none: round-off.
+    """Return the difference of costs that counts as round-off.
 
-    Where the best is about 0, costs differ by round-off of what was summed up, whose
-    size the answers themselves do not tell: the first ones of their histories do.
+    If the best is about 0, costs differ by round-off of the summed terms. Their size is
+    not known from the answers, but from the first costs of the histories.
 
     Args:
-        runs: Of each solver.
-        costs: Verified ones, infinite if not feasible.
+        runs: Runs of each solver.
+        costs: Verified costs, infinite if infeasible.
     """
     finite = np.abs(costs[np.isfinite(costs)])
     first = [one.evaluations.first_costs() for one in runs]
@@ -161,7 +161,7 @@ def _given(cost: float | None) -> float:
 
 
 def sense_of(runs: Sequence[Runs]) -> int:
-    """Return -1 where the user maximises, else 1."""
+    """Return -1 if the user maximises, else 1."""
     senses = {result.get("sense", 1) for one in runs for result in one.results}
     return -1 if -1 in senses else 1
 
@@ -169,14 +169,14 @@ def sense_of(runs: Sequence[Runs]) -> int:
 def scenario_content(
     name: str, found: Judged, asked: Asked, about: About, *, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Return what solvers have shown on one scenario.
+    """Return the results of solvers on one scenario.
 
     Args:
-        name: Of the scenario.
-        found: The runs, and what can be claimed of them.
-        asked: What was asked.
-        about: What is known of the scenario.
-        rng: Of the bootstraps.
+        name: Name of the scenario.
+        found: The runs with their comparisons.
+        asked: Settings of the comparison.
+        about: Further knowledge about the scenario.
+        rng: Random numbers of the bootstraps.
     """
     best = found.best if math.isfinite(found.best) else None
     winner = _winner(found)
@@ -206,7 +206,7 @@ def scenario_content(
 def _bound(
     given: Mapping[str, Any] | None, best: float | None, asked: Asked, sense: int
 ) -> dict[str, Any] | None:
-    """Return what is known of the least cost, beside the best known one."""
+    """Return the lower bound of the cost, compared with the best known cost."""
     if given is None:
         return None
     value = given["value"]
@@ -228,7 +228,7 @@ def _first(found: Judged, key: str) -> Any:
 
 
 def _winner(found: Judged) -> tuple[Runs, int] | None:
-    """Return whose answer is the best known, and its run; None if it is not of here."""
+    """Return solver and run of the best known cost; None if it is from elsewhere."""
     if not math.isfinite(found.best):
         return None
     runs = min(found.runs, key=lambda one: float(one.costs.min(initial=math.inf)))
@@ -251,7 +251,7 @@ def _answer(winner: tuple[Runs, int] | None) -> dict[str, Any] | None:
 def _row(
     runs: Runs, found: Judged, asked: Asked, curves: Curves, pair: Pair | None
 ) -> dict[str, Any]:
-    """Return what one solver has shown."""
+    """Return the results of one solver."""
     costs, alone = runs.costs, runs.is_deterministic
     near = [int(found.near(runs, k).sum()) for k in range(len(asked.near))]
     seconds, counts = runs.seconds.ends, runs.evaluations.ends
@@ -299,7 +299,7 @@ def _or_none(result: Mapping[str, Any], key: str) -> float | None:
 
 
 def _gaps(costs: Array, bests: Array) -> Array:
-    """Return relative distances from the best known; NaN where there is none."""
+    """Return relative distances from the best known; NaN if there is none."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         off = costs - bests
         relative: Array = np.where(off == 0, 0.0, off / np.abs(bests))
@@ -350,9 +350,9 @@ def _finding(finding: Finding) -> dict[str, Any]:
 
 
 def _measures(runs: Runs) -> dict[str, dict[str, Any]]:
-    """Return lowest, median and highest of each measure of flights.
+    """Return lowest, median and highest of each measure of closed-loop runs.
 
-    Of a measure that is a list each entry is one of its own, counted from 1.
+    Each entry of a list is a measure of its own, counted from 1.
     """
     found: dict[str, list[float]] = {}
     for place, result in enumerate(runs.results):
@@ -375,7 +375,7 @@ def _measures(runs: Runs) -> dict[str, dict[str, Any]]:
 
 
 def _step_seconds(runs: Runs) -> dict[str, float | None] | None:
-    """Return what a flight's steps took: the median P50, else the worst of its runs."""
+    """Return the time of a step: the median of P50, else the worst of the runs."""
     every = [r["step_seconds"] for r in runs.results if r.get("step_seconds")]
     if not every:
         return None

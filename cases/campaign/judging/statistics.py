@@ -1,7 +1,8 @@
 """Statistics of repeated runs: shares, intervals, comparisons.
 
-Whatever SciPy has is SciPy's; here are the forms for many comparisons at once, and
-what it lacks (Holm's adjustment, the effect size).
+Functions of SciPy are used if they exist. This module has the forms for many
+comparisons at once, and functions that SciPy lacks (Holm's adjustment, the effect
+size).
 """
 
 import functools
@@ -16,21 +17,21 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 LEVEL = 0.05
-"""A difference is called shown where p is at most this."""
+"""Largest p for which a difference is called shown."""
 ENUMERATED = 13
-"""Up to so many pairs SciPy takes the exact distribution with ties, too."""
+"""Largest number of pairs with ties for which SciPy is exact."""
 EXACT = 50
-"""Up to so many without ties."""
+"""Largest number of pairs without ties for which SciPy is exact."""
 
 
 def fewest_pairs(comparisons: float = 1) -> int:
-    """Return with how many pairs a difference can be shown at all.
+    """Return the least number of pairs with which a difference can be shown.
 
     The smallest p of a signed-rank test is 2^(1 - n), times the number of comparisons
-    (Holm) where all differ alike.
+    (Holm) if all differ in the same way.
 
     Args:
-        comparisons: How many are made together.
+        comparisons: Number of comparisons made together.
     """
     return math.ceil(1 - math.log2(LEVEL / max(comparisons, 1)))
 
@@ -39,7 +40,7 @@ def signed_rank_p(differences: Sequence[float]) -> float:
     """Return p of the two-sided Wilcoxon signed-rank test that the median is 0.
 
     Args:
-        differences: Of pairs; where all are 0, p is 1.
+        differences: Differences of pairs; if all are 0, p is 1.
     """
     return float(signed_rank_ps([differences])[0])
 
@@ -96,8 +97,8 @@ def sign_ps(first: ArrayLike, second: ArrayLike) -> Array:
     """Return p of the exact two-sided McNemar test for each row: the sign test.
 
     Args:
-        first: Shape (tests,): in how many pairs only the one has succeeded.
-        second: Shape (tests,): in how many only the other.
+        first: Numbers of pairs in which only the first has succeeded, shape (tests,).
+        second: Numbers of pairs in which only the second has, shape (tests,).
 
     Returns:
         Shape (tests,); 1 without such a pair.
@@ -129,13 +130,13 @@ def holm_of_those_that_can(
 ) -> list[float]:
     """Return p values adjusted for the number of tests that can show anything.
 
-    A test whose ties leave so few pairs that its p is above LEVEL whatever they say
-    takes no part in the adjustment of others.
+    A test whose ties leave so few pairs that its p is always above LEVEL does not count
+    in the adjustment of others.
 
     Args:
-        p_values: Of exact tests.
-        counts: The pairs that differ, of each.
-        share: Of the chance of a false claim that these tests may have.
+        p_values: p values of exact tests.
+        counts: Number of pairs that differ in each test.
+        share: Share of these tests in the chance of a false claim.
 
     Source: Tarone (1990), A modified Bonferroni method for discrete data, Biometrics
     46.
@@ -163,7 +164,8 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
 def chances_of_less(values: ArrayLike, others: ArrayLike) -> Array:
     """Return for each row the chance that one of `values` is less than one of `others`.
 
-    Ties count half; infinities tie with each other. 0.5: neither tends to be less.
+    Ties count half; infinities tie with each other. 0.5 means that neither tends to be
+    less.
 
     Args:
         values: Shape (tests, n).
@@ -187,9 +189,9 @@ def chances_of_less(values: ArrayLike, others: ArrayLike) -> Array:
 
 
 def quantile(values: ArrayLike, share: float) -> float | None:
-    """Return the least value that this share of them does not exceed.
+    """Return the least value that this share of the values does not exceed.
 
-    None if that is infinite, or there is no value: of 30, P99 is the largest.
+    None if it is infinite, or there is no value. P99 of 30 values is the largest.
     """
     numbers = np.asarray(values, dtype=np.float64)
     if not len(numbers):
@@ -231,17 +233,17 @@ def bands(means: Array) -> tuple[Array, Array]:
 
 
 def too_few(count: int, noun: str, needed: int) -> str:
-    """Return how many there are and how many are needed, in words."""
+    """Return the number that exists and the number that is needed, in words."""
     have = {0: f"no {noun}", 1: f"one {noun}"}.get(count, f"{count} {noun}s")
     return f"{have}, {needed} are needed"
 
 
 def spread(values: Sequence[Any], *, digits: int = 4) -> str:
-    """Return lowest, median and highest in words, and how many are not defined.
+    """Return lowest, median and highest in words, and the number of undefined values.
 
     Args:
-        values: Numbers; None where a measure is not defined.
-        digits: Of each number.
+        values: Numbers; None if a measure is not defined.
+        digits: Significant digits of each number.
     """
     known = [value for value in values if value is not None]
     missing = f", {len(values) - len(known)} never" if len(known) < len(values) else ""
