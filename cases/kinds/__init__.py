@@ -1,1 +1,1 @@
-"""Kinds of scenario: what each poses, measures and draws."""
+"""Kinds of scenario, each with its problems, measures and figures."""

@@ -1,6 +1,6 @@
 """Assignment of targets to starts with the least sum of squared distances.
 
-Where the targets stand as a whole does not matter: moving all of them by c adds
+The common position of the targets does not matter: moving all of them by c adds
 
     n |c|^2 - 2 c' sum_i (s_i - q_a(i)),
 
@@ -22,7 +22,7 @@ def shortest_assignment(starts: Array, targets: Array) -> NDArray[np.int64]:
 
     Args:
         starts: Shape (n, 2) [m].
-        targets: As many, shape (n, 2) [m].
+        targets: Same number, shape (n, 2) [m].
     """
     squared = np.sum((starts[:, None] - targets[None]) ** 2, axis=2)
     _, columns = linear_sum_assignment(squared)

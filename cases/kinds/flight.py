@@ -1,4 +1,4 @@
-"""Planners, controller and plant for any kind of scenario, made of what it poses."""
+"""Planners, controller and plant for any kind of scenario, from what it poses."""
 
 from dataclasses import replace
 from typing import TypeVar
@@ -38,13 +38,13 @@ P = TypeVar("P", bound=Posed)
 
 
 def flight_of(posed: P, scenario: Scenario) -> Flight[P]:
-    """Return the flight of what was posed; all of its problems are compiled here.
+    """Return the closed loop of posed agents; all of its problems are compiled here.
 
-    Kernels of a search that this machine has never run are compiled at the first step.
+    Kernels of a search that are new on this machine are compiled at the first step.
 
     Args:
-        posed: What the scenario's kind poses.
-        scenario: The scenario: its search, polish and backend.
+        posed: Agents and plant, posed by the scenario's kind.
+        scenario: The scenario, with its search, polish and backend.
     """
     plant, problem = posed.plant, posed.agents[0].problem
     is_decided = isinstance(problem.horizon, Free)
@@ -66,12 +66,12 @@ def flight_of(posed: P, scenario: Scenario) -> Flight[P]:
 
 
 def first_problem(posed: Posed) -> PlanningProblem:
-    """Return the planning problem of the first step, with nothing compiled.
+    """Return the planning problem of the first step, not compiled.
 
     Given plans that its agent watches are replayed.
 
     Args:
-        posed: What the scenario's kind poses.
+        posed: Agents and plant, posed by the scenario's kind.
 
     Raises:
         SeveralPlansError: If not exactly one agent plans.
@@ -161,7 +161,7 @@ def _receding_horizon(agent: PosedAgent, scenario: Scenario) -> RecedingHorizon:
 
 
 def _planner(agent: PosedAgent, scenario: Scenario) -> Planner:
-    """Return the planner of an agent; a given plan is only evaluated."""
+    """Return the planner of an agent, which only evaluates a given plan."""
     return Planner(
         agent.problem,
         search=scenario.search_settings() if agent.given is None else None,

@@ -23,7 +23,7 @@ POSITION = (2, 3)
 METRE = 1.0
 """Scale of distances and speeds in the chapter's penalties: in m and m/s."""
 SAME_PLACE_M = 1e-9
-"""Points nearer than this are one."""
+"""Distance below which two points count as one [m]."""
 
 
 class PlanarState(Part):
@@ -75,7 +75,7 @@ def distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
 
 
 def bank_flaws(turn: str, bank: Range) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong with a range of the bank: beyond pi/2 turns are gentler."""
+    """Yield errors of a range of the bank: beyond pi/2 turns become weaker."""
     most = max(-bank.lower, bank.upper)
     if most > math.pi / 2 or (turn == "tan" and most == math.pi / 2):
         yield (
@@ -86,7 +86,7 @@ def bank_flaws(turn: str, bank: Range) -> Iterator[LocatedFlaw]:
 
 
 def speed_limit_flaws(limits: Range) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong with a range of the speed of a UAV that banks to turn."""
+    """Yield errors of a range of the speed of a UAV that banks to turn."""
     if limits.lower <= 0:
         yield (
             ("speed_m_s",),
@@ -98,10 +98,10 @@ def speed_limit_flaws(limits: Range) -> Iterator[LocatedFlaw]:
 def start_speed_flaws(
     place: tuple[str | int, ...], speed: float, limits: Range
 ) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong with a speed at the start.
+    """Yield errors of a speed at the start.
 
     Args:
-        place: Where in the scenario the speed stands.
+        place: Place of the speed in the scenario.
         speed: The speed [m/s].
         limits: vehicle.speed_m_s.
     """
@@ -119,13 +119,13 @@ def near_place_flaws(
     least: float,
     numbers: Sequence[int],
 ) -> Iterator[LocatedFlaw]:
-    """Yield the places of two UAVs that are too near to each other.
+    """Yield errors for places of two UAVs that are too near to each other.
 
     Args:
         uavs: Parts of the scenario's key `uavs`.
-        places: Their keys that hold a place.
-        least: Distance that must lie between two [m].
-        numbers: What the UAVs are called.
+        places: Keys of their positions.
+        least: Smallest allowed distance [m].
+        numbers: Numbers of the UAVs.
     """
     for (i, one), (j, other) in itertools.combinations(enumerate(uavs), 2):
         for key in places:
@@ -139,10 +139,10 @@ def near_place_flaws(
 
 
 def speed_bounds(limits: Range | None, *, uavs: int = 1) -> tuple[Array, Array] | None:
-    """Return bounds of the stacked states, each (uavs * 4,), the speeds' alone.
+    """Return bounds of the stacked states, each (uavs * 4,), for the speeds only.
 
     Args:
-        limits: Of every speed; None: none is bounded, and so is returned.
+        limits: Bounds of every speed; None means no bounds, and returns None.
         uavs: Number of UAVs.
     """
     if limits is None:
@@ -180,7 +180,7 @@ def flown_positions(path: DenseOutput, uavs: int) -> Array:
     """Return the position of each UAV as curves, shape (uavs, 2, pieces, 6) [m].
 
     Args:
-        path: Of the stacked states, uavs * 4 rows.
+        path: Path of the stacked states, uavs * 4 rows.
         uavs: Number of UAVs.
     """
     curves = path.curves
@@ -188,7 +188,7 @@ def flown_positions(path: DenseOutput, uavs: int) -> Array:
 
 
 def smallest_pair_distance(positions: Array) -> float | None:
-    """Return the smallest distance of two UAVs [m]; None of one alone.
+    """Return the smallest distance of two UAVs [m]; None for a single UAV.
 
     Args:
         positions: As `flown_positions` returns them.
@@ -204,7 +204,7 @@ def largest_pair_distance(
 
     Args:
         positions: As `flown_positions` returns them.
-        pairs: Numbers from 0 of the UAVs that are looked at; None means all pairs.
+        pairs: Pairs of numbers of UAVs, from 0; None means all pairs.
     """
     first, second = np.triu_indices(len(positions), k=1)
     if pairs is not None:
@@ -213,7 +213,7 @@ def largest_pair_distance(
 
 
 def smallest_range(positions: Array, point: Point) -> float:
-    """Return the smallest distance of any UAV to a point that stands [m].
+    """Return the smallest distance of any UAV to a fixed point [m].
 
     Args:
         positions: As `flown_positions` returns them.

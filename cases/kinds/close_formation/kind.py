@@ -1,4 +1,4 @@
-"""Close formation as the commands run it."""
+"""The kind of scenario "close_formation"."""
 
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.close_formation.measures import flown, measure

@@ -10,7 +10,7 @@ from swarmstart.cases.kinds.close_formation.scenario import Leader
 
 Array = NDArray[np.float64]
 TIMING_S = 1e-9
-"""Instants this near are one: n dt need not be the time that was written."""
+"""Difference below which instants are equal, since n dt is rounded [s]."""
 
 
 def leader_of(leader: Leader) -> Callable[[Array], Array]:
@@ -34,17 +34,17 @@ def leader_of(leader: Leader) -> Callable[[Array], Array]:
 
 
 def first_manoeuvre_s(leader: Leader) -> float:
-    """Return when the leader first does anything [s]; 0 where it never does."""
+    """Return the begin of the leader's first change [s]; 0 without a change."""
     return min((begin for begin, _ in _changes(leader)), default=0.0)
 
 
 def last_change_s(leader: Leader) -> float:
-    """Return when the leader has done all it does [s]; 0 where it never does."""
+    """Return the end of the leader's last change [s]; 0 without a change."""
     return max((end for _, end in _changes(leader)), default=0.0)
 
 
 def _changes(leader: Leader) -> Iterator[tuple[float, float]]:
-    """Yield begin and end [s] of each change; the same instant where rows are held."""
+    """Yield begin and end [s] of each change, equal if rows are held."""
     for before, row in itertools.pairwise(leader.manoeuvre):
         changed = (row.speed_ft_s, row.heading_rad, row.height_ft)
         if changed != (before.speed_ft_s, before.heading_rad, before.height_ft):

@@ -42,7 +42,7 @@ def measure(
     flight: CloseFormationFlight,
     trajectory: Trajectory,
 ) -> Mapping[str, Measure]:
-    """Return all measures of MEASURES by name, null where one is not defined."""
+    """Return all measures of MEASURES by name, null if one is not defined."""
     measures: dict[str, Measure] = {
         **_tracking(scenario, trajectory),
         **_motion(scenario, flight, trajectory),
@@ -60,7 +60,7 @@ def flown(
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
 ) -> Flown:
-    """Return the integral of the stage cost over the path flown; (5.21) has no more."""
+    """Return the integral of the stage cost over the path flown, as in (5.21)."""
     del scenario, measures
     problem = flight.posed.agents[0].problem
     cost, excess, _ = flown_values(problem, flight, trajectory)
@@ -68,7 +68,7 @@ def flown(
 
 
 def deviations(scenario: CloseFormationScenario, states: Array) -> Array:
-    """Return (x, y, z) less the slot, shape (3, T) [ft]."""
+    """Return (x, y, z) minus the slot, shape (3, T) [ft]."""
     slot = scenario.slot
     wanted = np.array([slot.x_ft, slot.y_ft, slot.z_ft])
     return np.asarray(states[list(POSITION)] - wanted[:, None])
@@ -131,8 +131,8 @@ def _tracking(
 
 
 def _settled(times: Array, off: Array, begin: float) -> float | None:
-    """Return how long after `begin` the deviation stays within SETTLED_FT."""
-    if times[-1] < begin:  # Nothing has happened yet.
+    """Return the time after `begin` until the deviation stays within SETTLED_FT."""
+    if times[-1] < begin:  # The manoeuvre is not over.
         return None
     outside = np.flatnonzero(np.abs(off) > SETTLED_FT)
     if outside.size == 0:
@@ -149,7 +149,7 @@ def _motion(
 ) -> dict[str, Measure]:
     _, _, heading, speed, _, _ = trajectory.states
     late = trajectory.times[:-1] > trajectory.times[-1] - LATE_S + ROUNDING_S
-    late[-1] = True  # One at least, where a step takes longer.
+    late[-1] = True  # At least one step, also if it is longer.
     turned = np.diff(heading) / np.diff(trajectory.times)
     first = scenario.leader.manoeuvre[0].heading_rad
     return {
@@ -174,7 +174,7 @@ def _costs(
     trajectory: Trajectory,
 ) -> dict[str, Measure]:
     costs = plan_costs(trajectory)
-    # A step rises against the one before, which belongs to the manoeuvre too.
+    # A rise compares a step with the one before, which must be in the manoeuvre, too.
     times, rises = trajectory.times[1:-1], np.diff(costs) > RISE
     begin = first_manoeuvre_s(scenario.leader) - ROUNDING_S
     early = rises & (trajectory.times[:-2] >= begin) & (times < begin + EARLY_S)
@@ -189,7 +189,7 @@ def _costs(
 
 
 def _losses(flight: CloseFormationFlight, trajectory: Trajectory, costs: Array) -> int:
-    """Return how many plans are worse than the last one's commands, held (5.29)."""
+    """Return the number of plans that cost more than the shifted last plan (5.29)."""
     planner, losses = flight.loop.planner, 0
     for k in range(1, len(costs)):
         last = trajectory.decisions[k - 1].plans[0].controls
@@ -216,7 +216,7 @@ def _saving(flight: CloseFormationFlight, trajectory: Trajectory) -> dict[str, M
 
 
 def slot_of(flight: CloseFormationFlight) -> tuple[float, float, float]:
-    """Return the slot (2 b, pi b/4, 0) that (5.20) is linear about [ft]."""
+    """Return the slot (2 b, pi b/4, 0) at which (5.20) is linearised [ft]."""
     span = flight.posed.aircraft.span_ft
     return 2 * span, np.pi * span / 4, 0.0
 

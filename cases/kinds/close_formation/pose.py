@@ -3,7 +3,7 @@
     J = sum over the horizon of e'Q e at the ends of its steps                (5.21)
 
 e = (x - x_C, y - y_C, z - z_C, V - V_L, psi - psi_L). The leader's speed, heading and
-height are parameters of the model, known as they are when a plan is made.
+height are parameters of the model, with their values at the time of planning.
 """
 
 from collections.abc import Callable, Iterator
@@ -63,7 +63,7 @@ def pose(scenario: CloseFormationScenario) -> PosedCloseFormation:
         return leader(np.array([time]))[:, 0]
 
     def candidates(time: float) -> Array:
-        """The leader's own state as a command, held over the horizon (Step 1)."""
+        """Return the leader's state as a command, held over the horizon (Step 1)."""
         own = commanded(scenario, now(time))
         return np.repeat(own[:, None], believed.intervals, axis=1)[:, :, None]
 
@@ -84,7 +84,7 @@ def pose(scenario: CloseFormationScenario) -> PosedCloseFormation:
 
 
 def flaws(scenario: CloseFormationScenario) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong across the scenario's parts, with the place."""
+    """Yield errors between parts of the scenario, with their places."""
     yield from scenario.flaws()
     substeps = scenario.prediction.dt / scenario.plant.substep_s
     if substeps > MOST_SUBSTEPS:
@@ -117,7 +117,7 @@ def planning_problem(
 
 
 def commanded(scenario: CloseFormationScenario, leader: Array) -> Array:
-    """Return the commands that a leader (V_L, psi_L, h_L) would give itself, (3,)."""
+    """Return the commands that hold the state of the leader (V_L, psi_L, h_L), (3,)."""
     relative = scenario.commands.heading_from == "leader"
     return np.array([leader[0], 0.0 if relative else leader[1], leader[2]])
 
@@ -129,7 +129,7 @@ def _model(
     *,
     gusts: bool = False,
 ) -> Model:
-    """Return the model that the prediction or the plant asks for."""
+    """Return the model of the prediction or of the plant."""
     return close_formation(
         wingman,
         variant=equations.model,

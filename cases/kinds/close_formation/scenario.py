@@ -242,7 +242,7 @@ class CloseFormationScenario(Scenario):
     plant: PlantPart = PlantPart()
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what one part of the scenario makes wrong in another."""
+        """Yield errors between parts of the scenario."""
         yield from super().flaws()
         yield from self._manoeuvre_flaws()
         if not self.prediction.dt >= self.plant.substep_s:

@@ -1,13 +1,13 @@
-"""The terminal set as the chapter prints it: errata, kept to be measured.
+"""The terminal set as the chapter prints it: errata, kept for measurements.
 
     (5.12)  FP + PF' = -Q
     (5.14)  alpha K'PK <= u_max^2
 
 The first is the Lyapunov equation of the transposed loop: the ellipsoid of its solution
 need not be invariant for the loop itself. The two sides of the second do not conform;
-read as alpha K P K' they do, yet P stands where its inverse belongs, and no input is
-bounded. By how much they exceed their bounds, `terminal_set.input_excess` says. What is
-meant instead: the heads of `terminal_set/lyapunov.py` and `terminal_set/level.py`.
+read as alpha K P K' they do, but P stands in the place of its inverse, and no input is
+bounded. `terminal_set.input_excess` returns the excess over the bounds. The correct
+formulas are in the heads of `terminal_set/lyapunov.py` and `terminal_set/level.py`.
 """
 
 import casadi as ca
@@ -37,7 +37,7 @@ def lyapunov_as_printed(F: ArrayLike, Q: ArrayLike) -> Array:
         P, shape (nx, nx), symmetric positive definite, read-only.
 
     Raises:
-        SwarmstartError: As `continuous_lyapunov` says.
+        SwarmstartError: As in `continuous_lyapunov`.
     """
     return continuous_lyapunov(np.transpose(F), Q)
 
@@ -75,7 +75,7 @@ def terminal_set_as_printed(
 
     Args:
         dynamics: f(x, u) -> xdot, SI units.
-        reference: Reference and bounds; (5.14) looks at those of the input only.
+        reference: Reference and bounds; (5.14) uses those of the input only.
         Q: State weight, shape (nx, nx), symmetric positive semidefinite.
         R: Input weight, shape (nu, nu), symmetric positive definite.
         P: The matrix printed in section 5.2.4, or that of `lyapunov_as_printed`, shape
@@ -83,11 +83,11 @@ def terminal_set_as_printed(
 
     Returns:
         K of the continuous Riccati equation, P as given, alpha of (5.14) as printed.
-        Its law may exceed the input bounds in the set and need not be stable when held
+        Its law can exceed the input bounds in the set, and can be unstable when held
         (`held_spectral_radius`).
 
     Raises:
-        SwarmstartError: As `linearise`, `continuous_lqr`, `level_as_printed` say.
+        SwarmstartError: As in `linearise`, `continuous_lqr` and `level_as_printed`.
     """
     A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
     K = continuous_lqr(A, B, Q, R).K

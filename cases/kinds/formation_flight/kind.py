@@ -1,4 +1,4 @@
-"""Formation flight as the commands run it."""
+"""The kind of scenario "formation_flight"."""
 
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.formation_flight.measures import flown, measure

@@ -1,7 +1,7 @@
 """The linear law of a formation's dual mode, and its terminal set.
 
-A set that is to take over is certified first: its level is the largest one within the
-bounds for which the decrease is proven, for inputs held over a control step.
+A set with which a law takes over is certified first: its level is the largest one
+within the bounds for which the decrease is proven, for inputs held over a control step.
 """
 
 from dataclasses import fields
@@ -22,18 +22,18 @@ from swarmstart.terminal_set import (
 )
 
 SEED = 0
-"""Of the samples behind a certificate's margins: a set is the same in every run."""
+"""Seed of the samples for a certificate's margins: a set is the same in every run."""
 
 
 def terminal_set_of(scenario: FormationScenario, reference: Reference) -> TerminalSet:
-    """Return the terminal set of the dual mode, certified where it is to take over.
+    """Return the terminal set of the dual mode, certified if its law takes over.
 
     Args:
         scenario: The scenario.
         reference: The leader's motion and the bounds.
 
     Raises:
-        SwarmstartError: If the law cannot be designed or its set not be proven.
+        SwarmstartError: If the law cannot be designed, or its set cannot be proven.
     """
     dual = scenario.dual_mode
     dt = scenario.prediction.dt
@@ -53,13 +53,13 @@ def _certified(
     R: tuple[float, ...],
     dt: float,
 ) -> TerminalSet:
-    """Certify once a process: the flights of a comparison share their set.
+    """Return the certified set, computed once for all flights of a process.
 
     Args:
-        entries: Of the reference: name -> numbers.
+        entries: Entries of the reference: name -> numbers.
         Q: Diagonal of the state weight.
         R: Diagonal of the input weight.
-        dt: How long inputs are held [s].
+        dt: Time for which inputs are held [s].
     """
     reference = Reference(**{name: np.array(values) for name, values in entries})
     return certified_terminal_set(
@@ -72,6 +72,6 @@ def _certified(
 
 
 def _entries(reference: Reference) -> tuple[tuple[str, tuple[float, ...]], ...]:
-    """Return a reference as what can be a key."""
+    """Return a reference in a form that can be a key."""
     values = ((each.name, getattr(reference, each.name)) for each in fields(reference))
     return tuple((name, tuple(v.tolist())) for name, v in values if v is not None)

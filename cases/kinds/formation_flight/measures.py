@@ -1,7 +1,7 @@
 """Measures of a formation flight.
 
-Positions come from what the plant flew, not from plans; distances and clearances from
-its path between the plant's steps too.
+Positions are those of the plant, not of plans. Distances and clearances use its path
+between its integration steps, too.
 """
 
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 SETTLED_M = 1.0
 TAIL_S = 10.0
-# Below it e'Pe is the noise of floating point: it stalls at about 1e-25.
+# Smaller values of e'Pe are rounding errors: it stalls at about 1e-25.
 SMALLEST_LYAPUNOV = 1e-12
 OF_TERMINAL_SET = (
     *("terminal_exits", "lyapunov_ratio_max", "held_spectral_radius"),
@@ -41,7 +41,7 @@ OF_TERMINAL_SET = (
 def measure(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> Mapping[str, Measure]:
-    """Return all measures of MEASURES by name, null where one is not defined."""
+    """Return all measures of MEASURES by name, null if one is not defined."""
     measures: dict[str, Measure] = {
         **_tracking(scenario, flight, trajectory),
         **_distances(scenario, flight, trajectory),
@@ -61,9 +61,9 @@ def flown(
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
 ) -> Flown:
-    """Return the closed-loop cost, and what is missing of the distances to be kept.
+    """Return the closed-loop cost, and the largest missing part of a distance.
 
-    As a part of the safe distance of two UAVs, and of the radius of an obstacle.
+    It is relative to the safe distance of two UAVs, or to the radius of an obstacle.
     """
     del flight, trajectory
     safe = scenario.avoidance.safe_distance_m
@@ -158,7 +158,7 @@ def _distances(
 def _terminal_set(
     flight: FormationFlight, trajectory: Trajectory
 ) -> dict[str, Measure]:
-    """Return what rests on the terminal set, null without one."""
+    """Return the measures of the terminal set, null without one."""
     if flight.posed.designed_set is None:
         return {**dict.fromkeys(OF_TERMINAL_SET), "linear_steps": 0}
     terminal_set, values = flight.posed.terminal_set, lyapunov(flight.posed, trajectory)

@@ -1,6 +1,6 @@
 """A formation scenario -> planning problems, linear laws and plant.
 
-UAV after UAV plans, or flies the plan that it is given.
+UAV after UAV plans, or flies its given plan.
 """
 
 from collections.abc import Callable, Iterator
@@ -46,11 +46,11 @@ class PosedFormation(Posed):
     """A formation flight.
 
     Attributes:
-        names: What the UAVs are called.
+        names: Names of the UAVs.
         slots: (times (n,)) -> slot states of all UAVs, shape (uavs, 4, n).
-        designed_set: The terminal set, the same for every UAV; None: the dual mode is
+        designed_set: The terminal set, the same for every UAV; None if the dual mode is
             off and no set can be designed.
-        reference: What it is built around, with the bounds.
+        reference: Reference of the set, with the bounds.
         dynamics: f(x, u) of one UAV.
     """
 
@@ -110,7 +110,7 @@ def pose(scenario: FormationScenario) -> PosedFormation:
 
 
 def flaws(scenario: FormationScenario) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong across the scenario's parts, impossible designs included."""
+    """Yield errors between parts of the scenario, also impossible designs."""
     found = list(scenario.flaws())
     yield from found
     if found:
@@ -129,7 +129,7 @@ def flaws(scenario: FormationScenario) -> Iterator[LocatedFlaw]:
 def _designed_set(
     scenario: FormationScenario, reference: Reference
 ) -> TerminalSet | None:
-    """Return the terminal set; None: it cannot be designed, and nothing rests on it."""
+    """Return the terminal set; None if it cannot be designed and is not needed."""
     try:
         return terminal_set_of(scenario, reference)
     except SwarmstartError:

@@ -5,7 +5,7 @@ e = x - x_L - slot, (v, psi, x, y), slots in axes that do not turn (5.4);
     J = sum_k dt (e_k'Q e_k + u_k'R u_k) + e_N'P e_N                      (5.5)-(5.7)
 
 plus the distances to obstacles and to the UAVs that planned before it (5.15), (5.16).
-The sum over the steps is what the sampled-data P belongs to.
+The sampled-data P belongs to this sum over the steps.
 """
 
 import casadi as ca
@@ -100,13 +100,13 @@ def slot_states(scenario: FormationScenario, number: int, times: Array) -> Array
 
 
 def dynamics_of(model: Model) -> ca.Function:
-    """Return f(x, u) without parameters, as terminal_set takes it."""
+    """Return f(x, u) without parameters, as terminal_set needs it."""
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     return ca.Function("dynamics", [x, u], [right_hand_side(model)(x, u, ca.SX(0, 1))])
 
 
 def reference_of(scenario: FormationScenario) -> Reference:
-    """Return the leader's motion as what a terminal set is built around."""
+    """Return the leader's motion as the reference of a terminal set."""
     lower, upper = _control_limits(scenario)
     x_lower, x_upper = speed_bounds(scenario.vehicle.speed_m_s) or (None, None)
     return Reference(

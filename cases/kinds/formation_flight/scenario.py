@@ -130,7 +130,7 @@ class TerminalCost(Part):
     P: Matrix | None = None
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what is wrong with it."""
+        """Yield its errors."""
         yield from _matrix_flaws(self.design == "given", self.P)
 
 
@@ -189,7 +189,7 @@ class DualModePart(Part):
         return self.enabled and self.certify and self.design == "sampled"
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what is wrong with it."""
+        """Yield its errors."""
         yield from _matrix_flaws(self.design == "literal", self.P)
 
 
@@ -233,7 +233,7 @@ class FormationScenario(Scenario):
 
     @property
     def numbers(self) -> list[int]:
-        """Return the number of each UAV, by which it is called."""
+        """Return the number of each UAV."""
         return [
             place if uav.number is None else uav.number
             for place, uav in enumerate(self.uavs, start=1)
@@ -253,7 +253,7 @@ class FormationScenario(Scenario):
         return places if self.planning_order == "lowest_first" else places[::-1]
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what one part of the scenario makes wrong in another."""
+        """Yield errors between parts of the scenario."""
         yield from super().flaws()
         for key in ("terminal_cost", "dual_mode"):
             for path, message in getattr(self, key).flaws():
@@ -313,7 +313,7 @@ class FormationScenario(Scenario):
             )
 
     def _plan_flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what is wrong with plans that are given."""
+        """Yield errors of plans that are given."""
         given = {i: uav.plan for i, uav in enumerate(self.uavs) if uav.plan is not None}
         if given and self.steps != 1:
             first = self.numbers[min(given)]
@@ -366,7 +366,7 @@ class FormationScenario(Scenario):
 
 
 def _matrix_flaws(needed: bool, P: Matrix | None) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong with a 4 x 4 matrix that a design needs, or does not."""
+    """Yield errors of a 4 x 4 matrix, if the design needs it."""
     if not needed:
         return
     if P is None:

@@ -9,7 +9,7 @@ acceleration [m/s^2] and bank [rad]; or (T, phi), thrust and bank, with
     a = (T - D) / W            "printed", as in (5.30): W stands for the mass
 
 A coordinated turn has g tan(phi) / v, turn "tan"; (5.30) prints sin, turn "sin". The
-heading rate divides by the speed: at v = 0 there is no such aircraft.
+heading rate divides by the speed, so that v = 0 is not allowed.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from swarmstart.cases.kinds.planar import STATES
 from swarmstart.ocp import InvalidProblemError, Model
 
 GRAVITY_M_S2 = 9.8
-"""As the chapter has it, after (5.30)."""
+"""Value of the chapter, after (5.30)."""
 
 Turn = Literal["sin", "tan"]
 ThrustEquation = Literal["printed", "newton"]
@@ -30,7 +30,7 @@ TURNS = {"sin": ca.sin, "tan": ca.tan}
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Thrust:
-    """Aircraft that thrust accelerates against drag.
+    """Aircraft that accelerates by thrust against drag.
 
     Attributes:
         drag: D, constant [N].
@@ -53,11 +53,11 @@ def bank_to_turn(*, turn: Turn, thrust: Thrust | None = None) -> Model:
 
     Args:
         turn: Whether the heading rate has the sine or the tangent of the bank.
-        thrust: What the first control is made an acceleration by; None means that it is
-            one.
+        thrust: Conversion of the first control to an acceleration; None means that it
+            is an acceleration.
 
     Raises:
-        InvalidProblemError: If the turn is neither.
+        InvalidProblemError: If the turn is neither "sin" nor "tan".
     """
     if turn not in TURNS:
         raise InvalidProblemError(f"turn must be sin or tan, got {turn!r}")

@@ -3,8 +3,8 @@
 States (x, y, psi_W, V_W, z, zeta): position of the leader seen from the wingman, x
 ahead and y to the right in the frame of the wingman's velocity [ft]; heading, positive
 to the right [rad]; speed [ft/s]; height above the leader [ft] and its rate [ft/s].
-Controls (V_Wc, psi_Wc, h_Wc): what the autopilot is told to hold.
-Parameters (V_L, psi_L, h_L): speed, heading and height command of the leader.
+Controls (V_Wc, psi_Wc, h_Wc): commands to the autopilot. Parameters (V_L, psi_L, h_L):
+speed, heading and height command of the leader.
 
     psi_E  = psi_L - psi_W
     r      = (psi_Wc - psi_W)/tau_psi + qS/(m V_W) dC_Y
@@ -20,17 +20,17 @@ kinematics "fixed": (X, Y) = (xbar, ybar), the slot, as printed in (5.20)
 aerodynamics "linear": dC = C_y (y - ybar) + C_z z, derivatives at the slot
              "vortex": dC = C(y, z) - C(ybar, 0), the increments themselves
              "none": dC = 0, no wake
-heading_from "leader": the autopilot is told psi_Wc - psi_L in place of psi_Wc
-A turn rate limit is the autopilot's: it saturates (psi_Wc - psi_W)/tau_psi.
+heading_from "leader": the autopilot gets psi_Wc - psi_L in place of psi_Wc A turn rate
+limit is that of the autopilot: it saturates (psi_Wc - psi_W)/tau_psi.
 
 The variant "corrected" is the above. "literal" is (5.20) as printed, linear: y in place
 of y - ybar, a constant lift that h_Wc has to hold down, and + qS/m C_Dz z, which is
 zero, in place of - qS/m dC_D. In both, the last row is zeta' (printed xi') and psi_E,
 which the text leaves undefined, is as above.
 
-The wake is F-16 class, rederived; not the thesis' numbers. Its speed is that of the
-flight condition (`Aircraft.speed_ft_s`), not the chapter's 200 ft/s, at which such an
-aircraft cannot fly level; V_W in qS/(m V_W) is the state.
+The wake is that of the F-16 class, rederived, and has not the numbers of the thesis.
+Its speed is that of the flight condition (`Aircraft.speed_ft_s`), not the chapter's 200
+ft/s, at which such an aircraft cannot fly level; V_W in qS/(m V_W) is the state.
 """
 
 import math
@@ -70,7 +70,8 @@ class Wingman:
         heading_lag_s: tau_psi [s].
         height_lag_a_s: t_a, the shorter lag of the height [s].
         height_lag_b_s: t_b, the longer one [s].
-        turn_rate_rad_s: What the autopilot turns at most [rad/s]; None means no limit.
+        turn_rate_rad_s: Largest turn rate of the autopilot [rad/s]; None means no
+            limit.
 
     Raises:
         InvalidAircraftError: If a lag or the limit is not positive and finite.
@@ -114,15 +115,15 @@ def close_formation(
     Args:
         wingman: The aircraft, its lags and its slot.
         variant: "corrected", or "literal": as printed.
-        kinematics: Whether the rotation terms have the slot or the state.
+        kinematics: Whether the rotation terms use the slot or the state.
         aerodynamics: Whether the wake is linear about the slot or the vortex itself;
-            "vortex" is for "corrected" only. "none": no wake.
-        heading_from: What the heading command counts from.
+            "vortex" is for "corrected" only, and "none" means no wake.
+        heading_from: Direction from which the heading command counts.
         gusts: Whether w_x, w_y, w_z [ft/s], added to the rate of the relative position,
             are three more parameters: for a plant.
 
     Raises:
-        InvalidProblemError: If a choice is unknown, or literal meets vortex.
+        InvalidProblemError: If a choice is unknown, or literal is combined with vortex.
     """
     _require_choices(variant, kinematics, aerodynamics, heading_from)
     x, y, psi, V, z, zeta = (ca.SX.sym(n) for n in ("x", "y", "psi", "V", "z", "zeta"))
@@ -166,7 +167,7 @@ def close_formation(
 def _require_choices(
     variant: str, kinematics: str, aerodynamics: str, heading_from: str
 ) -> None:
-    """Refuse an unknown choice, and one that contradicts another."""
+    """Raise if a choice is unknown or contradicts another one."""
     for role, given, known in (
         ("variant", variant, get_args(Variant)),
         ("kinematics", kinematics, get_args(Kinematics)),
@@ -186,7 +187,7 @@ def _require_choices(
 def _linear(
     wingman: Wingman, y: ca.SX, z: ca.SX, *, as_printed: bool
 ) -> Increments[ca.SX]:
-    """Return dC = C_y (y - ybar) + C_z z, or what (5.20) prints."""
+    """Return dC = C_y (y - ybar) + C_z z, or dC as (5.20) prints it."""
     _, ybar, zbar = wingman.slot_ft
     C = derivatives(wingman.aircraft, ybar, zbar)
     dy = y if as_printed else y - ybar

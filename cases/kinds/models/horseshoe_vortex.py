@@ -1,8 +1,9 @@
 """Effect of the leader's wake on a wingman: a horseshoe vortex with a core.
 
-F-16 class, rederived; not the thesis' numbers. The chapter prints the model (5.20) and
-no coefficient. They are computed here from the aircraft's geometry and flight condition
-(Proud, Pachter and D'Azzo 1999 for the approach, recalled).
+The numbers are those of the F-16 class, rederived, and not those of the thesis. The
+chapter prints the model (5.20) without coefficients. They are computed here from the
+aircraft's geometry and flight condition; the approach follows Proud, Pachter and D'Azzo
+(1999), from memory.
 
 Two trailing vortices of circulation Gamma, bp = pi b/4 apart, leave the leader in level
 flight. The wingman is y beside and z above the leader; with M the squared core radius,
@@ -18,9 +19,9 @@ flight. The wingman is y beside and z above the leader; with M the squared core 
     dC_L = a W/V,    dC_D = -C_L W/V,    dC_Y = k_Y S/V,    k_Y = a eta S_fin / S
 
 dC_D is the lift vector, tilted forward by the upwash. W/V is even in y and S/V odd, so
-neither needs |y|: what is written for |y| with "the sign of y" is smooth as it stands.
+neither needs |y| and "the sign of y": both are smooth without them.
 
-The functions take floats as well as CasADi expressions; of an array casadi makes a DM.
+The functions take floats and CasADi expressions; CasADi converts an array to a DM.
 Units: ft, slug, s, lb (of force), rad.
 """
 
@@ -33,16 +34,16 @@ import casadi as ca
 from swarmstart.errors import SwarmstartError
 
 Scalar = TypeVar("Scalar", float, ca.SX)
-"""A number, or an expression."""
+"""A number or an expression."""
 
 
 class InvalidAircraftError(SwarmstartError, ValueError):
     """A number that describes an aircraft is out of range.
 
     Attributes:
-        name: What it is called.
-        value: What was given.
-        allowed: What is allowed.
+        name: Name of the number.
+        value: The given value.
+        allowed: Allowed values, in words.
     """
 
     def __init__(self, name: str, value: float, allowed: str) -> None:
@@ -53,15 +54,15 @@ class InvalidAircraftError(SwarmstartError, ValueError):
         self.allowed = allowed
 
     def __str__(self) -> str:
-        """Say what was given and what is allowed."""
+        """Return the given and the allowed values."""
         return f"{self.name} must be {self.allowed}, got {self.value}"
 
 
 def require_positive(name: str, value: float) -> None:
-    """Refuse what is not a positive finite number.
+    """Validate a positive finite number.
 
     Raises:
-        InvalidAircraftError: With the name and the value given.
+        InvalidAircraftError: If it is not one, with its name and value.
     """
     if not (math.isfinite(value) and value > 0):
         raise InvalidAircraftError(name, value, "positive and finite")
@@ -179,7 +180,7 @@ class Increments(NamedTuple, Generic[Scalar]):
 
 
 class Derivatives(NamedTuple, Generic[Scalar]):
-    """Derivatives of the increments by the lateral distance y and the height z [1/ft].
+    """Derivatives of the increments by lateral distance y and height z [1/ft].
 
     C_Ly is d(dC_L)/dy, and so on.
     """

@@ -1,4 +1,4 @@
-"""A problem of the user's own, as the commands run it."""
+"""The kind of scenario "problem": a problem of the user's own."""
 
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.problem.flaws import flaws

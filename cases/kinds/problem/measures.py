@@ -199,7 +199,7 @@ def own_measures(scenario: UserScenario) -> dict[str, str]:
 
 
 def measure_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong with the scenario's own measures."""
+    """Yield errors of the scenario's own measures."""
     owners: dict[str, Mapping[str, str]] = {"": {}}
     if scenario.vehicles is not None:
         owners = {f"_{one.name}": one.constants for one in scenario.vehicles.members}
@@ -232,7 +232,7 @@ def measure_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 def wrong_measures(
     own: Mapping[str, str], known: Mapping[str, Any], tables: Tables = NO_TABLES
 ) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong with own measures.
+    """Yield errors of own measures.
 
     Args:
         own: Name -> expression.

@@ -191,7 +191,7 @@ def _of_linkages(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _in_time(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong with guesses, candidates and parameters over time.
+    """Yield errors of guesses, candidates and parameters over time.
 
     The plant's parameters are constant: its time is not known before.
     """

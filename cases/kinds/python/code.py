@@ -1,7 +1,7 @@
 """The file of a user's problem: read as bytes, identified by its hash, run on demand.
 
-Reading it runs nothing. It is read once: the bytes that are hashed are those that are
-recorded and run.
+Reading does not run it. It is read once, so that the same bytes are hashed, recorded
+and run.
 """
 
 import contextlib
@@ -24,16 +24,16 @@ from swarmstart.cases.format.yaml_reader import read_bytes
 from swarmstart.errors import SwarmstartError
 
 _LONGEST = 300
-"""Characters of a path, and of an error of the user's code in a message."""
+"""Largest number of characters of a path, and of the user's error in a message."""
 
 
 class UserCodeError(SwarmstartError):
-    """The user's file does not give a problem."""
+    """The user's file does not return a problem."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Code:
-    """A function in a file, which has been read and not run.
+    """A function in a file that was read, but not run.
 
     Attributes:
         file: The file.
@@ -51,19 +51,19 @@ class Code:
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def __str__(self) -> str:
-        """Return file and function as a scenario beside the file names them."""
+        """Return file and function as in a scenario of the same folder."""
         return f"{self.file.name}:{self.function}"
 
 
 def read_code(value: object, folder: Path) -> Code:
-    """Return the function that a scenario names, from a file that is not run.
+    """Return the function that a scenario names; its file is read, but not run.
 
     Args:
-        value: Such as "my_model.py:build".
-        folder: The scenario's folder; the file is there or below.
+        value: Text such as "my_model.py:build".
+        folder: The scenario's folder; the file is in it or below.
 
     Raises:
-        ValueError: If there is no such file, or it is too large or not UTF-8.
+        ValueError: If the file does not exist, is too large or is not UTF-8.
     """
     given, _, function = value.partition(":") if isinstance(value, str) else ("",) * 3
     path = PurePosixPath(given)
@@ -87,10 +87,10 @@ def read_code(value: object, folder: Path) -> Code:
 
 
 def returned(code: Code, arguments: Mapping[str, Any]) -> object:
-    """Run the file, call the function, and return what it returns.
+    """Run the file, call the function, and return its result.
 
-    Whatever the code prints goes to standard error, and if it changes the working
-    directory, that is changed back.
+    Output of the code goes to standard error, and the working directory is restored
+    afterwards.
 
     Args:
         code: The function.
@@ -103,7 +103,7 @@ def returned(code: Code, arguments: Mapping[str, Any]) -> object:
     module = ModuleType(name)
     module.__file__ = str(code.file)
     place = printable(str(code.file))
-    sys.modules[name] = module  # Dataclasses look their module up there.
+    sys.modules[name] = module  # Dataclasses look up their module there.
     try:
         with contextlib.redirect_stdout(sys.stderr), contextlib.chdir(Path.cwd()):
             exec(compile(code.text.encode(), code.file, "exec"), vars(module))
@@ -112,7 +112,7 @@ def returned(code: Code, arguments: Mapping[str, Any]) -> object:
                 return function(**copy.deepcopy(dict(arguments)))
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # SystemExit, too: it is not for the code to leave.
+    except BaseException as error:  # SystemExit, too: the code must not end the program.
         raise UserCodeError(
             f"{place}: expected a problem from {code.function}, found "
             f"{_described(error)} (--debug shows where)"
@@ -126,7 +126,7 @@ def returned(code: Code, arguments: Mapping[str, Any]) -> object:
 
 
 def _described(error: BaseException) -> str:
-    """Return an error in one line; its text is code of the user's, too."""
+    """Return an error in one line; its text comes from the user's code, too."""
     try:
         text = printable(" ".join(str(error).split()))[:_LONGEST]
     except Exception as another:  # noqa: BLE001 - whatever its __str__ does

@@ -1,4 +1,4 @@
-"""A problem from Python, as the commands run it."""
+"""The kind of scenario "python": a problem from a user's Python file."""
 
 from collections.abc import Iterator, Mapping
 
@@ -22,7 +22,7 @@ from swarmstart.ocp import Trajectory
 
 
 def flaws(scenario: PythonScenario) -> Iterator[LocatedFlaw]:
-    """Yield all that can be said without running the file: it alone has the names."""
+    """Yield errors that are known without running the file, which has the names."""
     yield from scenario.flaws()
     for name, text in scenario.measures.items():
         used = parse(text, of_paths=True, functions=None).names - CONSTANTS.keys()
@@ -32,7 +32,7 @@ def flaws(scenario: PythonScenario) -> Iterator[LocatedFlaw]:
 def measure(
     scenario: PythonScenario, flight: Flight[Posed], trajectory: Trajectory
 ) -> Mapping[str, Measure]:
-    """Return all measures by name, null where one is not defined."""
+    """Return all measures by name, null if one is not defined."""
     problem = flight.posed.agents[0].problem
     times, states, controls = rows_of(flight, trajectory)
     rows = (times, *states, *controls)

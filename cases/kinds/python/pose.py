@@ -1,4 +1,4 @@
-"""A scenario from Python -> its agent and its plant; this runs the user's file."""
+"""A scenario from Python -> its agent and plant; this module runs the user's file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,20 +17,20 @@ from swarmstart.ocp.controller import ReferenceSignals
 
 Array = NDArray[np.float64]
 MOST_INTERVALS = 10_000
-"""Of a prediction, as where it is stated in YAML."""
+"""Largest number of intervals of a prediction, as in YAML."""
 _PAIR, _TRIPLE = 2, 3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Stated:
-    """A problem as the user's function returns it, checked.
+    """A checked problem that the user's function has returned.
 
     Attributes:
         problem: The problem.
-        x0: Shape (nx,), finite; guessed where it is decided.
-        parameters: Those that are not decided, finite.
-        signals: Shape (ns, nodes), finite.
-        previous: Control of the interval before, shape (nu,); None: nothing is said.
+        x0: Initial state, shape (nx,), finite; guesses for decided entries.
+        parameters: Parameters that are not decided, finite.
+        signals: Signals, shape (ns, nodes), finite.
+        previous: Control of the interval before, shape (nu,); None if not given.
     """
 
     problem: OptimalControlProblem
@@ -44,7 +44,7 @@ def pose(scenario: PythonScenario) -> Posed:
     """Run the scenario's file, and return the agent and the plant of its problem.
 
     Raises:
-        UserCodeError: If it gives no problem that goes with the scenario.
+        UserCodeError: If it does not return a problem that fits the scenario.
     """
     stated = _stated(scenario)
     problem, model = stated.problem, stated.problem.model
@@ -80,7 +80,7 @@ def pose(scenario: PythonScenario) -> Posed:
 
 
 def names_of(model: Model) -> tuple[str, ...]:
-    """Return the names that own measures may use for values along the path."""
+    """Return the names that own measures can use for values along the path."""
     return (TIME, *model.state_names, *model.control_names)
 
 
@@ -97,14 +97,14 @@ def _reference(
 def _first_rows(
     reference: ReferenceSignals | None, count: int
 ) -> ReferenceSignals | None:
-    """Return the first of some signals, those of a model; None without any."""
+    """Return the first signals, which are those of a model; None without any."""
     if reference is None or not count:
         return None
     return lambda at: reference(at)[:count]
 
 
 def _stated(scenario: PythonScenario) -> Stated:
-    """Return what the function returns, if it is a problem, x0 and what is known."""
+    """Return the function's result, if it is a problem, x0 and known values."""
     found = returned(scenario.problem, scenario.arguments)
     parts = found if isinstance(found, tuple) else (found,)
     types = (OptimalControlProblem, object, Known)
@@ -133,9 +133,9 @@ def _stated(scenario: PythonScenario) -> Stated:
 
 
 def _guessed(problem: OptimalControlProblem, x0: object) -> object:
-    """Return an initial state with guesses where it is NaN and is decided."""
+    """Return an initial state with guesses for entries that are NaN and decided."""
     if not isinstance(x0, Sequence | np.ndarray) or len(x0) != problem.model.nx:
-        return x0  # Refused where it is read.
+        return x0  # An error is raised when it is read.
     guessed = list(x0)
     for one in problem.free_starts:
         for i in one.states:
@@ -150,7 +150,7 @@ def _numbers(
     """Return finite numbers of a shape."""
     try:
         numbers = np.array(given, dtype=np.float64)
-    except Exception as error:  # Whatever an object of the user's raises.
+    except Exception as error:  # An object of the user's can raise any error.
         found = type(error).__name__
         raise _refused(scenario, f"numbers as {name}", found) from error
     if numbers.shape != shape:
@@ -161,7 +161,7 @@ def _numbers(
 
 
 def _require_fitting(scenario: PythonScenario, problem: OptimalControlProblem) -> None:
-    """Refuse too many intervals or steps, and own measures of unknown names."""
+    """Raise for too many intervals or steps, and for measures with unknown names."""
     if problem.intervals > MOST_INTERVALS:
         found = str(problem.intervals)
         raise _refused(scenario, f"at most {MOST_INTERVALS} intervals", found)

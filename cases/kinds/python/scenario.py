@@ -63,7 +63,7 @@ class PythonScenario(UserScenario):
     @classmethod
     def _same_file(cls, given: str, info: ValidationInfo) -> str:
         code = info.data.get("problem")
-        if code is None:  # It is refused already.
+        if code is None:  # It has an error already.
             return given
         if given not in ("", code.sha256):
             raise ValueError(

@@ -1,4 +1,4 @@
-"""Reconfiguration as the commands run it."""
+"""The kind of scenario "reconfiguration"."""
 
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.reconfiguration.measures import flown, measure

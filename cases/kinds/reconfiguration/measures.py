@@ -25,7 +25,7 @@ from swarmstart.ocp import Trajectory, interpolate, shifted_controls
 Array = NDArray[np.float64]
 
 LOSS = 1e-9
-"""Relative difference of costs below which a plan is no worse."""
+"""Relative difference of costs up to which a plan is not worse."""
 
 
 def measure(
@@ -33,7 +33,7 @@ def measure(
     flight: ReconfigurationFlight,
     trajectory: Trajectory,
 ) -> Mapping[str, Measure]:
-    """Return all measures of MEASURES by name, null where one is not defined."""
+    """Return all measures of MEASURES by name, null if one is not defined."""
     plans = [plan for decision in trajectory.decisions for plan in decision.plans]
     measures: dict[str, Measure] = {
         **_shape(scenario, flight, trajectory),
@@ -52,10 +52,10 @@ def flown(
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
 ) -> Flown:
-    """Return the cost of the path flown, and what is missing of the safe distance.
+    """Return the cost of the path flown, and the missing part of the safe distance.
 
-    The integral of the stage cost of all UAVs; where each plans alone, the sum of the
-    costs of their plans. The distance that is missing is a part of the safe one.
+    The cost is the integral of the stage cost of all UAVs, or the sum of the costs of
+    their plans if each plans on its own.
     """
     safe, found = scenario.distances.safe_m, measures["min_distance_m"]
     near = found if isinstance(found, float) else np.inf
@@ -128,7 +128,7 @@ def _costs(
 def _losses(
     flight: ReconfigurationFlight, trajectory: Trajectory, costs: Array
 ) -> int | None:
-    """Return how many plans are worse than the last one, shifted (5.29)."""
+    """Return the number of plans that cost more than the shifted last plan (5.29)."""
     if flight.posed.nearby is not None:
         return None
     planner, losses = flight.loop.planner, 0

@@ -1,6 +1,6 @@
 """A reconfiguration scenario -> planning problems and plant.
 
-All controls are decided at once, the leader's too, unless it flies straight; or UAV
+All controls are decided at once, also the leader's unless it flies straight; or UAV
 after UAV plans (`planning: priority`).
 """
 
@@ -38,7 +38,7 @@ class PosedReconfiguration(Posed):
     """A reconfiguration.
 
     Attributes:
-        slots: Of each UAV relative to the leader, shape (uavs, 2) [m].
+        slots: Slot of each UAV relative to the leader, shape (uavs, 2) [m].
         steered: Numbers from 0 of the UAVs whose controls are decided.
         trim: Controls of straight flight, shape (2,).
         links: Pairs of UAVs that keep the communication distance.
@@ -53,7 +53,7 @@ class PosedReconfiguration(Posed):
         """Return flown controls of all UAVs, shape (uavs, 2, T).
 
         Args:
-            controls: Of the steered UAVs, shape (steered * 2, T).
+            controls: Controls of the steered UAVs, shape (steered * 2, T).
         """
         steps = controls.shape[1]
         full = np.repeat(self.trim[:, None], steps, axis=1)
@@ -95,7 +95,7 @@ def pose(scenario: ReconfigurationScenario) -> PosedReconfiguration:
 
 
 def flaws(scenario: ReconfigurationScenario) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong across the scenario's parts, starts included."""
+    """Yield errors between parts of the scenario, also those of starts."""
     found = list(scenario.flaws())
     yield from found
     if found:
@@ -117,7 +117,7 @@ def flaws(scenario: ReconfigurationScenario) -> Iterator[LocatedFlaw]:
 def _links(
     scenario: ReconfigurationScenario, slots: Array
 ) -> tuple[tuple[int, int], ...]:
-    """Return the pairs that keep the communication distance: all, or the tree's."""
+    """Return the pairs that keep the communication distance: all, or those of the tree."""
     if scenario.planning.name == "joint":
         return tuple(itertools.combinations(range(len(slots)), 2))
     links = links_of(scenario, slots, planning_order(scenario, slots))

@@ -1,13 +1,13 @@
 """A reconfiguration in which UAV after UAV plans, the leader first.
 
-UAV i takes its part e_i'Q e_i of (5.38) alone. It sees the leader's plan and keeps the
-safe distance (5.33) to all within range: to the fresh plans of those that have planned
-before it, to the last plans of the others. It keeps the communication distance (5.34)
-to its links only: the nearest in the new formation among those that have planned before
-it. With one link each, the links are a tree that hangs at the leader, so that all UAVs
-stay in touch. The leader holds its course.
+UAV i minimises its part e_i'Q e_i of (5.38) alone. It uses the leader's plan and keeps
+the safe distance (5.33) to all UAVs within range: to the new plans of those that have
+planned before it, and to the last plans of the others. It keeps the communication
+distance (5.34) to its links only: the nearest UAVs in the new formation among those
+that have planned before it. With one link each, the links are a tree with the leader as
+its root, so that all UAVs are connected. The leader holds its course.
 
-They plan in the order of their slots' distances from the leader.
+The UAVs plan in the order of their slots' distances from the leader.
 """
 
 import itertools
@@ -35,7 +35,7 @@ from swarmstart.ocp import Bounds, OptimalControlProblem
 Array = NDArray[np.float64]
 
 FEWEST_OTHERS = 4
-"""The smallest number of others that a problem is compiled for; each next is twice."""
+"""Smallest number of others for which a problem is compiled; it is then doubled."""
 
 
 def planning_order(scenario: ReconfigurationScenario, slots: Array) -> list[int]:
@@ -48,7 +48,7 @@ def planning_order(scenario: ReconfigurationScenario, slots: Array) -> list[int]
 def links_of(
     scenario: ReconfigurationScenario, slots: Array, order: Sequence[int]
 ) -> dict[int, tuple[int, ...]]:
-    """Return the UAVs that each keeps the communication distance to.
+    """Return for each UAV those to which it keeps the communication distance.
 
     Args:
         scenario: The scenario.
@@ -67,7 +67,7 @@ def links_of(
 def priority_team(
     scenario: ReconfigurationScenario, slots: Array, order: Sequence[int]
 ) -> tuple[tuple[PosedAgent, ...], Nearby]:
-    """Return the UAVs, and every problem that they may plan.
+    """Return the UAVs, and all problems that they can plan.
 
     Args:
         scenario: The scenario, with `planning: priority`.
@@ -109,7 +109,7 @@ def _constant(values: ArrayLike) -> Callable[[float], Array]:
 
 
 def rooms(uavs: int) -> list[int]:
-    """Return the numbers of others that problems are compiled for: 4, 8, 16, ..."""
+    """Return the numbers of others for which problems are compiled: 4, 8, 16, ..."""
     doubled = (FEWEST_OTHERS * 2**k for k in itertools.count())
     return [*itertools.takewhile(lambda others: others < uavs - 1, doubled), uavs - 1]
 
@@ -120,11 +120,11 @@ def uav_problem(
     """Return one UAV's planning problem, the same for every UAV.
 
     Its signals are the leader's state, the positions of its links and of the others;
-    its parameters its slot, and for each link 1 where it is one, else 0.
+    its parameters are its slot, and 1 for each link that is used, else 0.
 
     Args:
         scenario: The scenario.
-        others: How many others it has signals for.
+        others: Number of others for which it has signals.
     """
     prediction, kept = scenario.prediction, scenario.planning.links
     model = replace(
@@ -158,7 +158,7 @@ def uav_problem(
 
 
 def _straight_flight(scenario: ReconfigurationScenario) -> Callable[[Array], Array]:
-    """Return times (n,) [s] -> the leader's states where it flies straight, (4, n)."""
+    """Return times (n,) [s] -> states of the leader in straight flight, (4, n)."""
     start = scenario.uavs[scenario.leader_index]
     psi = start.heading_rad
     rate = start.speed_m_s * np.array([0.0, 0.0, np.cos(psi), np.sin(psi)])

@@ -34,7 +34,7 @@ from swarmstart.ocp import (
 )
 
 Array = NDArray[np.float64]
-NX, NU = 4, 2  # Of one UAV.
+NX, NU = 4, 2  # Sizes of one UAV.
 
 
 def trim(vehicle: Vehicle) -> Array:
@@ -77,8 +77,8 @@ def joint_problem(
 
     Args:
         scenario: The scenario.
-        model: All UAVs, as of `team_model`.
-        slots: Of each UAV relative to the leader, shape (uavs, 2) [m].
+        model: Model of all UAVs, from `team_model`.
+        slots: Slot of each UAV relative to the leader, shape (uavs, 2) [m].
     """
     prediction, uavs = scenario.prediction, ca.vertsplit(model.states, NX)
     leader = uavs[scenario.leader_index]
@@ -108,7 +108,7 @@ def error(state: ca.SX, leader: ca.SX, slot: ca.SX | ca.DM, *, turned: bool) -> 
     """Return e_i = x_ref,i - (x_i - x_L), shape (4, 1).
 
     Args:
-        state: Of the UAV.
+        state: State of the UAV.
         leader: State of the leader.
         slot: Relative to the leader, shape (2, 1) [m].
         turned: Whether the slot turns with the leader.

@@ -1,8 +1,8 @@
-"""The best J that is known from each state of a flight, for its gap.
+"""The lowest known cost J from each state of a flight, for its gap.
 
-The best of the flown plan as it is and, polished by IPOPT, the basins of a long L-SHADE
-search and of points drawn at random. From the first state of the text's experiment one
-random start in seven finds the best minimum; from the later ones all do.
+It is the lowest of the flown plan and, polished by IPOPT, the basins of a long L-SHADE
+search and of random points. From the first state of the text's experiment one random
+start in seven finds the best minimum; from later states all do.
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,15 +38,14 @@ EXACT = IpoptOptions(tolerance=1e-10)
 
 
 def gaps(joint: RecedingHorizon, trajectory: Trajectory) -> Array:
-    """Return J of each plan less the best J found there, shape (T,).
+    """Return J of each plan minus the lowest J found there, shape (T,).
 
-    Below 0 where a flown plan is cheap since it breaks a limit.
-
-    Seeded by the step, so that the best does not depend on how a flight was searched.
+    It is below 0 if a plan costs less because it breaks a limit. The seeds are those of
+    the steps, so that the result does not depend on the search of a flight.
 
     Args:
         joint: The controller of all UAVs at once.
-        trajectory: What it flew.
+        trajectory: The flight.
     """
     best = best_costs(joint, trajectory.states[:, :-1])
     flown = [decision.plans[0] for decision in trajectory.decisions]
@@ -56,7 +55,7 @@ def gaps(joint: RecedingHorizon, trajectory: Trajectory) -> Array:
 
 
 def best_costs(joint: RecedingHorizon, states: Array) -> Array:
-    """Return the best J found from each state, shape (T,); infinity where none is.
+    """Return the lowest J found from each state, shape (T,); infinity if none is found.
 
     Args:
         joint: The controller of all UAVs at once.

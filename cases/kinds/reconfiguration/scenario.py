@@ -31,7 +31,7 @@ from swarmstart.cases.kinds.planar import (
 )
 
 MOST_JOINT = 40
-"""UAVs: with more, one problem of all pairs takes minutes to build."""
+"""Largest number of UAVs for one problem of all pairs, which takes minutes to build."""
 
 
 class Vehicle(Part):
@@ -59,7 +59,7 @@ class Vehicle(Part):
     speed_m_s: Range | None = None
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what is wrong with it."""
+        """Yield its errors."""
         yield from bank_flaws(self.turn, self.bank_rad)
         if self.speed_m_s is not None:
             yield from speed_limit_flaws(self.speed_m_s)
@@ -83,11 +83,11 @@ class Distances(Part):
 
     @property
     def kept_m(self) -> tuple[float, float]:
-        """Return the limits that plans keep: the margin is taken off on both sides."""
+        """Return the limits that plans keep, with the margin on both sides."""
         return self.safe_m + self.margin_m, self.communication_m - self.margin_m
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what is wrong with them."""
+        """Yield their errors."""
         near, far = self.kept_m
         if near >= far:
             yield (
@@ -124,7 +124,7 @@ class Planning(Part):
     links: int = Field(default=1, ge=1, le=8)
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what is wrong with it."""
+        """Yield its errors."""
         if self.name == "priority" and self.range_m is None:
             yield (), "expected the key range_m with priority"
 
@@ -187,7 +187,7 @@ class ReconfigurationScenario(Scenario):
         return self.leader_uav - 1
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what one part of the scenario makes wrong in another."""
+        """Yield errors between parts of the scenario."""
         yield from super().flaws()
         for key in ("vehicle", "distances", "planning"):
             for path, message in getattr(self, key).flaws():
@@ -201,7 +201,7 @@ class ReconfigurationScenario(Scenario):
                 f"expected priority with more than {MOST_JOINT} UAVs, found joint with "
                 f"{len(self.uavs)}",
             )
-        elif not any(self.distances.flaws()):  # Else slots could not keep them.
+        elif not any(self.distances.flaws()):  # Else no slots can keep them.
             yield from self._slot_flaws()
         yield from self._speed_flaws()
         yield from self._leader_flaws()
@@ -259,7 +259,7 @@ class ReconfigurationScenario(Scenario):
                 )
 
     def _own_slot_flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what is wrong with the leader's slot: slots are relative to it."""
+        """Yield errors of the leader's slot: slots are relative to it."""
         expected = "expected the leader's own slot at (0, 0)"
         if self.assignment == "shortest":
             if all(math.hypot(s.x_m, s.y_m) > SAME_PLACE_M for s in self.slots):
@@ -307,7 +307,7 @@ class ReconfigurationScenario(Scenario):
 def start_flaws(
     scenario: ReconfigurationScenario, pair: tuple[int, int], *, linked: bool
 ) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong with the distance of two starts.
+    """Yield errors of the distance of two starts.
 
     Args:
         scenario: The scenario.
@@ -322,7 +322,7 @@ def start_flaws(
 
 
 def _out_of_range(apart: float, *, near: float, far: float) -> Iterator[str]:
-    """Yield what was expected of a distance that is out of its limits."""
+    """Yield the expectation for a distance that is out of its limits."""
     if apart < near:
         yield f"at least {near:g} m (distances.safe_m) from {{}}, found {apart:g} m"
     elif apart > far:

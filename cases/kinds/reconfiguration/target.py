@@ -1,7 +1,7 @@
 """Slots of the UAVs, and their distances from them.
 
-With the assignment `shortest` the sum of the squared distances is the least. The leader
-keeps the slot at (0, 0).
+The assignment `shortest` minimises the sum of squared distances. The leader keeps the
+slot at (0, 0).
 """
 
 import numpy as np
@@ -34,7 +34,7 @@ def slots_in_plane(slots: Array, headings: Array, *, turned: bool) -> Array:
 
     Args:
         slots: Relative to the leader, shape (uavs, 2) [m].
-        headings: The leader's, shape (T,) [rad].
+        headings: Headings of the leader, shape (T,) [rad].
         turned: Whether the slots turn with the leader.
     """
     psi = headings if turned else np.zeros_like(headings)

@@ -1,4 +1,4 @@
-"""Transfer as the commands run it."""
+"""The kind of scenario "transfer"."""
 
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.transfer.measures import flown, measure

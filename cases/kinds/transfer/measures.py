@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 def measure(
     scenario: TransferScenario, flight: TransferFlight, trajectory: Trajectory
 ) -> Mapping[str, Measure]:
-    """Return all measures of MEASURES by name, null where one is not defined."""
+    """Return all measures of MEASURES by name, null if one is not defined."""
     plan = trajectory.decisions[0].plans[0]
     solution = flight.answer(trajectory)
     uavs = len(flight.posed.goals)
@@ -58,9 +58,9 @@ def flown(
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
 ) -> Flown:
-    """Return the verified cost of the plan, and what is missing of the safe distance.
+    """Return the verified cost of the plan, and the missing part of the safe distance.
 
-    As a part of that distance, between the checks too.
+    Distances between the checks count, too.
     """
     del flight, trajectory
     near, cost = measures["min_distance_m"], measures["verified_cost"]

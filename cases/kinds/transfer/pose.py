@@ -12,9 +12,9 @@ straight line to the goal and n to the left of it,
     p(t) = p_0 + v_0 t + d h(s) + l (c_1 b_1(s) + c_2 b_2(s)) n + m c_3 b_1(s) e
     h(s) = (3 s^2 - s^3) / 2,   b_1 = sin^2(pi s),   b_2 = sin^2(pi s) cos(pi s)
 
-begins in p_0 with v_0 and ends in p_f, whatever the coefficients in [-1, 1] are; h is
-the least acceleration that does so. The speed and heading are those of p', and the
-aircraft is flat in p:
+begins in p_0 with v_0 and ends in p_f for all coefficients in [-1, 1]; h is the least
+acceleration that does so. Speed and heading are those of p', and the aircraft is flat
+in p:
 
     v = |p'|,  a = p'.p'' / v,  phi = asin or atan of (p' x p'') / (v g)
 """
@@ -49,12 +49,12 @@ from swarmstart.ocp import (
 )
 
 Array = NDArray[np.float64]
-NX, NU = 4, 2  # Of one UAV.
+NX, NU = 4, 2  # Sizes of one UAV.
 COEFFICIENTS = 3
 SMALLEST_SPEED_M_S = 1e-3
-"""Keeps a path that stands still finite."""
+"""Small speed that keeps a path without motion finite."""
 TOLERANCE_M = 1e-4
-"""Summed violation that counts as none: what IPOPT leaves, rolled out."""
+"""Largest summed violation of a feasible plan: the error of IPOPT, rolled out."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -68,7 +68,7 @@ TransferFlight = Flight[PosedTransfer]
 
 
 def pose(scenario: TransferScenario) -> PosedTransfer:
-    """Return the one planning problem, with the paths searched, and the plant.
+    """Return the one planning problem, with its family of paths, and the plant.
 
     Args:
         scenario: The scenario, checked.
@@ -95,7 +95,7 @@ def pose(scenario: TransferScenario) -> PosedTransfer:
 
 
 def flaws(scenario: TransferScenario) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong across the scenario's parts, with the place."""
+    """Yield errors between parts of the scenario, with their places."""
     yield from scenario.flaws()
     for number, (x, y) in enumerate(assigned_goals(scenario)):
         yield from goal_flaws(scenario, number, (float(x), float(y)))
@@ -235,7 +235,7 @@ def flat_path(
     bank = (
         ca.atan(turned) if turn == "tan" else ca.asin(ca.fmin(ca.fmax(turned, -1), 1))
     )
-    # The heading goes on from the initial one: the angle between the two, not atan2.
+    # The heading continues from the initial one: the angle between the two, not atan2.
     ahead = velocity[0] * rate[0] + velocity[1] * rate[1]
     aside = velocity[0] * rate[1] - velocity[1] * rate[0]
     heading = psi + ca.atan2(aside, ahead)

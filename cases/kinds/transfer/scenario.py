@@ -1,6 +1,6 @@
-"""The scenario of a transfer: UAVs that fly from their starts to goals in a time.
+"""The scenario of a transfer: UAVs that fly from starts to goals in a given time.
 
-Beyond the chapter; its antipodal swap is a common test of avoidance.
+The chapter does not have it; its antipodal swap is a common test of avoidance.
 """
 
 import math
@@ -48,7 +48,7 @@ class Vehicle(Part):
     turn: Literal["sin", "tan"] = "tan"
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what is wrong with it."""
+        """Yield its errors."""
         yield from bank_flaws(self.turn, self.bank_rad)
         yield from speed_limit_flaws(self.speed_m_s)
 
@@ -128,7 +128,7 @@ class TransferScenario(Scenario):
     plant: PlantPart = PlantPart()
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield what one part of the scenario makes wrong in another."""
+        """Yield errors between parts of the scenario."""
         yield from super().flaws()
         if self.steps > self.prediction.intervals:
             yield (
@@ -150,12 +150,12 @@ class TransferScenario(Scenario):
 def goal_flaws(
     scenario: TransferScenario, number: int, goal: tuple[float, float]
 ) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong with the goal that a UAV has, its own or an assigned one.
+    """Yield errors of a UAV's goal, its own or an assigned one.
 
     Args:
         scenario: The scenario.
-        number: The UAV's, from 0.
-        goal: Where it is to be at the end [m].
+        number: Number of the UAV, from 0.
+        goal: Position at the end [m].
     """
     start, place = scenario.uavs[number].start, ("uavs", number, "goal")
     reach = scenario.vehicle.speed_m_s.upper * scenario.prediction.horizon_s
