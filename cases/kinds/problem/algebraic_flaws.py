@@ -1,4 +1,4 @@
-"""Flaws of algebraic equations, which determine variables of a model."""
+"""Errors of algebraic equations, which determine variables of a model."""
 
 from collections.abc import Iterator
 
@@ -15,10 +15,10 @@ from swarmstart.errors import SwarmstartError
 
 
 def algebraic_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield equations that determine no variables, and variables without a value.
+    """Yield errors of equations that determine no variables, or without a value.
 
     At the start and the end of the horizon there is no control, so that a variable that
-    depends on one has no value there.
+    depends on a control has no value there.
     """
     if not scenario.algebraic:
         return
@@ -52,7 +52,7 @@ def _of_scales(scenario: ProblemScenario, member: Member) -> Iterator[LocatedFla
 
 
 def _at_ends(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
-    """Yield (place, scope, text) of what stands where there are no controls."""
+    """Yield (place, scope, text) of expressions at times without controls."""
     for key in ("initial_cost", "terminal_cost"):
         yield (key,), key, getattr(scenario, key)
     for index, one in enumerate(scenario.terminal):

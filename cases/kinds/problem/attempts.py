@@ -1,6 +1,6 @@
-"""Trials of each expression of a problem, one by one, to find what fails.
+"""Evaluation of all expressions of a problem, one by one, to find errors.
 
-An attempt is a place in the scenario and a call that raises what is wrong there.
+An attempt is a place in the scenario and a call that raises the error there.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -37,7 +37,7 @@ Members = tuple[Member, ...]
 
 
 def tried(attempts: Iterable[Attempt]) -> Iterator[LocatedFlaw]:
-    """Yield the error of each attempt that fails, of a whole only if no part does."""
+    """Yield the error of each attempt that fails; of a whole only if no part fails."""
     failed: set[Place] = set()
     for place, attempt in attempts:
         try:
@@ -49,7 +49,7 @@ def tried(attempts: Iterable[Attempt]) -> Iterator[LocatedFlaw]:
 
 
 def constants(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield how each constant gets its value, from those before it."""
+    """Yield attempts to evaluate each constant from those before it."""
     known: dict[str, float] = {}
     for name, text in scenario.constants.items():
         yield ("constants", name), partial(_add, name, text, known)
@@ -66,12 +66,12 @@ def _add(name: str, text: str, known: dict[str, float]) -> None:
 
 
 def quantity(place: Place, text: str, names: Mapping[str, float]) -> Attempt:
-    """Return how a number gets its value."""
+    """Return an attempt to evaluate a number."""
     return place, partial(number, text, names)
 
 
 def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield how the definitions get their values, one more at a time."""
+    """Yield attempts to evaluate the definitions, with one more in each attempt."""
     names, shared = list(scenario.definitions), shared_of(scenario)
     for count in range(len(names) + 1):
         some = {name: scenario.definitions[name] for name in names[:count]}
@@ -81,7 +81,7 @@ def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
 
 
 def starts(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield how starts, and what else is decided, get their bounds and guesses."""
+    """Yield attempts to evaluate starts and bounds and guesses of decided numbers."""
     fixed = constants_of(scenario)
     vehicles = scenario.vehicles.members if scenario.vehicles else []
     owned = [constants_of(scenario, one.constants) for one in vehicles]
@@ -111,7 +111,7 @@ def starts(scenario: ProblemScenario) -> Iterator[Attempt]:
 def _of_decided(
     place: Place, given: Decided, names: Mapping[str, float]
 ) -> Iterator[Attempt]:
-    """Yield how bounds and guess of what is decided get their values, then both."""
+    """Yield attempts to evaluate bounds and guess of a decided number, then both."""
     for index, text in enumerate(given.free):
         if text is not None:
             yield (*place, "free", index), partial(number, text, names)
@@ -121,7 +121,7 @@ def _of_decided(
 
 
 def expressions(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield how every other expression gets its value."""
+    """Yield attempts to evaluate all other expressions."""
     members, fixed = members_of(scenario, shared_of(scenario)), constants_of(scenario)
     for place, scope, text in _symbolic(scenario):
         yield place, _in_all(members, scope, text)
@@ -138,7 +138,7 @@ def expressions(scenario: ProblemScenario) -> Iterator[Attempt]:
 
 
 def in_time(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield how that gets its values which has some at each time."""
+    """Yield attempts to evaluate values over time."""
     members, fixed = members_of(scenario, shared_of(scenario)), constants_of(scenario)
     for place, given in _over_time(scenario):
         if isinstance(given, Noise):
@@ -175,7 +175,7 @@ def _symbolic(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
 
 
 def _bounds(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
-    """Yield (place, scope, text) of bounds, which may move."""
+    """Yield (place, scope, text) of bounds, which can change with time."""
     for part in ("states", "controls"):
         for name, one in getattr(scenario, part).items():
             for index, text in enumerate(one.bounds or ()):
@@ -184,7 +184,7 @@ def _bounds(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
 
 
 def _over_time(scenario: ProblemScenario) -> Iterator[tuple[Place, OverTime | Noise]]:
-    """Yield everything that has values over time."""
+    """Yield all parts that have values over time."""
     parts: dict[Place, Mapping[str, OverTime | Noise]] = {
         ("parameters",): known_parameters(scenario),
         ("signals",): scenario.signals,
@@ -231,7 +231,7 @@ def _in_all(members: Members, place: str, text: str) -> Callable[[], object]:
 def _of_constraint(
     path: Place, given: Constraint | Distance, members: Members
 ) -> Iterator[Attempt]:
-    """Yield how the parts of a constraint get their values, then the whole."""
+    """Yield attempts to evaluate the parts of a constraint, then the whole."""
     where, fixed = str(path[0]), members[0].constants
     inner = (
         {(*path, "expression"): given.expression}

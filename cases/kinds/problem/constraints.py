@@ -1,4 +1,4 @@
-"""The constraints of a problem: of each vehicle, and of every two."""
+"""The constraints of a problem: of each vehicle, and of each pair."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -79,7 +79,7 @@ def separations(
     members: Sequence[Member],
     others: Mapping[Member, ca.SX],
 ) -> list[Separation]:
-    """Return the distances of every two members, and of each from those it sees."""
+    """Return the distances of all pairs of members, and to seen members."""
     if part is None:
         return []
     places = [
@@ -111,7 +111,7 @@ def separations(
 
 
 def _limits(given: Constraint, member: Member) -> tuple[float, float]:
-    """Return lower and upper limit; without any the expression is to be 0."""
+    """Return lower and upper limit; without limits the expression must be 0."""
     if given.equals is not None:
         value = number(given.equals, member.constants)
         return value, value

@@ -1,4 +1,4 @@
-"""Flaws of what a problem decides besides controls: end time, parameters, starts."""
+"""Errors of numbers decided besides controls: end time, parameters, starts."""
 
 import math
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from swarmstart.ocp import Free, OptimalControlProblem
 def combination_flaws(
     scenario: ProblemScenario, problem: OptimalControlProblem
 ) -> Iterator[LocatedFlaw]:
-    """Yield what vehicles that plan one by one, or a dual mode, cannot have."""
+    """Yield errors of parts that priority planning or a dual mode cannot have."""
     model, vehicles = problem.model, scenario.vehicles
     decides = {
         "an end time that is decided": isinstance(problem.horizon, Free),
@@ -54,7 +54,7 @@ def combination_flaws(
 
 
 def start_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield starts that are decided, though each plan starts at what is measured."""
+    """Yield errors of decided starts in closed loop, where the start is measured."""
     starts: dict[Place, object] = {
         ("states", name, "start"): state.start
         for name, state in scenario.states.items()
@@ -74,7 +74,7 @@ def start_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def tied_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield starts that are to be the same as one that is not decided."""
+    """Yield errors of starts that are tied to a start that is not decided."""
     own: dict[str, object] = {n: state.start for n, state in scenario.states.items()}
     starts: list[tuple[Place, str, dict[str, object]]] = [
         (("states", name, "start"), name, own) for name in own
@@ -97,7 +97,7 @@ def tied_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def end_time_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield what does not go with the end time: a number, decided, or left out."""
+    """Yield errors of parts that do not fit the end time."""
     place: Place = ("prediction", "horizon_s")
     horizon = scenario.prediction.horizon_s
     rates = [name for name, s in scenario.states.items() if s.rate is not None]
@@ -117,7 +117,7 @@ def end_time_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _of_free_end(scenario: ProblemScenario, has_rates: bool) -> Iterator[LocatedFlaw]:
-    """Yield what does not go with an end time that is decided."""
+    """Yield errors of parts that do not fit a decided end time."""
     is_open, period = scenario.feedback.law == "open_loop", scenario.feedback.period_s
     if not has_rates:
         yield (
@@ -158,7 +158,7 @@ def _of_free_end(scenario: ProblemScenario, has_rates: bool) -> Iterator[Located
 
 
 def decided_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield bounds of an end time and of parameters that leave nothing to decide."""
+    """Yield errors of bounds of a decided end time or parameter."""
     fixed, place = constants_of(scenario), ("prediction", "horizon_s")
     for name, one in decided_parameters(scenario, fixed).items():
         yield from search_flaws(scenario, ("parameters", name, "free"), one)
@@ -182,7 +182,7 @@ def decided_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 def search_flaws(
     scenario: ProblemScenario, place: Place, one: Free
 ) -> Iterator[LocatedFlaw]:
-    """Yield that a search draws between bounds that there are not."""
+    """Yield errors of missing bounds, between which a search draws."""
     is_bounded = math.isfinite(one.lower) and math.isfinite(one.upper)
     if scenario.search.name != "none" and not is_bounded:
         yield (
@@ -195,7 +195,7 @@ def search_flaws(
 def bounded_start_flaws(
     scenario: ProblemScenario, name: str, bounds: tuple[float, float], free: Free
 ) -> Iterator[LocatedFlaw]:
-    """Yield that the start of a state is decided where none is allowed."""
+    """Yield errors of decided starts that are always out of the state's bounds."""
     lower, upper = max(bounds[0], free.lower), min(bounds[1], free.upper)
     place: Place = ("states", name, "start")
     if lower > upper:

@@ -1,4 +1,4 @@
-"""Measures of what is decided besides controls: end time, parameters, starts."""
+"""Measures of numbers decided besides controls: end time, parameters, starts."""
 
 from collections.abc import Mapping
 
@@ -29,7 +29,7 @@ def is_decided(problem: OptimalControlProblem) -> bool:
 
 
 def decided_values(problem: OptimalControlProblem, x0: Array) -> dict[str, float]:
-    """Return what a plan decides besides controls, by the names of its measures.
+    """Return the numbers that a plan decides besides controls, by their measures.
 
     Args:
         problem: The problem.
@@ -42,7 +42,7 @@ def decided_values(problem: OptimalControlProblem, x0: Array) -> dict[str, float
     }
     if problem.risk is None:
         states = {i: names[i] for one in problem.free_starts for i in one.states}
-    else:  # All members start alike: names are those of the first, without its number.
+    else:  # All members have one start: names are those of the first, without 0.
         first = len(names) // problem.risk.members
         states = {
             i: names[i].removesuffix("_0")
@@ -54,7 +54,7 @@ def decided_values(problem: OptimalControlProblem, x0: Array) -> dict[str, float
 
 
 def decided_measures(scenario: ProblemScenario) -> dict[str, str]:
-    """Return the measures of what is decided or uncertain: name -> why it is null."""
+    """Return measures of decided and uncertain numbers: name -> reason for null."""
     is_free = isinstance(scenario.prediction.horizon_s, Decided)
     found = [END_TIME_MEASURE] if is_free or scenario.phases else []
     for name, one in zip(phase_names(scenario), scenario.phases, strict=True):
@@ -66,7 +66,7 @@ def decided_measures(scenario: ProblemScenario) -> dict[str, str]:
 
 
 def _decided_starts(scenario: ProblemScenario) -> list[str]:
-    """Return the states whose start is decided, of vehicles each with its name."""
+    """Return the states with a decided start, with the names of their vehicles."""
     first = phase_scenarios(scenario)[0] if scenario.phases else scenario
     members = scenario.vehicles.members if scenario.vehicles else []
     names = []
@@ -88,8 +88,8 @@ def with_durations(
     """Return measures with the lengths of the phases [s] by their names.
 
     Args:
-        scenario: With phases.
-        problem: Of all phases.
+        scenario: A scenario with phases.
+        problem: The problem of all phases.
         found: The measures, with decided lengths as parameters.
     """
     measures, lengths, named = dict(found), [], {}

@@ -1,7 +1,7 @@
-"""Flaws of a problem scenario across its parts, each with its place.
+"""Errors between parts of a problem scenario, each with its place.
 
-Names first, then constants, definitions and all expressions; last the problem itself,
-as the library takes it.
+Names are checked first, then constants, definitions and all expressions, and at last
+the problem itself by the library.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -40,7 +40,7 @@ from swarmstart.ocp import OptimalControlProblem
 
 
 def flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong; a later stage only if the earlier ones are right."""
+    """Yield errors; those of a later stage only if earlier stages have none."""
     every = phases_flaws(scenario, _STAGES) if scenario.phases else _in_stages(scenario)
     yield from every
 
@@ -54,14 +54,14 @@ def _in_stages(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _whole(scenario: ProblemScenario) -> OptimalControlProblem:
-    """Return the problem of all that are planned together."""
+    """Return the problem of all vehicles that are planned together."""
     members = members_of(scenario, shared_of(scenario))
     one_by_one = scenario.vehicles and scenario.vehicles.planning == "priority"
     return planning_problem(scenario, members[:1] if one_by_one else members)
 
 
 def _of_whole(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield that there is no such problem, or that it would take minutes to build.
+    """Yield errors of the whole problem, also if it would take minutes to build.
 
     An interval is one expression.
     """
@@ -80,7 +80,7 @@ def _of_whole(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _of_parts(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield names given twice or to nothing, and parts that do not go together."""
+    """Yield errors of repeated and unknown names, and of parts that do not fit."""
     yield from scenario.flaws()
     yield from names_given_twice(scenario)
     yield from names_of_nothing(scenario)
@@ -98,7 +98,7 @@ def _vehicles(scenario: ProblemScenario) -> list[Vehicle]:
 
 
 def _missing_keys(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield keys that other parts of the scenario make necessary."""
+    """Yield errors of missing keys that other parts of the scenario require."""
     if not {*COSTS} & scenario.model_fields_set:
         yield (), f"expected a cost, one of {', '.join(COSTS)}; found none"
     vehicles = _vehicles(scenario)
@@ -141,7 +141,7 @@ def _of_vehicles(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _of_feedback(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield what does not go with one plan that is flown to its end, or with many."""
+    """Yield errors of parts that do not fit the open or the closed loop."""
     if scenario.feedback.law != "open_loop":
         yield from start_flaws(scenario)
         return
@@ -160,7 +160,7 @@ def _of_feedback(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _of_blocks(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield that blocks of intervals are not all intervals."""
+    """Yield an error if the blocks do not have all intervals."""
     grid = scenario.prediction
     if grid.blocks and sum(grid.blocks) != grid.intervals:
         yield (

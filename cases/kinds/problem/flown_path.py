@@ -1,7 +1,7 @@
-"""The simulated path of a problem as rows, and its costs and constraints there.
+"""The simulated path of a problem as rows, with costs and constraints along it.
 
-One row for each control interval, its plant's steps with both ends, so that a held
-control jumps between rows.
+There is one row for each control interval, with the plant's steps and both ends, so
+that a held control jumps between rows.
 """
 
 from typing import TypeVar
@@ -26,9 +26,9 @@ P = TypeVar("P", bound=Posed)
 def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Array]:
     """Return times [s], states and controls along the simulated path.
 
-    Shapes (T, m + 1), (nx, T, m + 1) and (nu, T, m + 1). Where the end of an interval
-    changes the state, one more column holds the state after it, and the one before
-    is what the interval led to.
+    Shapes (T, m + 1), (nx, T, m + 1) and (nu, T, m + 1). If the end of an interval
+    changes the state, one more column has the state after the change, and the column
+    before it the state before the change.
     """
     (times,) = _by_interval(trajectory.dense_times[None], trajectory)
     states = _by_interval(trajectory.dense_states, trajectory)
@@ -65,7 +65,7 @@ def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Ar
 def decided_rows(
     flight: Flight[P], trajectory: Trajectory, shape: tuple[int, ...]
 ) -> dict[str, Array]:
-    """Return the parameters that plans decide, as they were flown, each (T, m + 1)."""
+    """Return the decided parameters along the simulated path, each (T, m + 1)."""
     plant = flight.posed.plant
     if not plant.decided:
         return {}
@@ -89,7 +89,7 @@ def algebraic_rows(
     Args:
         flight: The flight.
         trajectory: Its path.
-        times: As of `rows_of`, like states and controls.
+        times: Times as from `rows_of`, like states and controls.
         states: Shape (nx, T, m + 1).
         controls: Shape (nu, T, m + 1).
     """
@@ -112,8 +112,8 @@ def algebraic_rows(
 
 
 def integrated(values: Array, times: Array) -> float:
-    """Return an integral over time of values along a path, as of `rows_of`."""
-    if times[0, -1] == times[0, -2]:  # What the end of an interval changes.
+    """Return the time integral of values along a path, as from `rows_of`."""
+    if times[0, -1] == times[0, -2]:  # The end of an interval changes the value.
         values, times = values[:, :-1], times[:, :-1]
     return float(simpson(values, x=times, axis=1).sum())
 
@@ -123,11 +123,12 @@ def flown_values(
 ) -> tuple[float, float, float]:
     """Return cost, and largest excess of path and terminal constraints, 0 if all hold.
 
-    Parameters are the plant's, whose own may follow them; signals those of an agent.
+    Parameters are those of the plant, whose own parameters can follow them; signals are
+    those of an agent.
     """
     model, (agent, *_) = problem.model, flight.posed.agents
     times, states, controls = rows_of(flight, trajectory)
-    if problem.clock:  # Its costs are of the horizon's own time, of length 1.
+    if problem.clock:  # Its costs use the horizon's own time, of length 1.
         times = _even_times(problem, times)
     shape, at = times.shape, times.reshape(-1)
     parameters = flight.plant.parameters(at)[: model.np]
@@ -156,13 +157,13 @@ def flown_values(
     over = ca.Function("along", symbols, [*costs, paths, ends])
     found = [np.array(rows) for rows in over.map(at.size)(*arguments)]
     stage, step, initial, terminal = (rows.reshape(shape) for rows in found[:4])
-    if problem.has_knots:  # Its step cost has the control at the end of an interval.
+    if problem.has_knots:  # Its step cost uses the control at the end of an interval.
         arguments[1] = np.repeat(controls[:, :, -1], shape[1], axis=1)
         step = np.array(over.map(at.size)(*arguments)[1]).reshape(shape)
     cost = integrated(stage, times) + step[:, 0].sum()
     cost += initial[0, 0] + terminal[-1, -1]
     path = found[4].reshape(-1, *shape)
-    if model.jumps:  # A held control says nothing of the state after its interval.
+    if model.jumps:  # A held control does not apply to the state after its interval.
         free = [not ca.depends_on(row, problem.model.controls) for row in _rows(paths)]
         last = path[free][:, -1, -1]
         path = np.append(path[:, :, :-1].ravel(), last)
@@ -174,17 +175,17 @@ def flown_values(
 
 
 def _even_times(problem: OptimalControlProblem, times: Array) -> Array:
-    """Return times that go evenly over a horizon, of shape as given, (T, m + 1)."""
+    """Return evenly spaced times over a horizon, shape (T, m + 1)."""
     steps = times.shape[1] - 1 - int(problem.model.jumps)
     parts = np.minimum(np.arange(times.shape[1]), steps) / steps
     return np.asarray(problem.dt * (np.arange(times.shape[0])[:, None] + parts))
 
 
 def controls_before(flight: Flight[P], controls: Array) -> Array:
-    """Return the controls of the interval before along the path, as of `rows_of`.
+    """Return the controls of the interval before along the path, as from `rows_of`.
 
-    Of linear controls it is the one at the beginning of the interval. Of vehicles that
-    plan one by one, those before the flight are zero.
+    For linear controls they are those at the beginning of the interval. For vehicles
+    that plan one by one, those before the first interval are zero.
     """
     (agent, *others) = flight.posed.agents
     if agent.problem.has_knots:
@@ -194,7 +195,7 @@ def controls_before(flight: Flight[P], controls: Array) -> Array:
     )
     if others:
         at = np.zeros(len(controls))
-    at = at[: len(controls)]  # Members of an ensemble may have controls of their own.
+    at = at[: len(controls)]  # Members of an ensemble can have controls of their own.
     before = np.empty_like(controls)
     for step in range(controls.shape[1]):
         held = controls[:, step]

@@ -1,4 +1,4 @@
-"""Meanings of the measures that a scenario of the user's defines or decides itself."""
+"""Meanings of the measures that a user's scenario defines or decides itself."""
 
 from swarmstart.cases.kinds.problem.decided_measures import decided_measures
 from swarmstart.cases.kinds.problem.names import END_TIME_MEASURE, MEMBERS_MEASURE

@@ -1,7 +1,8 @@
 """Measures of a problem: its own and those of any problem.
 
-Own measures are expressions on the simulated path: one row for each control interval,
-its plant's steps with both ends, so that a held control jumps between rows.
+Own measures are expressions on the simulated path. It has one row for each control
+interval, with the plant's steps and both ends, so that a held control jumps between
+rows.
 """
 
 import math
@@ -131,7 +132,7 @@ def measured(
         flight: The flight.
         trajectory: Its path.
         problem: The planning problem, of all vehicles together and one member.
-        own: Own measures, as of `own_values`.
+        own: Own measures, as from `own_values`.
     """
     plans, sense = trajectory.decisions[0].plans, problem.sense
     is_open = flight.posed.open_loop
@@ -167,21 +168,21 @@ def measured(
 def own_values(
     own: Mapping[str, str], path: Mapping[str, Value], tables: Tables = NO_TABLES
 ) -> dict[str, Measure]:
-    """Return own measures by name, null where one is not a finite number.
+    """Return own measures by name, null if one is not a finite number.
 
     Args:
         own: Name -> expression.
-        path: The values that they may use, by name.
-        tables: The tables that they may use, by name.
+        path: The values that they can use, by name.
+        tables: The tables that they can use, by name.
     """
     return {name: _own(text, path, tables) for name, text in own.items()}
 
 
 def own_measures(scenario: UserScenario) -> dict[str, str]:
-    """Return the scenario's own measures: name -> why it is null, where it is.
+    """Return the scenario's own measures: name -> reason why one can be null.
 
-    Only a settling time itself is above every bound where it is null, and not what is
-    computed of one: `9 - settling(...)`.
+    Only a settling time itself exceeds every bound if it is null, and not a value
+    computed from one, such as `9 - settling(...)`.
     """
     decided = (
         decided_measures(scenario) if isinstance(scenario, ProblemScenario) else {}
@@ -236,8 +237,8 @@ def wrong_measures(
 
     Args:
         own: Name -> expression.
-        known: Name -> PATH where it stands for values along the path, else a number.
-        tables: The tables that they may use, by name.
+        known: Name -> PATH for values along the path, else a number.
+        tables: The tables that they can use, by name.
     """
     shapes = {**_SHAPES, **dict.fromkeys(tables, _of_shape)}
     for name, text in own.items():
@@ -277,7 +278,7 @@ def _own(text: str, path: Mapping[str, Value], tables: Tables) -> float | None:
 
 
 def _reductions(times: Array) -> dict[str, Callable[..., float]]:
-    """Return the operations that make a number of a path."""
+    """Return the operations that compute a number from a path."""
 
     def full(x: Value) -> Array:
         return np.broadcast_to(np.asarray(x, dtype=np.float64), times.shape)
@@ -286,7 +287,7 @@ def _reductions(times: Array) -> dict[str, Callable[..., float]]:
         return integrated(full(x), times)
 
     def settling(x: Value, target: Value, band: Value) -> float:
-        # A value that is not a number is outside.
+        # NaN counts as outside.
         outside = np.flatnonzero(~(np.abs(full(x) - target).ravel() <= band))
         if not outside.size:
             return float(times[0, 0])
@@ -310,7 +311,7 @@ def _reductions(times: Array) -> dict[str, Callable[..., float]]:
 
 
 PATH = object()
-"""Stands for values along a path where only shapes are looked at."""
+"""Placeholder of values along a path, if only shapes are checked."""
 
 
 def _of_shape(*arguments: object) -> object:

@@ -1,6 +1,7 @@
-"""The vehicles of a problem, with their symbols, and what may stand where.
+"""The vehicles of a problem, with their symbols and the scopes of expressions.
 
-Without `vehicles` there is one, without a name. All share parameters and signals.
+Without `vehicles` there is one vehicle, without a name. All share parameters and
+signals.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,17 +51,17 @@ class Member:
     """A vehicle with its symbols; without `vehicles` there is one, without a name.
 
     Attributes:
-        suffix: Follows the names of its states and controls in the results.
+        suffix: Suffix of the names of its states and controls in the results.
         constants: Name -> number.
-        start: Its states at the start, shape (nx,); guessed where decided.
-        decided: Name of a state whose start is decided -> within what.
-        tied: Name of a state -> that of the decided one whose start it has.
+        start: Its states at the start, shape (nx,); guesses for decided ones.
+        decided: Name of a state whose start is decided -> its bounds.
+        tied: Name of a state -> name of the decided state whose start it has.
         states: Name -> symbol.
         controls: Name -> symbol.
         algebraic: Name of an algebraic variable -> symbol.
         previous: Name of a control -> symbol of its value in the interval before.
-        shared: Symbols of all.
-        scopes: Where an expression stands -> the names that it may use.
+        shared: Symbols of all vehicles.
+        scopes: Place of an expression -> the names that it can use.
     """
 
     suffix: str
@@ -76,7 +77,7 @@ class Member:
     scopes: Mapping[str, Scope]
 
     def starts(self) -> dict[tuple[str, ...], Free]:
-        """Return what is decided about the start, by the names of its states."""
+        """Return the decided starts by the names of the states."""
         return {
             self.titled(
                 dict.fromkeys([name, *(n for n in self.tied if self.tied[n] == name)])
@@ -115,13 +116,13 @@ def candidate_scopes(
     constants: Mapping[str, float],
     time: float,
 ) -> list[Scope]:
-    """Return the names that candidates may use, with their values at a time [s].
+    """Return the names that candidates can use, with their values at a time [s].
 
     Args:
         scenario: The scenario.
-        members: Those that are planned together.
-        constants: The file's, as numbers.
-        time: When the plan is made.
+        members: Members that are planned together.
+        constants: Constants of the file, as numbers.
+        time: Time of planning [s].
     """
     values = {
         name: float(over_time(given, constants)(np.array([time]))[0])
@@ -198,13 +199,13 @@ def _symbols(names: Mapping[str, object], suffix: str = "") -> dict[str, ca.SX]:
 def _scopes(
     scenario: ProblemScenario, roles: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Scope]:
-    """Return what may stand where: ends know no controls, most no previous ones.
+    """Return the names for each place: none of controls at ends, few previous ones.
 
-    A definition may stand where all that it uses may.
+    A definition is allowed in places in which everything that it uses is allowed.
 
     Args:
         scenario: The scenario.
-        roles: What names are -> names with their values.
+        roles: Role of names -> names with their values.
     """
     kinds = {name: role for role, names in roles.items() for name in names}
     ends = ("control", "previous control")
@@ -243,6 +244,6 @@ def _scopes(
 
 
 def _said(name: str, roles: frozenset[str], kinds: Mapping[str, str]) -> str:
-    """Return what a name is, in words, where it may not stand."""
+    """Return the role of a name, in words, for places in which it is not allowed."""
     role = next(iter(sorted(roles)), "")
     return role if name in kinds else f"definition with a {role}"

@@ -3,9 +3,9 @@
     x' = rate(t, x, u, p, s),  x+ = next(t, x, u, p, s) at the end of an interval,
     J = integral of stage_cost + step_cost of each interval + initial and terminal cost
 
-Several vehicles share parameters and signals; planned jointly they are stacked, one
-after another each has a problem of its own with the positions of those before it as
-its last signals.
+Several vehicles share parameters and signals. If they are planned jointly they are
+stacked. If they are planned one after another, each has a problem of its own, with the
+positions of those before it as its last signals.
 """
 
 from collections.abc import Mapping, Sequence
@@ -56,9 +56,9 @@ def model_of(
     Args:
         scenario: The scenario.
         members: The members.
-        disturbed: Whether disturbances are parameters after the file's own, those of
-            one member after those of another: for a plant.
-        timed: Whether it has the time even if no rate depends on it.
+        disturbed: Whether disturbances are parameters after those of the file, member
+            after member, for a plant.
+        timed: Whether the time is an input even if no rate depends on it.
     """
     shared = members[0].shared
     parameters, rates, after = [*shared.parameters.values()], [], []
@@ -121,8 +121,8 @@ def planning_problem(
 
     Args:
         scenario: The scenario.
-        members: Those that are planned together.
-        seen: Others whose positions are the last signals.
+        members: Members that are planned together.
+        seen: Other members, whose positions are the last signals.
     """
     first, grid = members[0], scenario.prediction
     separation = None if scenario.vehicles is None else scenario.vehicles.separation
@@ -187,9 +187,9 @@ def planning_problem(
 def horizon_of(
     scenario: ProblemScenario, constants: Mapping[str, float]
 ) -> float | Free:
-    """Return the length of the horizon [s], or within what it is decided.
+    """Return the length of the horizon [s], or the bounds of a decided one.
 
-    In discrete time it may be left out: an interval lasts 1.
+    In discrete time it can be left out: an interval lasts 1.
     """
     given = scenario.prediction.horizon_s
     if given is None:
@@ -200,9 +200,9 @@ def horizon_of(
 def previous_controls(
     scenario: ProblemScenario, members: Sequence[Member]
 ) -> Array | None:
-    """Return the controls before the first interval; None: no one says what they are.
+    """Return the controls before the first interval; None if none is given.
 
-    Those of which nothing is said are the nearest to zero within their bounds.
+    Controls that are not given are those nearest to zero within their bounds.
     """
     if all(control.previous is None for control in scenario.controls.values()):
         return None
@@ -222,7 +222,7 @@ def _uses(expression: ca.SX, symbols: ca.SX) -> bool:
 
 
 def positions_of(scenario: ProblemScenario) -> tuple[int, ...]:
-    """Return the rows of the states that a separation is of; they must be states."""
+    """Return the rows of the states of a separation; its coordinates must be states."""
     if scenario.vehicles is None or scenario.vehicles.separation is None:
         return ()
     names = list(scenario.states)
@@ -267,7 +267,7 @@ def _bounds(scenario: ProblemScenario, members: Sequence[Member]) -> Bounds:
 def _pair(
     ranges: Sequence[tuple[float | ca.SX, float | ca.SX]],
 ) -> tuple[MovingLimit, MovingLimit]:
-    """Return lower and upper limits: arrays, or lists where any moves."""
+    """Return lower and upper limits: arrays, or lists if any limit changes."""
     lower, upper = ([*side] for side in zip(*ranges, strict=True))
     if any(isinstance(one, ca.SX) for one in (*lower, *upper)):
         return lower, upper
@@ -275,7 +275,7 @@ def _pair(
 
 
 def _scales(scenario: ProblemScenario, members: Sequence[Member]) -> dict[str, float]:
-    """Return the sizes of states and controls that are given, by name."""
+    """Return the given sizes of states and controls, by name."""
     given: dict[str, State | Control] = {**scenario.states, **scenario.controls}
     return {
         f"{name}{member.suffix}": number(part.scale, member.constants)

@@ -1,4 +1,4 @@
-"""Flaws of names: given twice, taken already, or of nothing that there is."""
+"""Errors of names: given twice, already taken, or unknown."""
 
 from collections.abc import Collection, Iterator, Mapping
 
@@ -21,7 +21,7 @@ _NAMED = (
 
 
 def names_given_twice(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield names that have a meaning already."""
+    """Yield errors of names that already have a meaning."""
     seen: dict[str, str] = {}
     for part in _NAMED:
         for name in getattr(scenario, part):
@@ -32,7 +32,7 @@ def names_given_twice(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def names_of_nothing(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield keys of mappings that are no names of states, controls and the like."""
+    """Yield errors of keys that are not names of states, controls and the like."""
     for place, given, known, what in _mappings(scenario):
         for name in given:
             if name not in known:
@@ -42,7 +42,7 @@ def names_of_nothing(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 def _mappings(
     scenario: ProblemScenario,
 ) -> Iterator[tuple[Place, Mapping[str, object], Collection[str], str]]:
-    """Yield (place, mapping, what its keys may be, what they are called)."""
+    """Yield (place, mapping, allowed keys, role of the keys)."""
     states, controls, plant = scenario.states, scenario.controls, scenario.plant
     yield ("guess", "controls"), scenario.guess.controls, controls, "control"
     yield ("guess", "states"), scenario.guess.states, states, "state"
@@ -62,6 +62,6 @@ def _mappings(
 
 
 def unknown(name: str, known: Collection[str], what: str) -> str:
-    """Return that a name is of nothing, and which one may be meant."""
+    """Return the message for an unknown name, with a similar known name."""
     hint = meant(name, known, otherwise=f"known: {', '.join(known) or 'none'}")
     return f"expected a {what}, found {name!r}; {hint}"

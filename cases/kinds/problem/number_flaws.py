@@ -1,4 +1,4 @@
-"""Flaws of numbers: starts and bounds that are invalid, or do not fit each other."""
+"""Errors of numbers: starts and bounds that are invalid, or do not fit each other."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -27,7 +27,7 @@ Limits = tuple[float, float]
 
 
 def number_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield starts and bounds that are invalid, or do not fit each other; once each."""
+    """Yield errors of starts and bounds that are invalid or do not fit; once each."""
     seen: set[Place] = set()
     yield from decided_flaws(scenario)
     for member in members_of(scenario, shared_of(scenario)):
@@ -63,7 +63,7 @@ def _of_member(scenario: ProblemScenario, member: Member) -> Iterator[LocatedFla
 def _ordered(
     place: Place, read: Callable[[], Limits]
 ) -> Iterator[tuple[Place, Limits | str | SwarmstartError]]:
-    """Yield a place with its bounds, or with what is wrong there."""
+    """Yield a place with its bounds, or with their error."""
     try:
         lower, upper = read()
     except SwarmstartError as error:
@@ -78,7 +78,7 @@ def _ordered(
 def _of_control(
     scenario: ProblemScenario, name: str, control: Control, member: Member
 ) -> Iterator[LocatedFlaw]:
-    """Yield bounds of a control that are invalid, or leave a search nothing."""
+    """Yield errors of a control's bounds, also if a search has nothing to draw."""
     place: Place = ("controls", name, "bounds")
     scope = member.scopes["bounds"]
     ((_, bounds),) = _ordered(place, partial(fixed_limits, control.bounds, scope))
@@ -119,7 +119,7 @@ def _of_control(
 def _not_whole(
     name: str, control: Control, bounds: Limits, within: Limits
 ) -> Iterator[LocatedFlaw]:
-    """Yield bounds that are not whole, of a control that takes whole numbers only."""
+    """Yield errors of bounds that are not whole for a control of whole numbers."""
     for key, found in (("bounds", bounds), ("search_bounds", within)):
         is_whole = all(b == round(b) for b in found if math.isfinite(b))
         if control.integer and not is_whole:

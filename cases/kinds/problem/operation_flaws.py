@@ -1,4 +1,4 @@
-"""Flaws of problems that would take minutes to build: an interval is one expression."""
+"""Errors of problems that take minutes to build: an interval is one expression."""
 
 from collections.abc import Iterator
 
@@ -9,11 +9,11 @@ from swarmstart.ocp import OptimalControlProblem, held_step
 from swarmstart.ocp.integrators import PARTS
 
 MOST_OPERATIONS = 40_000
-"""In an interval: they take up to 15 s to prepare, and twice as many a minute."""
+"""Largest number of operations in an interval, which take up to 15 s to prepare."""
 
 
 def operation_flaws(problem: OptimalControlProblem) -> Iterator[LocatedFlaw]:
-    """Yield that an interval of a problem has too many operations."""
+    """Yield an error if an interval of a problem has too many operations."""
     model = problem.model
     symbols = [*problem.symbols().values(), model.time]
     rates = ca.Function("rates", symbols, [model.ode, problem.stage_cost])
@@ -24,7 +24,7 @@ def operation_flaws(problem: OptimalControlProblem) -> Iterator[LocatedFlaw]:
         points = radau.points * (radau.elements or problem.substeps) * problem.checks
     found = rates.n_instructions() * max(evaluations * steps, points)
     if problem.integrator == "stiff" and found <= MOST_OPERATIONS:
-        # And linear equations.
+        # Also those of linear equations.
         dt = float(problem.expected_times[-1]) / problem.intervals
         first = held_step(model, dt, method="stiff")
         found = int(first.n_instructions() / PARTS * (steps + PARTS - 1))

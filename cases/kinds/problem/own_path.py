@@ -1,6 +1,6 @@
 """Values along the simulated path by the names of the file, for its own measures.
 
-One row for each control interval, its plant's steps with both ends.
+There is one row for each control interval, with the plant's steps and both ends.
 """
 
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ def path_of(
     """Return name -> number or values along the simulated path, shape (T, m + 1).
 
     Names of states, controls, algebraic variables, definitions and a vehicle's
-    constants end with its suffix; the file's constants are known without one, too.
+    constants end with its suffix; the file's constants can also be used without it.
     """
     posed, (times, states, controls) = flight.posed, rows_of(flight, trajectory)
     flat = times.reshape(-1)
@@ -72,9 +72,10 @@ def path_of(
 def path_of_phases(
     scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
 ) -> dict[str, Value]:
-    """Return the same of phases: of each row what its phase makes of it.
+    """Return the same for phases: each row has the values of its phase.
 
-    What a phase has not is NaN there, but for states and controls, which stand still.
+    Names that a phase does not have are NaN there, except states and controls, which
+    are constant.
     """
     posed, (times, states, controls) = flight.posed, rows_of(flight, trajectory)
     flat, shape = times.reshape(-1), times.shape

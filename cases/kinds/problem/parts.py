@@ -34,7 +34,7 @@ from swarmstart.ocp.problem import Quadrature
 from swarmstart.ocp.radau import Radau, Transcription
 
 MOST_NODES = 10_000
-"""Checks of a horizon."""
+"""Largest number of checks in a horizon."""
 
 
 class State(Part):
@@ -108,11 +108,11 @@ AlgebraicPart = Annotated[
     Annotated[Equation, Tag("of equation")] | Annotated[Expression, Tag("of text")],
     chosen("equation", "equation"),
 ]
-"""Of an algebraic variable: an equation, or its expression alone."""
+"""An algebraic variable: an equation, or its expression alone."""
 
 
 def equation_of(given: Equation | str) -> Equation:
-    """Return an equation; of an expression alone all else is by default."""
+    """Return an equation; an expression alone gets the defaults of the other keys."""
     return Equation(equation=given) if isinstance(given, str) else given
 
 
@@ -251,7 +251,7 @@ TranscriptionPart = Annotated[
 
 
 def _without_required(schema: dict[str, Any]) -> None:
-    """Take from a schema what is required: phases say what the intervals are."""
+    """Remove the required keys from a schema, since phases can give the intervals."""
     schema.pop("required", None)
 
 
@@ -303,7 +303,7 @@ class Prediction(Part):
 
     @property
     def collocation(self) -> Transcription | Radau:
-        """The transcription, as a problem takes it."""
+        """The transcription as an argument of a problem."""
         if isinstance(self.transcription, Collocation):
             return Radau(**self.transcription.model_dump())
         return self.transcription
@@ -349,7 +349,7 @@ class Feedback(Part):
     def __get_pydantic_json_schema__(
         cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """Describe it as it may be written: as a mapping, or as its law alone."""
+        """Describe both forms: a mapping, or the law alone."""
         schema = super().__get_pydantic_json_schema__(core_schema, handler)
         law = schema["properties"]["law"]["enum"]
         schema["anyOf"] = [{"type": schema.pop("type")}, {"enum": law}]

@@ -1,4 +1,4 @@
-"""Flaws of phases: of each as of a scenario of its own, and of all together."""
+"""Errors of phases: of each as a scenario of its own, and of all together."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -32,11 +32,11 @@ _OF_PHASE = re.compile(r"phase (\d+) (?:has|must come)")
 def phases_flaws(
     scenario: ProblemScenario, stages: Sequence[Stage]
 ) -> Iterator[LocatedFlaw]:
-    """Yield what is wrong; a later stage only if the earlier ones are right.
+    """Yield errors; those of a later stage only if earlier stages have none.
 
     Args:
-        scenario: With phases.
-        stages: What is looked at in the scenario of a phase, in order.
+        scenario: A scenario with phases.
+        stages: Checks of the scenario of a phase, in order.
     """
     every: tuple[Stage, ...] = (
         _of_parts,
@@ -54,7 +54,7 @@ def phases_flaws(
 
 
 def _in_phases(scenario: ProblemScenario, *, stage: Stage) -> Iterator[LocatedFlaw]:
-    """Yield what a stage says of each phase, at its place in the file, once."""
+    """Yield the errors of a stage in all phases, at their places in the file, once."""
     seen: set[tuple[Place, str]] = set()
     for number, one in enumerate(phase_scenarios(scenario)):
         for place, what in stage(one):
@@ -65,7 +65,7 @@ def _in_phases(scenario: ProblemScenario, *, stage: Stage) -> Iterator[LocatedFl
 
 
 def place_in_file(scenario: ProblemScenario, number: int, place: Place) -> Place:
-    """Return where in the file that is which has a place in a phase's scenario."""
+    """Return the place in the file of a place in a phase's scenario."""
     phase, at = scenario.phases[number], ("phases", number)
     is_last = number == len(scenario.phases) - 1
     match place:
@@ -95,7 +95,7 @@ def _of_parts(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _of_file(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield what the file has and phases do not go with."""
+    """Yield errors of parts of the file that do not fit phases."""
     has: dict[Place, object] = {
         ("signals",): scenario.signals,
         ("vehicles",): scenario.vehicles,
@@ -123,7 +123,7 @@ def _of_file(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _of_costs(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield that there is no cost, or two at the end."""
+    """Yield an error if there is no cost, or two terminal costs."""
     keys = {*scenario.model_fields_set}
     for one in scenario.phases:
         keys |= {key for key in one.model_fields_set if getattr(one, key) is not None}
@@ -137,7 +137,7 @@ def _of_costs(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _of_names(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield names of nothing in guesses, and names of phases that are given twice."""
+    """Yield errors of unknown names in guesses, and of repeated names of phases."""
     whole = whole_scenario(scenario)
     yield from names_of_nothing(whole)
     for index, one in enumerate(scenario.candidates):
@@ -151,7 +151,7 @@ def _of_names(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _of_overlays(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield what each phase leaves out that it must have, or that is not there."""
+    """Yield errors of missing and of unknown parts in each phase."""
     for number, one in enumerate(phase_scenarios(scenario)):
         for part in MERGED:
             place: Place = ("phases", number, part)
@@ -164,7 +164,7 @@ def _of_overlays(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def _linked_names(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield linkages that lead nowhere."""
+    """Yield errors of linkages to no state of a next phase."""
     every = phase_scenarios(scenario)
     for number, phase in enumerate(scenario.phases):
         place: Place = ("phases", number, "linkage")
@@ -193,7 +193,7 @@ def _of_linkages(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 def _in_time(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield errors of guesses, candidates and parameters over time.
 
-    The plant's parameters are constant: its time is not known before.
+    The plant's parameters must be constant, since its times are not known before.
     """
     whole = whole_scenario(scenario)
     yield from tried(attempts.in_time(whole))
@@ -211,7 +211,7 @@ def _varies(given: OverTime) -> bool:
 
 
 def _of_all(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield why phases are no problem together, or one that takes minutes to build."""
+    """Yield errors of all phases together, also if building takes minutes."""
     try:
         together, _ = joined(scenario)
     except SwarmstartError as error:

@@ -51,7 +51,7 @@ def _of_phase(
     merged: dict[str, Any] = {
         part: _merged(getattr(scenario, part), getattr(phase, part)) for part in MERGED
     }
-    if not is_first:  # Where they come from is a linkage.
+    if not is_first:  # Their starts come from a linkage.
         merged["states"] = {
             name: state.model_copy(update={"start": state.start or "0"})
             for name, state in merged["states"].items()
@@ -83,7 +83,7 @@ def _of_phase(
 
 
 def in_phase(name: str) -> str:
-    """Return what the names of a phase's constraints end with."""
+    """Return the suffix of the names of a phase's constraints."""
     return f", phase {name}"
 
 
@@ -98,7 +98,7 @@ def _named(constraints: Sequence[Any], where: str) -> list[Any]:
 
 
 def _merged(base: Mapping[str, T], over: Mapping[str, T | None]) -> dict[str, T]:
-    """Return parts by name, with those of a phase laid over them."""
+    """Return parts by name, replaced by those of a phase."""
     found = dict(base)
     for name, part in over.items():
         if part is None:
@@ -109,7 +109,7 @@ def _merged(base: Mapping[str, T], over: Mapping[str, T | None]) -> dict[str, T]
 
 
 def _laid_over(before: T | None, part: T) -> T:
-    """Return a part with the keys of another one laid over it."""
+    """Return a part with its keys replaced by those of another one."""
     if isinstance(part, BaseModel) and isinstance(before, BaseModel):
         given = {key: getattr(part, key) for key in part.model_fields_set}
         return before.model_copy(update=given)
@@ -132,8 +132,8 @@ def joined(scenario: ProblemScenario) -> tuple[Phases, list[Member]]:
     """Return all phases as one problem, and the names of each phase.
 
     Raises:
-        InvalidProblemError: If a phase has what phases cannot have, or a state of a
-            phase comes from nowhere.
+        InvalidProblemError: If a phase has a part that phases cannot have, or a state
+            of a phase has no start.
     """
     stated: list[OptimalControlProblem] = []
     linkages: list[dict[str, ca.SX]] = []
@@ -148,7 +148,7 @@ def joined(scenario: ProblemScenario) -> tuple[Phases, list[Member]]:
 
 
 def expected_ends(scenario: ProblemScenario, problem: OptimalControlProblem) -> Array:
-    """Return when each phase begins and the last one ends, as guessed [s]."""
+    """Return the guessed begin of each phase and end of the last one [s]."""
     lengths = [
         float(decided.first) if isinstance(decided, Free) else decided
         for decided in durations(scenario, problem).values()
@@ -159,7 +159,7 @@ def expected_ends(scenario: ProblemScenario, problem: OptimalControlProblem) -> 
 def durations(
     scenario: ProblemScenario, problem: OptimalControlProblem
 ) -> dict[str, float | Free]:
-    """Return the length of each phase by its name [s], or within what it is decided."""
+    """Return the length of each phase by name [s], or the bounds of a decided one."""
     return {
         name: problem.decided.get(
             f"duration of phase {number}",
@@ -172,5 +172,5 @@ def durations(
 
 
 def interval_ends(scenario: ProblemScenario) -> list[int]:
-    """Return how many intervals are finished at the end of each phase."""
+    """Return the number of finished intervals at the end of each phase."""
     return list(itertools.accumulate(one.intervals for one in scenario.phases))

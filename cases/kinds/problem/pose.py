@@ -129,7 +129,7 @@ def _candidates(
     problem: OptimalControlProblem,
     constants: Mapping[str, float],
 ) -> Callable[[float], Array] | None:
-    """Return controls, held over the horizon, that a search looks at besides."""
+    """Return additional controls for a search, held over the horizon."""
     if not scenario.candidates:
         return None
 
@@ -151,7 +151,7 @@ def _guessed(
     problem: OptimalControlProblem,
     constants: Mapping[str, float],
 ) -> Array | Start | None:
-    """Return what the first plan begins from: controls (nu, N), states (nx, nodes).
+    """Return the start of the first plan: controls (nu, N), states (nx, nodes).
 
     Linear controls have N + 1 knots.
     """
@@ -163,7 +163,7 @@ def _guessed(
     states = _rows(guess.states, scenario.states, group, times, constants)
     if states is None:
         return controls
-    if problem.risk is not None:  # All members are guessed alike.
+    if problem.risk is not None:  # All members have the same guess.
         states = np.tile(states, (problem.risk.members, 1))
     return Start(zero_controls(problem) if controls is None else controls, states)
 
@@ -175,7 +175,7 @@ def _rows(
     times: Array,
     constants: Mapping[str, float],
 ) -> Array | None:
-    """Return a row for each name of each member, 0 where nothing is given."""
+    """Return a row for each name of each member, 0 if nothing is given."""
     if not given:
         return None
     rows = [
@@ -223,7 +223,7 @@ def _plant(
 
 
 def interval_of(scenario: ProblemScenario, constants: Mapping[str, float]) -> float:
-    """Return the length of a control interval of the plant [s]; a guessed one too."""
+    """Return the length of a control interval of the plant [s], also a guessed one."""
     horizon = horizon_of(scenario, constants)
     if scenario.feedback.period_s is not None:
         return scenario.feedback.period_s
@@ -238,7 +238,7 @@ def _noise(
     count: int,
     rng: np.random.Generator,
 ) -> Signal:
-    """Return what is added to a rate over time, held for a plant's step each."""
+    """Return the noise added to a rate over time, held for each plant's step."""
     drawn = number(given.deviation, constants) * rng.standard_normal(count)
 
     def noise(times: Array) -> Array:
@@ -264,7 +264,7 @@ def _linear_laws(
 
 
 def _target(one: TerminalSet, time: float) -> Array:
-    del time  # It is at rest.
+    del time  # It must be at rest.
     return one.x_ref
 
 

@@ -1,7 +1,7 @@
 """A problem of several phases -> its agent and its plant.
 
-States are those of all phases, then the time and what phases remember; a control that
-a phase has not stands still there.
+The states are those of all phases, then the time and values that phases keep. A control
+that a phase does not have is constant there.
 """
 
 from collections.abc import Callable, Mapping
@@ -79,7 +79,7 @@ def pose_phases(scenario: ProblemScenario) -> ProblemPosed:
 def _candidates(
     scenario: ProblemScenario, problem: OptimalControlProblem
 ) -> Callable[[float], Array] | None:
-    """Return controls of all phases, held over the horizon, to be looked at besides."""
+    """Return additional controls of all phases for a search, held over the horizon."""
     if not scenario.candidates:
         return None
     whole, fixed = whole_scenario(scenario), constants_of(scenario)
@@ -99,7 +99,7 @@ def _candidates(
 def _guessed(
     scenario: ProblemScenario, problem: OptimalControlProblem
 ) -> Array | Start | None:
-    """Return what the plan begins from: controls (nu, N), states (nx, nodes)."""
+    """Return the start of the plan: controls (nu, N), states (nx, nodes)."""
     guess, checks = scenario.guess, problem.checks
     if not (guess.controls or guess.states):
         return None
@@ -129,7 +129,7 @@ def _guessed(
 
 
 def _node_times(scenario: ProblemScenario, problem: OptimalControlProblem) -> Array:
-    """Return when the nodes of all phases are, as far as it is guessed [s]."""
+    """Return the guessed times of the nodes of all phases [s]."""
     ends, counts = expected_ends(scenario, problem), [0, *interval_ends(scenario)]
     at = np.arange(problem.nodes) / problem.checks
     return np.asarray(np.interp(at, counts, ends))

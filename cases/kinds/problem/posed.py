@@ -1,4 +1,4 @@
-"""A problem as posed, with what its measures and figures need."""
+"""A posed problem, with data for its measures and figures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from swarmstart.cases.kinds.problem.symbols import Signal
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ProblemPosed(Posed):
-    """A problem as posed, with what measures and figures need.
+    """A posed problem, with data for measures and figures.
 
     Attributes:
         known: Name of a parameter of the plant, or of a signal -> its values over time.

@@ -1,7 +1,7 @@
 """The scenario of a problem: a model of the user's own, its costs and constraints.
 
-Only kind, states, controls, prediction and a cost are required. What its parts are is
-in parts.py, what numbers and expressions are in values.py.
+Only kind, states, controls, prediction and a cost are required. Its parts are in
+parts.py, numbers and expressions in values.py.
 """
 
 import math
@@ -41,9 +41,9 @@ from swarmstart.ocp.many_starts import LANES
 from swarmstart.ocp.tables import Table as LookupTable
 
 EVALUATIONS = 20_000
-"""Of a search, unless the budget says something else."""
+"""Default budget of evaluations of a search."""
 MOST_STEPS = 10_000
-"""Of a simulation whose number of steps is not given."""
+"""Largest number of steps of a simulation, if it is not given."""
 
 
 class UserScenario(Scenario):
@@ -72,7 +72,7 @@ class UserScenario(Scenario):
     polish: Literal["none", "ipopt"] = "ipopt"
 
     def random_starts(self) -> int:
-        """Return the number of random starts; 64 unless the scenario says another."""
+        """Return the number of random starts; 64 unless the scenario gives another."""
         if self.polish == "none":
             return 0
         return LANES if self.lanes is None else self.lanes
@@ -150,9 +150,9 @@ class ProblemScenario(UserScenario):
     @model_validator(mode="before")
     @classmethod
     def _completed(cls, given: Any) -> Any:
-        """Fill in the steps, those of the prediction, and the plan of a record.
+        """Add the steps, the intervals of the prediction, and the plan of a record.
 
-        With phases the intervals of the prediction are those of all of them.
+        With phases the intervals of the prediction are those of all phases.
         """
         if not isinstance(given, dict):
             return given
@@ -167,7 +167,7 @@ class ProblemScenario(UserScenario):
 
 
 def _with_intervals(given: dict[str, Any]) -> dict[str, Any]:
-    """Return a scenario with the intervals of all phases, unless it says them."""
+    """Return a scenario with the intervals of all phases, unless it gives them."""
     phases, grid = given.get("phases"), given.get("prediction", {})
     if not (isinstance(phases, list) and phases and isinstance(grid, dict)):
         return given
@@ -179,10 +179,10 @@ def _with_intervals(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _steps(given: dict[str, Any]) -> int:
-    """Return the steps of a scenario that says nothing else; 1 if that is invalid.
+    """Return the default steps of a scenario; 1 if its numbers are invalid.
 
-    They are the intervals; where an end time that is decided is followed to its end,
-    the periods in the longest.
+    They are the intervals. With a decided end time in closed loop they are the periods
+    in the longest horizon.
     """
     prediction, feedback = given.get("prediction"), given.get("feedback")
     prediction = prediction if isinstance(prediction, dict) else {}
@@ -200,7 +200,7 @@ def _steps(given: dict[str, Any]) -> int:
 
 
 def _guess_of(guess: dict[str, Any], controls: Any, vehicles: Any) -> dict[str, Any]:
-    """Return a guess with the first plan of a record in the place of its folder."""
+    """Return a guess with the first plan of a record in place of its folder."""
     if (
         set(guess) != {"record"}
         or vehicles is not None

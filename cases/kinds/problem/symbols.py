@@ -1,7 +1,7 @@
 """Expressions of a problem as CasADi symbols, as numbers, and over time.
 
-A scope says which names an expression may use; an error names the column, and what a
-name is that stands in the wrong place.
+A scope has the names that an expression can use. An error names the column, and the
+role of a name in the wrong place.
 """
 
 import math
@@ -31,9 +31,9 @@ Array = NDArray[np.float64]
 Signal = Callable[[Array], Array]
 """Times (n,) [s] -> values, shape (n,) or (rows, n)."""
 TIME = "time"
-"""Name of the time since the start [s], where values change in time."""
+"""Name of the time since the start [s], for values that change in time."""
 TIMING_S = 1e-9
-"""Instants this near are one: n dt need not be the time that was written."""
+"""Difference below which instants are equal, since n dt is rounded [s]."""
 RESERVED = frozenset({TIME, PREVIOUS, *CONSTANTS, *FUNCTIONS})
 
 
@@ -66,17 +66,17 @@ ARRAYS: Mapping[str, Callable[..., Any]] = {
     **{"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide},
     **{"**": np.power, "radians": np.radians},
 }
-"""Operations on arrays, entry by entry; not finite where they are not defined."""
+"""Operations on arrays, entry by entry; not finite if they are not defined."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """The names that an expression may use.
+    """The names that an expression can use.
 
     Attributes:
         names: Name -> its value, a symbol or a number.
-        elsewhere: Name -> what it is, of this file's names that may not stand here.
-        place: Where the expression stands, in words.
+        elsewhere: Name -> its role, for names of this file that are not allowed here.
+        place: Place of the expression, in words.
         tables: Name -> table, used as a function.
     """
 
@@ -89,7 +89,7 @@ class Scope:
         """Return the value of an expression.
 
         Raises:
-            ExpressionError: If a name is unknown or may not stand here.
+            ExpressionError: If a name is unknown or not allowed here.
         """
         expression = parse(text, functions=inputs_of(self.tables))
         for name in expression.name_places:
@@ -120,11 +120,11 @@ class Scope:
 def constants_of(
     scenario: ProblemScenario, own: Mapping[str, str] | None = None
 ) -> dict[str, float]:
-    """Return the constants as numbers; each may use those before it.
+    """Return the constants as numbers; each can use those before it.
 
     Args:
         scenario: The scenario.
-        own: A vehicle's constants, in place of the file's, or besides.
+        own: A vehicle's constants, in place of those of the file or besides them.
 
     Raises:
         ExpressionError: If one is not a finite number.
@@ -145,7 +145,7 @@ def positive(text: str, constants: Mapping[str, float]) -> float:
     """Return an expression in constants as a positive number.
 
     Raises:
-        InvalidProblemError: If it is none.
+        InvalidProblemError: If it is not positive.
     """
     value = number(text, constants)
     if not value > 0:
@@ -156,7 +156,7 @@ def positive(text: str, constants: Mapping[str, float]) -> float:
 def limits(
     pair: Sequence[str | None] | None, constants: Mapping[str, float]
 ) -> tuple[float, float]:
-    """Return [lower, upper] as numbers, infinite where there is no limit."""
+    """Return [lower, upper] as numbers, infinite if there is no limit."""
     lower, upper = (None, None) if pair is None else pair
     return (
         -math.inf if lower is None else number(lower, constants),
@@ -167,7 +167,7 @@ def limits(
 def moving_limits(
     pair: Sequence[str | None] | None, scope: Scope
 ) -> tuple[float | ca.SX, float | ca.SX]:
-    """Return [lower, upper], each a number or an expression of what may change."""
+    """Return [lower, upper], each a number or an expression that can change."""
     lower, upper = (None, None) if pair is None else pair
     return (
         -math.inf if lower is None else scope.value(lower, SYMBOLIC),
@@ -178,7 +178,7 @@ def moving_limits(
 def fixed_limits(
     pair: Sequence[str | None] | None, scope: Scope
 ) -> tuple[float, float]:
-    """Return [lower, upper] as numbers, infinite where one moves or there is none."""
+    """Return [lower, upper] as numbers, infinite if a limit changes or is missing."""
     lower, upper = moving_limits(pair, scope)
     return (
         -math.inf if isinstance(lower, ca.SX) else float(lower),
@@ -187,10 +187,10 @@ def fixed_limits(
 
 
 def free(given: Decided, constants: Mapping[str, float]) -> Free:
-    """Return a number that is decided, with its bounds and its guess.
+    """Return a decided number, with its bounds and its guess.
 
     Raises:
-        SwarmstartError: If the bounds cross, or the guess is not within them.
+        SwarmstartError: If lower > upper, or the guess is not within the bounds.
     """
     lower, upper = limits(given.free, constants)
     guess = None if given.guess is None else number(given.guess, constants)
@@ -235,7 +235,7 @@ def over_time(given: OverTime, constants: Mapping[str, float]) -> Signal:
     expression = parse(given)
     interpret(
         expression, operations=FLOAT_OPERATIONS, names={**constants, TIME: 0.0}
-    )  # Refused here, with its column.
+    )  # Raises here, with its column.
 
     def values_at(times: Array) -> Array:
         with np.errstate(all="ignore"):
@@ -248,7 +248,7 @@ def over_time(given: OverTime, constants: Mapping[str, float]) -> Signal:
 
 
 def _last_before(times: Array, at: Array) -> NDArray[np.intp]:
-    """Return the place of the last of times that is not after each instant."""
+    """Return the index of the last time that is not after each instant."""
     found = np.searchsorted(times, np.asarray(at) + TIMING_S, side="right") - 1
     return np.maximum(found, 0)
 
@@ -256,7 +256,7 @@ def _last_before(times: Array, at: Array) -> NDArray[np.intp]:
 def rows_over_time(
     given: Mapping[str, OverTime], constants: Mapping[str, float]
 ) -> Signal | None:
-    """Return times (n,) [s] -> a row each, shape (rows, n); None without any."""
+    """Return times (n,) [s] -> a row for each, shape (rows, n); None without any."""
     return stacked([over_time(one, constants) for one in given.values()])
 
 

@@ -1,7 +1,7 @@
 """Tables of a problem: in the file or in a CSV file beside it, used as functions.
 
-A CSV file is replaced by its numbers when the scenario is read, so that they are part
-of what a run is known by and of what its record holds.
+A CSV file is replaced by its numbers when the scenario is read, so that the numbers are
+part of a run's key and of its record.
 """
 
 import csv
@@ -26,7 +26,7 @@ from swarmstart.cases.format.yaml_reader import read_bytes
 from swarmstart.ocp.tables import Beyond, Method, Table, table
 
 MOST_VALUES = 10_000
-"""Of a table; long before that a problem has too many operations."""
+"""Largest number of values of a table; problems get too many operations before."""
 _LONGEST_PATH = 300
 _Numbers = list[Number]
 
@@ -56,7 +56,7 @@ class TablePart(Part):
     @model_validator(mode="before")
     @classmethod
     def _read(cls, given: Any, info: ValidationInfo) -> Any:
-        """Put the numbers of a file in its place."""
+        """Replace a file by its numbers."""
         if not isinstance(given, dict) or "file" not in given:
             return given
         if inline := [key for key in ("x", "y", "z") if key in given]:
@@ -71,7 +71,7 @@ class TablePart(Part):
                 raise ValueError(f"expected x and y, or a file; missing {key}")
         if self.z is not None and sum(map(len, self.z)) > MOST_VALUES:
             raise ValueError(f"expected at most {MOST_VALUES} values")
-        _ = self.table  # Refused here, at its place.
+        _ = self.table  # Raises here, at its place.
         return self
 
     @cached_property
@@ -87,7 +87,7 @@ NO_TABLES: Tables = MappingProxyType({})
 
 
 def inputs_of(tables: Tables) -> dict[str, int]:
-    """Return how many arguments each table takes."""
+    """Return the number of arguments of each table."""
     return {name: len(one.breakpoints) for name, one in tables.items()}
 
 
@@ -109,16 +109,16 @@ def _operation(given: Table) -> Callable[..., Any]:
 def numbers_of(given: object, folder: Path) -> dict[str, Any]:
     """Return the numbers of a CSV file: x and y, and z of a table of two inputs.
 
-    Two columns are x and y; a first line without numbers names them. More columns are
-    a table of two inputs: the first line holds y, behind a cell that is not read; each
-    other line x and its values.
+    Two columns are x and y; a first line without numbers names them. More columns are a
+    table of two inputs: the first line has the values of y, after a cell that is not
+    read; each other line has a value of x and the values of z.
 
     Args:
-        given: The file's path as the scenario has it.
-        folder: The scenario's folder; the file is there or below.
+        given: The file's path in the scenario.
+        folder: The scenario's folder; the file is in it or below.
 
     Raises:
-        ValueError: If there is no such file, or not such a table in it.
+        ValueError: If the file does not exist, or does not contain such a table.
     """
     path = PurePosixPath(given) if isinstance(given, str) else PurePosixPath("..")
     is_below = not path.is_absolute() and ".." not in path.parts
@@ -175,7 +175,7 @@ def _row(name: str, line: int, cells: Sequence[str]) -> list[float]:
 
 
 def _value(cell: str) -> float | None:
-    """Return a cell as a finite number; None if it is none."""
+    """Return a cell as a finite number; None if it is not one."""
     try:
         value = float(cell) if "_" not in cell else math.nan
     except ValueError:

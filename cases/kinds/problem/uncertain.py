@@ -1,7 +1,7 @@
 """Uncertain parameters of a problem: one control sequence for several values.
 
-What is simulated, measured and drawn is one system with the values that the parameters
-themselves are given; plans are made for all members of `uncertain` together.
+The simulated system has the values that are given to the parameters themselves. Plans
+are made for all members of `uncertain` together.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ def with_members(
     """Return the problem of all members; the same problem without `uncertain`.
 
     Raises:
-        InvalidProblemError: If the problem has what members cannot have.
+        InvalidProblemError: If the problem has a part that members cannot have.
     """
     part = scenario.uncertain
     if part is None:
@@ -76,7 +76,7 @@ def planned_parameters(scenario: ProblemScenario) -> dict[str, OverTime]:
 
 
 def uncertain_names(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield names that are of no parameter, and lists that do not fit each other."""
+    """Yield errors of unknown parameters, and of lists of different lengths."""
     part = scenario.uncertain
     if part is None:
         return
@@ -118,7 +118,7 @@ def _of_lengths(part: Uncertain) -> Iterator[LocatedFlaw]:
 
 
 def _branches(scenario: ProblemScenario, part: Uncertain) -> Iterator[LocatedFlaw]:
-    """Yield a robust horizon that is too long, or that an open loop cannot follow."""
+    """Yield errors of a robust horizon that is too long or needs a closed loop."""
     shared, intervals = part.robust_horizon, scenario.prediction.intervals
     place: Place = ("uncertain", "robust_horizon")
     if shared is None:
@@ -134,7 +134,7 @@ def _branches(scenario: ProblemScenario, part: Uncertain) -> Iterator[LocatedFla
 
 
 def uncertain_numbers(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield how the numbers of uncertain parameters get their values."""
+    """Yield attempts to evaluate the numbers of uncertain parameters."""
     part = scenario.uncertain
     if part is None:
         return
@@ -153,7 +153,7 @@ def uncertain_numbers(scenario: ProblemScenario) -> Iterator[Attempt]:
 
 
 def uncertain_ranges(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield numbers that are out of range."""
+    """Yield errors of numbers that are out of range."""
     part = scenario.uncertain
     if part is None:
         return

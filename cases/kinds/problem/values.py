@@ -1,6 +1,6 @@
-"""Values in the scenario of a problem: expressions, numbers, tables, what is decided.
+"""Values in the scenario of a problem: expressions, numbers, tables, decided numbers.
 
-Expressions are in the file's own names; numbers may be expressions in its constants.
+Expressions use the file's own names; numbers can be expressions in its constants.
 """
 
 from typing import Annotated, Any, Literal
@@ -21,7 +21,7 @@ Names = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$")]
 
 
 def _text(value: object) -> object:
-    """Return an expression in constants as text; a number is one."""
+    """Return an expression in constants as text; numbers are converted, too."""
     value = _written(value)
     if isinstance(value, str):
         parse(value)
@@ -29,7 +29,7 @@ def _text(value: object) -> object:
 
 
 def _text_with_tables(value: object) -> object:
-    """Return an expression as text; which tables there are is not known yet."""
+    """Return an expression as text; the tables are not known yet."""
     value = _written(value)
     if isinstance(value, str):
         parse(value, functions=None)
@@ -92,13 +92,13 @@ class Table(Part):
 
 
 def chosen(key: str, otherwise: str) -> Discriminator:
-    """Return the choice of a part by its key, so that errors are those of one part."""
+    """Return the choice of a form by its key, so that errors concern one form only."""
 
     def tag(value: Any) -> str:
         has = key in value if isinstance(value, dict) else hasattr(value, key)
         is_part = isinstance(value, dict | Part)
         found = key if has else otherwise if is_part else "text"
-        return f"of {found}"  # No tag is a key: errors are placed by keys.
+        return f"of {found}"  # Not equal to a key: keys are places of errors.
 
     return Discriminator(tag)
 
@@ -109,9 +109,9 @@ OverTime = Annotated[
 ]
 """A table, or an expression in constants and time."""
 Limits = Annotated[list[Quantity | None], Field(min_length=2, max_length=2)]
-"""[lower, upper]; null: no limit."""
+"""[lower, upper]; null means no limit."""
 MovingLimits = Annotated[list[Expression | None], Field(min_length=2, max_length=2)]
-"""The same; a limit may be an expression of parameters, signals and time."""
+"""The same; a limit can be an expression of parameters, signals and time."""
 
 
 class Decided(Part):
@@ -139,7 +139,7 @@ class Tied(Part):
 
 
 def _decided_or(otherwise: str, *, or_tied: bool = False) -> Discriminator:
-    """Return the choice of a decided number, or else of another form."""
+    """Return the choice between a decided number and another form."""
 
     def tag(value: Any) -> str:
         is_mapping = isinstance(value, dict) and "same_as" in value
@@ -160,7 +160,7 @@ Start = Annotated[
     | Annotated[Quantity, Tag("number")],
     _decided_or("number", or_tied=True),
 ]
-"""Of a state: a number, decided, or decided with another."""
+"""Start of a state: a number, decided, or decided with another one."""
 Parameter = Annotated[
     Annotated[Decided, Tag("is decided")]
     | Annotated[Table, Tag("table")]

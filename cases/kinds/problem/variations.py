@@ -23,7 +23,7 @@ from swarmstart.cases.kinds.problem.values import (
 from swarmstart.ocp.risk import Measure
 
 MOST_MEMBERS = 1000
-"""Sets of values of uncertain parameters."""
+"""Largest number of members, the sets of values of uncertain parameters."""
 Pair = Annotated[list[Quantity], Field(min_length=2, max_length=2)]
 
 
@@ -61,7 +61,7 @@ Law = Annotated[
     Annotated[Normal, Tag("of normal")] | Annotated[Uniform, Tag("of uniform")],
     chosen("normal", "uniform"),
 ]
-"""What a number is drawn by."""
+"""Distribution of a drawn number."""
 
 
 class Uncertain(Part):
@@ -146,7 +146,7 @@ class Phase(Part):
 
     @field_serializer("states", "controls")
     def _as_given(self, parts: Mapping[str, Part | None]) -> dict[str, Any]:
-        """Return what is laid over the file: no default hides what the file says."""
+        """Return only the given keys, so that no default hides a value of the file."""
         return {
             name: None
             if part is None

@@ -112,7 +112,7 @@ def returned(code: Code, arguments: Mapping[str, Any]) -> object:
                 return function(**copy.deepcopy(dict(arguments)))
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # SystemExit, too: the code must not end the program.
+    except BaseException as error:  # SystemExit must not end this program.
         raise UserCodeError(
             f"{place}: expected a problem from {code.function}, found "
             f"{_described(error)} (--debug shows where)"

@@ -117,7 +117,7 @@ def flaws(scenario: ReconfigurationScenario) -> Iterator[LocatedFlaw]:
 def _links(
     scenario: ReconfigurationScenario, slots: Array
 ) -> tuple[tuple[int, int], ...]:
-    """Return the pairs that keep the communication distance: all, or those of the tree."""
+    """Return the pairs that keep the communication distance: all, or the links."""
     if scenario.planning.name == "joint":
         return tuple(itertools.combinations(range(len(slots)), 2))
     links = links_of(scenario, slots, planning_order(scenario, slots))

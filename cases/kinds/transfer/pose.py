@@ -118,7 +118,7 @@ def transfer_problem(
     Args:
         scenario: The scenario.
         model: All UAVs, states and controls UAV after UAV.
-        goals: Of each UAV, shape (uavs, 2) [m].
+        goals: Goal of each UAV, shape (uavs, 2) [m].
     """
     vehicle, uavs = scenario.vehicle, len(goals)
     positions = [state[list(POSITION)] for state in ca.vertsplit(model.states, NX)]
