@@ -21,12 +21,12 @@ def planned_once(posed: Posed, steps: int) -> PlanningProblem:
     """
     if posed.order is not None or posed.nearby is not None:
         raise SeveralPlansError(
-            "a lower bound is of one plan, and this scenario has several agents that "
+            "a lower bound needs one plan, and this scenario has several agents that "
             "plan"
         )
     if not posed.open_loop and steps > 1:
         raise SeveralPlansError(
-            f"a lower bound is of one plan, and this scenario plans at {steps} steps "
+            f"a lower bound needs one plan, and this scenario plans at {steps} steps "
             "in closed loop"
         )
     return first_problem(posed)

@@ -179,7 +179,7 @@ class JudgedClaim:
 
     @property
     def is_expected(self) -> bool:
-        """Whether the verdict is as expected, or too few runs were asked for."""
+        """True if the verdict is as expected, or too few runs were asked for."""
         if any(part.failures for part in self.parts):
             return False
         return self.verdict in (self.claim.expected, Verdict.NOT_JUDGED)

@@ -108,7 +108,7 @@ class Interrupted(KeyboardInterrupt):
 def _without_bound(run: Run) -> str:
     """Return the message for a run whose bound was interrupted."""
     kept = "" if run.folder is None else f" and kept in {run.folder}"
-    best = "none was proven until then" if run.bound is None else "the best is kept"
+    best = "no bound was proven yet" if run.bound is None else "the best one is kept"
     return f"the run is finished{kept}; its bound was interrupted: {best}"
 
 
@@ -317,7 +317,7 @@ def _timed(
     logger.debug("built after %.2f s", watch.seconds)
     folder = recording.folder if recording else None
     steps, resumed, multipliers = _flown(resolved, flight, seed, folder, progress)
-    logger.debug("flown after %.2f s", watch.seconds)
+    logger.debug("simulated after %.2f s", watch.seconds)
     try:
         with heeded():
             finished = _measured(resolved, flight, collected(flight.plant, steps), seed)

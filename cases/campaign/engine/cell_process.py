@@ -55,7 +55,7 @@ class OtherCodeError(Exception):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ending:
-    """How an attempt ended without a reply.
+    """The end of an attempt without a reply.
 
     Attributes:
         how: The end in words; empty if its time was over.
@@ -265,7 +265,7 @@ def _failure(found: Ending) -> str:
     if found.limit is not None:
         return f"stopped by the hard limit of {found.limit:g} s"
     if not found.how:
-        return "it took longer than its time"
+        return "it took longer than its time limit"
     return f"its process died: {found.how}"
 
 

@@ -52,4 +52,4 @@ def _foreign(file: Path, found: str) -> RecordError:
 
 
 def _refuse(text: str) -> float:
-    raise ValueError(f"{text} is no number of JSON")
+    raise ValueError(f"{text} is not a number of JSON")

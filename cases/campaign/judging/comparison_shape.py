@@ -105,7 +105,7 @@ def _fault(value: Any, expected: Any, place: str) -> str:
 
 
 def _wrong(value: Any, expected: str, place: str) -> str:
-    return f"{place} = {short(value)}, where {expected} is expected"
+    return f"{place} = {short(value)} instead of {expected}"
 
 
 def _is(value: object, kind: str) -> bool:
@@ -121,7 +121,7 @@ def _is(value: object, kind: str) -> bool:
 def _miscounted(content: Mapping[str, Any]) -> str:
     """Return an error of a list's length; empty if there is none."""
     if len(content["near"]) != 2:  # noqa: PLR2004
-        return f"{len(content['near'])} distances in near, where 2 are expected"
+        return f"{len(content['near'])} distances in near instead of 2"
     seeds = len(content["seeds"])
     for scenario in content["scenarios"]:
         for row in scenario["rows"]:
@@ -130,7 +130,7 @@ def _miscounted(content: Mapping[str, Any]) -> str:
             if {row["runs"], *counts} != {runs} or len(row["near"]) != 2:  # noqa: PLR2004
                 return (
                     f"{row['runs']} runs and {counts[0]} costs of "
-                    f"{short(row['solver'])} on {short(scenario['name'])}, where "
-                    f"{runs} are expected"
+                    f"{short(row['solver'])} on {short(scenario['name'])} instead of "
+                    f"{runs}"
                 )
     return ""

@@ -59,7 +59,8 @@ def content_of(
 
     Returns:
         Plain data: numbers are finite or None, and the same outcomes give the same
-        bits. "regression" is None: `regression` makes it from two comparisons.
+        bits. The entry "regression" has the value None: `regression` makes it from two
+        comparisons.
     """
     rng = np.random.default_rng(asked.bootstrap_seed)
     used = [outcomes[c.key] for each in entries for e in each for c in e.cells]

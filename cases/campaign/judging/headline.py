@@ -14,7 +14,7 @@ from typing import Any
 
 from swarmstart.cases.campaign.judging.judgement import (
     CHEAPER,
-    DEARER,
+    COSTLIER,
     FEWEST_SEEDS,
     NOT_COMPARED,
     SECONDS_SHARE,
@@ -26,7 +26,7 @@ from swarmstart.cases.campaign.trials.solver_names import NULL_HYPOTHESIS
 PLAIN = "ipopt"
 NAMED = 2
 """Largest number of scenarios that are named; of more only the number is given."""
-_OPPOSITE = {"more": "fewer", "fewer": "more", CHEAPER: DEARER, DEARER: CHEAPER}
+_OPPOSITE = {"more": "fewer", "fewer": "more", CHEAPER: COSTLIER, COSTLIER: CHEAPER}
 
 Content = Mapping[str, Any]
 
@@ -39,14 +39,14 @@ class Shown:
     more: list[str] = field(default_factory=list)
     fewer: list[str] = field(default_factory=list)
     cheaper: list[str] = field(default_factory=list)
-    dearer: list[str] = field(default_factory=list)
+    costlier: list[str] = field(default_factory=list)
 
     @property
     def merit(self) -> tuple[int, int]:
         """Number of scenarios gained minus lost, by successes, then by costs."""
         return (
             len(self.more) - len(self.fewer),
-            len(self.cheaper) - len(self.dearer),
+            len(self.cheaper) - len(self.costlier),
         )
 
 
@@ -191,7 +191,7 @@ def _gain(content: Content, null: str) -> str:
             f"than {null}{lost} ({_counted(content, best.more, best.solver, null)})"
         )
     if best.cheaper and not best.fewer:
-        lost = f", and dearer ones on {len(best.dearer)}" if best.dearer else ""
+        lost = f", and costlier ones on {len(best.costlier)}" if best.costlier else ""
         word = "better" if _maximises(content, best.cheaper) else "cheaper"
         return (
             f"{_where(content, best.cheaper)} {best.solver} finds {word} answers than "

@@ -50,8 +50,8 @@ ALL_PAIRS_FROM = 20
 With fewer only those with the first solver and with the null hypothesis are compared,
 since more tests at once show less.
 """
-CHEAPER, DEARER, SHOWN_NONE, NOT_COMPARED = (
-    *("cheaper", "dearer"),
+CHEAPER, COSTLIER, SHOWN_NONE, NOT_COMPARED = (
+    *("cheaper", "costlier"),
     *("no difference shown", "not compared"),
 )
 
@@ -208,7 +208,7 @@ def _certain(results: Results, i: int, j: int) -> Three:
     """Return the comparison of two deterministic solvers: that of their one run."""
     one, other = with_ties(results.costs[[i, j], :1])[:, 0]
     sign = 0 if one == other else (-1 if one < other else 1)
-    verdict = {0: SHOWN_NONE, -1: CHEAPER, 1: DEARER}[sign]
+    verdict = {0: SHOWN_NONE, -1: CHEAPER, 1: COSTLIER}[sign]
     word = {0: "the same cost", -1: _word(results, -1), 1: _word(results, 1)}[sign]
     if not min(one, other) < math.inf:
         word = "both are not feasible"
@@ -321,7 +321,7 @@ def _direction(differences: Array) -> float:
 
 
 def _word(results: Results, direction: float) -> str:
-    words = (CHEAPER, DEARER) if results.sense > 0 else ("better", "worse")
+    words = (CHEAPER, COSTLIER) if results.sense > 0 else ("better", "worse")
     return words[0] if direction < 0 else words[1]
 
 
@@ -336,7 +336,7 @@ def _cost_finding(
     verdict = word = SHOWN_NONE
     if p <= LEVEL:
         direction = _direction(differences)
-        verdict = CHEAPER if direction < 0 else DEARER
+        verdict = CHEAPER if direction < 0 else COSTLIER
         word = _word(results, direction)
     return Finding(
         verdict=verdict,

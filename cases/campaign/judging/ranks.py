@@ -26,7 +26,7 @@ def with_ties(costs: Array, same: float = SAME) -> Array:
     cost.
 
     Args:
-        costs: Any shape; infinite where there is no feasible answer.
+        costs: Any shape; infinite for infeasible answers.
         same: Relative difference.
     """
     flat = costs.ravel()
@@ -49,7 +49,7 @@ def scenario_ranks(costs: Array) -> Array:
     """Return the mean rank of each solver on a scenario.
 
     Args:
-        costs: Shape (solvers, seeds); infinite where there is no feasible answer.
+        costs: Shape (solvers, seeds); infinite for infeasible answers.
 
     Returns:
         Shape (solvers,), from 1 to the number of solvers.

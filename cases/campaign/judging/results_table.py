@@ -40,7 +40,7 @@ COLUMNS: Mapping[str, Column] = {
     "scenario": Column("text", "Name of the scenario"),
     "variant": Column("text", "Variant of the scenario; empty: it has none"),
     "solver": Column("text", "Name of the solver, with its options"),
-    "seed": Column("integer", "Seed of all randomness"),
+    "seed": Column("integer", "Seed of all random numbers"),
     "feasible": Column(
         "flag", "Whether the answer is confirmed along its whole path, ten times finer"
     ),

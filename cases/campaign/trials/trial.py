@@ -202,7 +202,7 @@ def judged_checkpoint(
         posed: The problem.
         trial: The trial.
         folder: Folder of its checkpoints. Without a checkpoint it had found nothing,
-            and its numbers are None.
+            and its numbers have the value None.
     """
     began = clock.perf_counter()
     seconds = LATE * trial.budget["seconds"] + MOMENT_S

@@ -49,7 +49,7 @@ def combination_flaws(
             yield (
                 ("dual_mode",),
                 f"expected a problem without {', '.join(found)}: the linear law and "
-                "its set are for a system that stays as it is",
+                "its set are for a system that does not change in time",
             )
 
 
@@ -104,7 +104,7 @@ def end_time_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     if horizon is None and rates:
         yield (
             place[:1],
-            "expected the key 'horizon_s', which may be left out in discrete time "
+            "expected the key 'horizon_s', which can be left out in discrete time "
             f"only: {rates[0]} has a rate",
         )
     if is_decided(horizon):
@@ -112,7 +112,7 @@ def end_time_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     elif scenario.feedback.period_s is not None:
         yield (
             ("feedback", "period_s"),
-            "expected no period where the end time is not decided",
+            "expected no period_s unless the end time is decided",
         )
 
 
@@ -122,37 +122,37 @@ def _of_free_end(scenario: ProblemScenario, has_rates: bool) -> Iterator[Located
     if not has_rates:
         yield (
             ("prediction", "horizon_s"),
-            "expected a number in discrete time, where no end time is decided",
+            "expected a number in discrete time, found an end time that is decided",
         )
     if scenario.signals:
         yield (
             ("signals",),
-            "expected no signals where the end time is decided, as their values at the "
+            "expected no signals if the end time is decided, since their values at the "
             "checks are not known before: write them as definitions in time",
         )
     if not is_open and period is None:
         yield (
             ("feedback",),
-            "expected the key 'period_s': how often to plan where the end time is "
-            "decided",
+            "expected the key 'period_s', the time from plan to plan, if the end time "
+            "is decided",
         )
     least, found = scenario.prediction.intervals, scenario.plant.substeps
     if not is_open and found < least:
         yield (
             ("plant", "substeps"),
-            f"expected at least prediction.intervals = {least} where the end time is "
-            f"decided, as the last step flies them all; found {found}",
+            f"expected at least prediction.intervals = {least} if the end time is "
+            f"decided, since the last step has all of them; found {found}",
         )
     if is_open and period is not None:
         yield (
             ("feedback", "period_s"),
-            "expected no period with feedback: open_loop",
+            "expected no period_s with feedback: open_loop",
         )
     for name, given in scenario.plant.disturbance.items():
         if is_open and isinstance(given, Noise):
             yield (
                 ("plant", "disturbance", name),
-                "expected values over time where the end time is decided, found noise: "
+                "expected values over time if the end time is decided, found noise: "
                 "the length of the plant's steps is not known before",
             )
 

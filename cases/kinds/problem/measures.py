@@ -70,7 +70,7 @@ Value = Any
 def measure(
     scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
 ) -> Mapping[str, Measure]:
-    """Return all measures by name, null where one is not defined."""
+    """Return all measures by name, null if one is not defined."""
     if scenario.phases:
         found = measured(
             flight,
@@ -126,7 +126,7 @@ def measured(
     problem: OptimalControlProblem,
     own: Mapping[str, Measure],
 ) -> dict[str, Measure]:
-    """Return own measures and those of any problem, null where one is not defined.
+    """Return own measures and those of any problem, null if one is not defined.
 
     Args:
         flight: The flight.

@@ -133,7 +133,7 @@ def _of_costs(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     if scenario.phases[last].terminal_cost is None or scenario.terminal_cost == "0":
         return
     place: Place = ("phases", last, "terminal_cost")
-    yield place, "expected the terminal cost of the last phase once; the file has one"
+    yield place, "expected no terminal cost in the last phase, since the file has one"
 
 
 def _of_names(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:

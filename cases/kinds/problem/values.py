@@ -167,7 +167,7 @@ Parameter = Annotated[
     | Annotated[Expression, Tag("over time")],
     _decided_or("over time"),
 ]
-"""As OverTime, or decided."""
+"""A table or an expression as OverTime, or a decided number."""
 Horizon = Annotated[
     Annotated[Decided, Tag("is decided")] | Annotated[Positive, Tag("number")],
     _decided_or("number"),

@@ -284,7 +284,7 @@ def test_no_plan_of_the_texts_search_is_worse_than_the_last_one(seed: int) -> No
     command = "swarmstart run reconfiguration --variant literal --set steps=12"
     found = flown(f"{command} --seed {seed}")
     assert found.measures["candidate_losses"] == 0
-    assert dearer_again(found) == 9
+    assert costlier_again(found) == 9
 
 
 def test_nor_is_one_in_the_flights_whose_cost_rises() -> None:
@@ -293,11 +293,11 @@ def test_nor_is_one_in_the_flights_whose_cost_rises() -> None:
 
 
 def test_the_last_plan_flown_again_mostly_costs_more_than_before() -> None:
-    assert dearer_again(flown(FIRST)) == 9
+    assert costlier_again(flown(FIRST)) == 9
     assert np.all(np.diff(costs(FIRST)) < 0)
 
 
-def dearer_again(found: Run) -> int:
+def costlier_again(found: Run) -> int:
     """Return after how many of the steps u*(k), flown again, costs more than J*(k)."""
     joint, flight = found.flight.loop, found.trajectory
     assert joint.planner.problem.intervals == 1

@@ -93,7 +93,7 @@ def test_a_cell_that_fails_is_recorded_and_the_others_are_kept(tmp_path: Path) -
     assert failures[0] == "expected an even number, found 3"
     assert failures[1] == "ZeroDivisionError: by nothing"
     assert failures[2].startswith("its process died")
-    assert failures[3] == "it took longer than its time"
+    assert failures[3] == "it took longer than its time limit"
     assert failures[4] == ""
     again = done(cells[:2], tmp_path)
     assert [outcome.failure for outcome in again] == failures[:2]
@@ -104,7 +104,7 @@ def test_what_died_or_took_too_long_is_tried_when_asked_for_again(
 ) -> None:
     slow = cell("square", 3, timeout_s=0.5, seconds=2.0)
     (first,) = done([slow], tmp_path)
-    assert first.failure == "it took longer than its time"
+    assert first.failure == "it took longer than its time limit"
     assert finished(slow, tmp_path) is None
     patient = cell("square", 3, timeout_s=60.0, seconds=2.0)
     assert done([patient], tmp_path)[0].result == {"square": 9}

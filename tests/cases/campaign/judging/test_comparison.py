@@ -55,23 +55,27 @@ def test_each_is_compared_with_the_first_seed_by_seed() -> None:
     # 2^(1 - 8) = 0.0078, times two tests that can show anything (its costs and its
     # successes), with four fifths of the chance of a false claim.
     assert found["ga"].against_first == (
-        "dearer (cheaper in 0, dearer in 8 of 8 seeds, p = 0.02)"
+        "costlier (cheaper in 0, costlier in 8 of 8 seeds, p = 0.02)"
     )
     assert found["pso"].against_first.startswith("no difference shown (cheaper in 0, ")
 
 
 def test_an_answer_that_is_not_feasible_is_dearer_than_any_that_is() -> None:
     found = rows(de=[10.0] * 8, ga=[FAR] * 8, pso=[FAR, *[10.0] * 7])
-    assert found["ga"].against_first.startswith("dearer (cheaper in 0, dearer in 8 of")
-    assert "dearer in 1 of 8" in found["pso"].against_first
+    assert found["ga"].against_first.startswith(
+        "costlier (cheaper in 0, costlier in 8 of"
+    )
+    assert "costlier in 1 of 8" in found["pso"].against_first
     both = rows(de=[FAR] * 8, ga=[FAR] * 8)
-    assert "cheaper in 0, dearer in 0" in both["ga"].against_first
+    assert "cheaper in 0, costlier in 0" in both["ga"].against_first
 
 
 def test_a_deterministic_answer_counts_for_every_seed() -> None:
     found = rows(de=[10.0 + 0.1 * seed for seed in range(7)], ipopt=[30.0])
     assert found["ipopt"].success_interval is None
-    assert found["ipopt"].against_first.startswith("dearer (cheaper in 0, dearer in 7")
+    assert found["ipopt"].against_first.startswith(
+        "costlier (cheaper in 0, costlier in 7"
+    )
 
 
 def test_the_word_is_that_of_those_that_differ() -> None:
@@ -79,7 +83,7 @@ def test_the_word_is_that_of_those_that_differ() -> None:
     base = [10.0 + seed for seed in range(14)]
     other = [cost - (0.1 * seed if seed < 7 else 0) for seed, cost in enumerate(base)]
     said = rows(de=base, ga=other)["ga"].against_first
-    assert said.startswith("cheaper (cheaper in 6, dearer in 0 of 14 seeds")
+    assert said.startswith("cheaper (cheaper in 6, costlier in 0 of 14 seeds")
 
 
 def test_few_seeds_are_not_compared() -> None:

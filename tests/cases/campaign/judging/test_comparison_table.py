@@ -37,7 +37,7 @@ def test_a_line_has_what_a_solver_has_shown() -> None:
     Of ipopt ranks 1.5 and 3.5 against 1.5, 3.5, 5, 6 and 7: p = 0.17, last of the two.
     """
     text = report_text(made_up({"s": OWN}, seconds=CLOCK, budget_text="4000evals"))
-    said = EXPECTED.replace("GA", "dearer, p = 0.02")
+    said = EXPECTED.replace("GA", "costlier, p = 0.02")
     assert text == said.replace("X", "no difference shown, p = 0.21")
 
 

@@ -142,7 +142,7 @@ def test_round_off_of_what_was_summed_up_is_no_difference() -> None:
 
 
 def test_where_seeds_draw_gusts_each_has_a_best_known_of_its_own() -> None:
-    """Seed k costs k + 1 at least; `ga` is always 5 % dearer."""
+    """Seed k costs k + 1 at least; `ga` is always 5 % costlier."""
     calm = [1.0 + k for k in range(8)]
     own = {"de": calm, "ga": [1.05 * c for c in calm[:7]] + [8.0]}
     drawn = {"s": About(is_seeded=True)}

@@ -40,7 +40,7 @@ TEN = np.arange(10.0)
 def test_one_family_holds_costs_and_successes() -> None:
     """2^-9 times two tests that can show anything, in four fifths of the chance."""
     (pair,) = judged(results(10 + 0.001 * TEN, 20 + TEN))
-    assert pair.cost.verdict == "dearer" and pair.success.verdict == "fewer"
+    assert pair.cost.verdict == "costlier" and pair.success.verdict == "fewer"
     assert pair.cost.p == pytest.approx(2**-9 * 2 / 0.8)
     assert pair.success.words == (
         "within 1 % of the best known: in fewer seeds (0 against 10 of 10, p = 0.0049)"
@@ -78,10 +78,10 @@ def test_with_the_fewest_seeds_a_difference_can_be_shown(pairs: int) -> None:
 def test_infeasible_is_dearer_than_any_cost_and_equal_to_itself() -> None:
     first = [10.0 + k for k in range(10)]
     (pair,) = judged(results(first, [INF] * 10))
-    assert pair.cost.verdict == "dearer" and pair.shift is None
+    assert pair.cost.verdict == "costlier" and pair.shift is None
     (pair,) = judged(results([INF] * 10, [INF] * 10))
     assert pair.cost.words == (
-        "no difference shown (cheaper in 0, dearer in 0 of 10 seeds, p = 1)"
+        "no difference shown (cheaper in 0, costlier in 0 of 10 seeds, p = 1)"
     )
     assert pair.effect == 0.5 and pair.shift is None
 
@@ -109,8 +109,8 @@ def test_units_of_the_cost_change_nothing() -> None:
 def test_two_deterministic_solvers_are_compared_without_a_test() -> None:
     """One run each, however many seeds: thirty copies of it are no thirty pairs."""
     (pair,) = judged(results([10.0] * 30, [12.0] * 30, sure=(True, True)))
-    assert (pair.cost.verdict, pair.cost.p) == ("dearer", None)
-    assert pair.cost.words == "dearer (both deterministic, one run each)"
+    assert (pair.cost.verdict, pair.cost.p) == ("costlier", None)
+    assert pair.cost.words == "costlier (both deterministic, one run each)"
     assert pair.success.verdict == "fewer"
     (pair,) = judged(results([10.0] * 3, [10.0 + 1e-9] * 3, sure=(True, True)))
     assert pair.cost.verdict == "no difference shown"
@@ -120,7 +120,9 @@ def test_two_deterministic_solvers_are_compared_without_a_test() -> None:
 
 def test_one_run_counts_for_each_seed_of_a_solver_with_chance() -> None:
     (pair,) = judged(results(10 + TEN, [30.0] * 10, sure=(False, True)))
-    assert pair.cost.words.startswith("dearer (cheaper in 0, dearer in 10 of 10 seeds")
+    assert pair.cost.words.startswith(
+        "costlier (cheaper in 0, costlier in 10 of 10 seeds"
+    )
 
 
 def test_what_is_said_of_costs_does_not_depend_on_seconds() -> None:
@@ -145,7 +147,7 @@ def test_one_deterministic_time_is_not_thirty() -> None:
 def test_a_maximiser_reads_of_better_and_worse() -> None:
     (pair,) = judged(results(-20 - TEN, -10 - TEN, sense=-1))
     assert pair.cost.words.startswith("worse (better in 0, worse in 10 of 10 seeds")
-    assert pair.cost.verdict == "dearer"
+    assert pair.cost.verdict == "costlier"
 
 
 def test_the_word_is_that_of_the_signed_ranks() -> None:

@@ -130,8 +130,10 @@ def test_after_its_end_a_run_has_its_verified_cost() -> None:
         [6.0, 6.0, 6.0],
         [INF, INF, INF],
     ]
-    dearer = courses_of([history((1, 3.0, 0.0))], "evaluations", ends=[30], final=[3.5])
-    assert costs_at(dearer, np.array([29.0, 30.0])).tolist() == [[3.0, 3.5]]
+    costlier = courses_of(
+        [history((1, 3.0, 0.0))], "evaluations", ends=[30], final=[3.5]
+    )
+    assert costs_at(costlier, np.array([29.0, 30.0])).tolist() == [[3.0, 3.5]]
 
 
 def test_targets_are_in_equal_ratios_of_their_distance_from_the_best() -> None:
