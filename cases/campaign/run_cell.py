@@ -15,7 +15,7 @@ def run_cell(
         resolved: The scenario.
         seed: The seed.
         figures: Whether figures are drawn, into `figures` of its folder.
-        flown_by: "module:function" that runs it, by default that of `flown.py`.
+        flown_by: "module:function" that runs it; by default it measures the run.
     """
     settings = dict(resolved.settings) if figures else resolved.anonymous_settings()
     variant = f" {resolved.variant}" if resolved.variant else ""

@@ -279,7 +279,7 @@ def no_measures(scenario: Scenario) -> dict[str, str]:
     return {}
 
 
-class Flown(NamedTuple):
+class WholeRun(NamedTuple):
     """Cost of a whole run, and its largest excess over a constraint.
 
     Attributes:
@@ -301,8 +301,8 @@ class Kind:
         scenario: The pydantic model of its scenarios.
         poses: Scenario -> its agents and plant, not compiled; to be called by `pose`.
         measure: (scenario, flight, trajectory) -> values of the measures, by name.
-        flown: (scenario, flight, trajectory, measures) -> values by which whole runs
-            are compared.
+        whole_run: (scenario, flight, trajectory, measures) -> values by which whole
+            runs are compared.
         measures: Name -> meaning, with its unit in brackets at the end.
         undefined: Name of a measure that can be null -> reason; NEVER for a time.
         own_measures: Scenario -> measures that it defines itself: name -> reason why
@@ -320,7 +320,7 @@ class Kind:
     scenario: type[Scenario]
     poses: Callable[..., Posed]
     measure: Callable[..., Mapping[str, Measure]]
-    flown: Callable[..., Flown]
+    whole_run: Callable[..., WholeRun]
     measures: Mapping[str, str]
     undefined: Mapping[str, str]
     flaws: Callable[..., Iterator[LocatedFlaw]]

@@ -27,7 +27,7 @@ Command = Callable[..., Said]
 
 @pytest.fixture(autouse=True)
 def _no_first_sign(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out that a command is at work: whether it is said depends on the load."""
+    """Remove messages of progress, since they depend on the load."""
     monkeypatch.setattr(progress, "FIRST_SIGN_S", 3600.0)
 
 

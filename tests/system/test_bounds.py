@@ -96,7 +96,7 @@ def test_the_kind_is_always_said(
 def test_a_bound_changes_no_other_number_and_is_in_no_key(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And the same run without --bound keeps the one that there is."""
+    """The same run without --bound keeps its earlier bound."""
     Found(with_evidence(NEAR, monkeypatch)).instead(monkeypatch)
     first = command("run", *PLAN, "--out", tmp_path, "--json")
     bounded = command("run", *PLAN, "--out", tmp_path, "--json", "--bound", "1s")
@@ -216,7 +216,7 @@ def test_what_is_no_length_of_time_is_refused(command: Command, text: str) -> No
 def test_a_bound_is_of_one_plan(
     command: Command, tmp_path: Path, words: tuple[str, ...], why: str
 ) -> None:
-    """Refused before anything is flown, not after it."""
+    """It is refused before the simulation, not after it."""
     said = command("run", *words, "--bound", "5s", "--out", tmp_path / "none")
     assert said.code == 2 and why in said.err
     assert not (tmp_path / "none").exists()
@@ -242,7 +242,7 @@ def test_the_page_shows_answer_bound_and_gap(
 def test_a_comparison_has_bounds_in_cells_of_their_own(
     command: Command, tmp_path: Path
 ) -> None:
-    """Of a problem that has none, so that no proof is waited for."""
+    """The problem has no bound, so that the test does not wait for a proof."""
     file = tmp_path / "four.yaml"
     file.write_text(FOUR, encoding="utf-8")
     words = (

@@ -1,4 +1,4 @@
-"""The close formation reaches its bars; one seed here, more in benchmarks/."""
+"""The close formation meets its requirements; one seed here, more in benchmarks/."""
 
 from __future__ import annotations
 

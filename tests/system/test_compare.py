@@ -1,4 +1,4 @@
-"""Solvers compared as a user types it."""
+"""The command `compare`, as a user types it."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_a_plan_in_yaml_is_what_the_options_say_and_an_option_comes_before_it(
     assert counted.out.startswith("16 runs: 7 kept, 9 to be done")
 
 
-def test_the_same_again_is_no_regression_and_a_dearer_one_fails_the_gate(
+def test_the_same_again_is_no_regression_and_a_costlier_one_fails_the_gate(
     folder: Path, command: Command, tmp_path: Path
 ) -> None:
     command(*SMALL, "--out", folder)

@@ -1,4 +1,4 @@
-"""A command is heard of at once; the cache of machine code can be seen and cleared."""
+"""A command prints at once; the cache of machine code can be listed and cleared."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_a_command_that_takes_a_while_says_that_it_is_at_work(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     class Due:
-        """A timer that is due at once, unless it is never started."""
+        """A timer that ends at once, if it is started."""
 
         def __init__(self, delay: float, call: object, arguments: list[str]) -> None:
             assert delay == progress.FIRST_SIGN_S

@@ -1,4 +1,4 @@
-"""The formation flights reach their bars; one seed here, more in benchmarks/."""
+"""The formation flights meet their requirements; one seed here, more in benchmarks/."""
 
 from collections.abc import Mapping
 from functools import cache

@@ -1,4 +1,4 @@
-"""Ctrl-C keeps what is finished, and the same command goes on from there."""
+"""Ctrl-C keeps finished steps, and the same command continues from there."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def interrupted_after(count: int) -> Callable[..., Iterator[Step]]:
-    """Return `fly`, broken off after some steps."""
+    """Return a simulation that is interrupted after some steps."""
 
     def interrupted(*arguments: Any, **keywords: Any) -> Iterator[Step]:
         for number, step in enumerate(fly(*arguments, **keywords)):
@@ -190,7 +190,7 @@ def test_a_crash_between_the_two_files_of_a_checkpoint_costs_no_bit(
 
 
 def broken_by_a_conversion(becomes: Exception | None) -> Callable[..., Iterator[Step]]:
-    """Return `fly`, in the third step of which a conversion swallows Ctrl-C."""
+    """Return a simulation in whose third step a conversion swallows Ctrl-C."""
 
     def interrupted(*arguments: Any, **keywords: Any) -> Iterator[Step]:
         for number, step in enumerate(fly(*arguments, **keywords)):
@@ -302,7 +302,7 @@ def started(program: str, *arguments: object) -> subprocess.Popen[str]:
 
 
 def finished(process: subprocess.Popen[str]) -> tuple[int, str, str]:
-    """Return a command's exit code and what it said; never leave it running."""
+    """Return a command's exit code and its output; never leave it running."""
     try:
         out, err = process.communicate(timeout=60)
     finally:

@@ -1,4 +1,4 @@
-"""A run attacked a few times; `benchmarks/kills.py` does so a hundred times."""
+"""A run killed a few times; `benchmarks/kills.py` does so a hundred times."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ def run(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> tuple[int, list[str]]:
-    """Return how many blocks of code a page has, and what they print."""
+    """Return the number of blocks of code of a page, and their output."""
     page = DOCS / name
     if not page.exists():
         pytest.skip("the documentation is not beside an installed package")

@@ -1,4 +1,4 @@
-"""Commands that need no heavy library import none."""
+"""Commands that need no heavy library do not import one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reconfigurations reach their bars; one or two seeds here, more in benchmarks/."""
+"""Reconfigurations meet their requirements; one or two seeds, more in benchmarks/."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SHORT_100 = ("formation_100", "--set", "steps=3", "--set", "budget.evaluations=2
 
 @pytest.fixture
 def tell(command: Command, tmp_path: Path) -> Tell:
-    """Run a scenario; return what `--json` says, after looking at the exit code."""
+    """Return the output of a run with `--json`, after a check of the exit code."""
 
     def run(*options: object) -> Told:
         said = command(
@@ -170,7 +170,7 @@ def test_with_3_degrees_of_bank_five_intervals_are_enough(tell: Tell) -> None:
 
 
 def interrupted(*arguments: Any, **keywords: Any) -> Iterator[Step]:
-    """Fly one step, and be broken off."""
+    """Fly one step, then raise an interrupt."""
     yield next(iter(fly(*arguments, **keywords)))
     raise KeyboardInterrupt
 

@@ -1,4 +1,4 @@
-"""The chapter replicated as a user types it, and the table of docs/chapter/index.md."""
+"""The command `replicate` as a user types it, and the table of docs/chapter/index.md."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_one_claim_alone_takes_its_runs_only(folder: Path, command: Command) -> 
 
 
 def test_runs_that_fail_are_no_replication(folder: Path, command: Command) -> None:
-    """A kept failure: nothing is judged, it is told, and the exit code says so."""
+    """A kept failure: nothing is judged, and message and exit code report it."""
     (mark,) = (
         file
         for file in folder.glob("cells/*/cell.json")

@@ -1,4 +1,4 @@
-"""Streams that are closed, full or of few characters, as a shell gives them."""
+"""Streams that are closed, full or limited to ASCII, as a shell can give them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of L
 
 
 def typed(line: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a line of a shell, in which $S is the program; that it works is left out."""
+    """Run a line of a shell, in which $S is the program, without progress messages."""
     said = subprocess.run(
         ["sh", "-c", line.replace("$S", PROGRAM)],
         capture_output=True,
@@ -67,7 +67,7 @@ def test_an_error_is_never_said_on_standard_output(stderr: str) -> None:
 
 
 def test_no_file_takes_the_place_of_a_closed_stream(tmp_path: Path) -> None:
-    """Otherwise what a library prints goes into the first file that is opened."""
+    """Otherwise output of a library goes into the first file that is opened."""
     program = (
         "import os; from swarmstart.cases.commands import output; "
         "output.occupy_closed_streams(); "

@@ -1,7 +1,7 @@
 """A whole closed-loop run as a trial, for `compare` and `run --seeds`.
 
 The answer is judged by the simulated path and not by the plans: by the cost of the
-path, and the largest excess over a constraint along it (`Kind.flown`).
+path, and the largest excess over a constraint along it (`Kind.whole_run`).
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def flown_trial(finished: Run) -> dict[str, Any]:
     """Return a run as data for `comparison`; all numbers are finite or None."""
     trajectory, measures = finished.trajectory, finished.measures
     resolved, flight = finished.resolved, finished.flight
-    found = resolved.kind.flown(resolved.scenario, flight, trajectory, measures)
+    found = resolved.kind.whole_run(resolved.scenario, flight, trajectory, measures)
     seconds = np.asarray(trajectory.step_seconds)
     claimed = finished.feasible and not measures.get("infeasible_steps")
     holds = found.excess <= FLOWN_TOLERANCE and math.isfinite(found.cost)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from swarmstart.cases.format.kind import Flown, Measure
+from swarmstart.cases.format.kind import Measure, WholeRun
 from swarmstart.cases.kinds.close_formation.leader import (
     first_manoeuvre_s,
     last_change_s,
@@ -54,17 +54,17 @@ def measure(
     return {name: measures[name] for name in MEASURES}
 
 
-def flown(
+def whole_run(
     scenario: CloseFormationScenario,
     flight: CloseFormationFlight,
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
-) -> Flown:
+) -> WholeRun:
     """Return the integral of the stage cost over the path flown, as in (5.21)."""
     del scenario, measures
     problem = flight.posed.agents[0].problem
     cost, excess, _ = flown_values(problem, flight, trajectory)
-    return Flown(cost, excess)
+    return WholeRun(cost, excess)
 
 
 def deviations(scenario: CloseFormationScenario, states: Array) -> Array:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.kind import Flown, Measure
+from swarmstart.cases.format.kind import Measure, WholeRun
 from swarmstart.cases.kinds.formation_flight.names import MEASURES
 from swarmstart.cases.kinds.formation_flight.pose import FormationFlight, PosedFormation
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
@@ -55,12 +55,12 @@ def measure(
     return {name: measures[name] for name in MEASURES}
 
 
-def flown(
+def whole_run(
     scenario: FormationScenario,
     flight: FormationFlight,
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
-) -> Flown:
+) -> WholeRun:
     """Return the closed-loop cost, and the largest missing part of a distance.
 
     It is relative to the safe distance of two UAVs, or to the radius of an obstacle.
@@ -72,7 +72,7 @@ def flown(
     missing = [1.0 - near / safe] if isinstance(near, float) else []
     missing += [-clear / radius] if isinstance(clear, float) else []
     cost = measures["closed_loop_cost"]
-    return Flown(cost if isinstance(cost, float) else np.nan, max([0.0, *missing]))
+    return WholeRun(cost if isinstance(cost, float) else np.nan, max([0.0, *missing]))
 
 
 def errors(posed: PosedFormation, times: Array, states: Array) -> Array:

@@ -3,7 +3,7 @@
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.problem.flaws import flaws
 from swarmstart.cases.kinds.problem.meanings import own_meanings
-from swarmstart.cases.kinds.problem.measures import flown, measure, own_measures
+from swarmstart.cases.kinds.problem.measures import measure, own_measures, whole_run
 from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
@@ -12,7 +12,7 @@ KIND = Kind(
     scenario=ProblemScenario,
     poses=pose,
     measure=measure,
-    flown=flown,
+    whole_run=whole_run,
     measures=MEASURES,
     own_measures=own_measures,
     own_meanings=own_meanings,

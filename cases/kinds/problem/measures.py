@@ -21,7 +21,7 @@ from swarmstart.cases.format.expressions import (
     interpret,
     parse,
 )
-from swarmstart.cases.format.kind import NEVER, Flight, Flown, Measure, Posed
+from swarmstart.cases.format.kind import NEVER, Flight, Measure, Posed, WholeRun
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.decided_measures import (
     decided_measures,
@@ -95,12 +95,12 @@ def measure(
     )
 
 
-def flown(
+def whole_run(
     scenario: UserScenario,
     flight: Flight[Posed],
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
-) -> Flown:
+) -> WholeRun:
     """Return the cost of the simulated path and its largest excess over a constraint.
 
     Terminal constraints count if the one plan was simulated to its end.
@@ -108,7 +108,7 @@ def flown(
     del scenario, trajectory
     names = ["constraint_excess", *["terminal_excess"] * flight.posed.open_loop]
     sense = flight.posed.agents[0].problem.sense
-    return Flown(
+    return WholeRun(
         cost=sense * _number(measures["flown_cost"]),
         excess=max(_number(measures[name]) for name in names),
     )

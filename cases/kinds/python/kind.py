@@ -9,10 +9,10 @@ from swarmstart.cases.kinds.problem.flown_path import rows_of
 from swarmstart.cases.kinds.problem.meanings import own_meanings
 from swarmstart.cases.kinds.problem.measures import (
     PATH,
-    flown,
     measured,
     own_measures,
     own_values,
+    whole_run,
     wrong_measures,
 )
 from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
@@ -50,7 +50,7 @@ KIND = Kind(
     scenario=PythonScenario,
     poses=pose,
     measure=measure,
-    flown=flown,
+    whole_run=whole_run,
     measures=MEASURES,
     own_measures=own_measures,
     own_meanings=own_meanings,

@@ -1,7 +1,7 @@
 """The kind of scenario "reconfiguration"."""
 
 from swarmstart.cases.format.kind import Kind
-from swarmstart.cases.kinds.reconfiguration.measures import flown, measure
+from swarmstart.cases.kinds.reconfiguration.measures import measure, whole_run
 from swarmstart.cases.kinds.reconfiguration.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.reconfiguration.pose import flaws, pose
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
@@ -10,7 +10,7 @@ KIND = Kind(
     scenario=ReconfigurationScenario,
     poses=pose,
     measure=measure,
-    flown=flown,
+    whole_run=whole_run,
     measures=MEASURES,
     undefined=UNDEFINED,
     flaws=flaws,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.kind import Flown, Measure
+from swarmstart.cases.format.kind import Measure, WholeRun
 from swarmstart.cases.kinds.planar import (
     by_uav,
     flown_positions,
@@ -46,12 +46,12 @@ def measure(
     return {name: measures[name] for name in MEASURES}
 
 
-def flown(
+def whole_run(
     scenario: ReconfigurationScenario,
     flight: ReconfigurationFlight,
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
-) -> Flown:
+) -> WholeRun:
     """Return the cost of the path flown, and the missing part of the safe distance.
 
     The cost is the integral of the stage cost of all UAVs, or the sum of the costs of
@@ -64,7 +64,7 @@ def flown(
     else:
         problem = flight.posed.agents[0].problem
         cost, *_ = flown_values(problem, flight, trajectory)
-    return Flown(cost, max(0.0, 1.0 - near / safe))
+    return WholeRun(cost, max(0.0, 1.0 - near / safe))
 
 
 def errors_of(

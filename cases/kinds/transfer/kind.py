@@ -1,7 +1,7 @@
 """The kind of scenario "transfer"."""
 
 from swarmstart.cases.format.kind import Kind
-from swarmstart.cases.kinds.transfer.measures import flown, measure
+from swarmstart.cases.kinds.transfer.measures import measure, whole_run
 from swarmstart.cases.kinds.transfer.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.transfer.pose import flaws, pose
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
@@ -10,7 +10,7 @@ KIND = Kind(
     scenario=TransferScenario,
     poses=pose,
     measure=measure,
-    flown=flown,
+    whole_run=whole_run,
     measures=MEASURES,
     undefined=UNDEFINED,
     flaws=flaws,

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.format.kind import Flown, Measure
+from swarmstart.cases.format.kind import Measure, WholeRun
 from swarmstart.cases.kinds.planar import (
     POSITION,
     by_uav,
@@ -52,12 +52,12 @@ def measure(
     return {name: measures[name] for name in MEASURES}
 
 
-def flown(
+def whole_run(
     scenario: TransferScenario,
     flight: TransferFlight,
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
-) -> Flown:
+) -> WholeRun:
     """Return the verified cost of the plan, and the missing part of the safe distance.
 
     Distances between the checks count, too.
@@ -65,7 +65,7 @@ def flown(
     del flight, trajectory
     near, cost = measures["min_distance_m"], measures["verified_cost"]
     missing = 1.0 - near / scenario.safe_distance_m if isinstance(near, float) else 0.0
-    return Flown(cost if isinstance(cost, float) else np.nan, max(0.0, missing))
+    return WholeRun(cost if isinstance(cost, float) else np.nan, max(0.0, missing))
 
 
 def _known(value: float) -> float | None:

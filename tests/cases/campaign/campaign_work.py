@@ -24,7 +24,7 @@ from swarmstart.heuristics import Budget
 
 
 def square(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Note that it was done, and return the square."""
+    """Write a mark and return the square."""
     with (folder / "done").open("a") as file:
         file.write(f"{os.getpid()}\n")
     time.sleep(job.get("seconds", 0.0))
@@ -49,7 +49,7 @@ def die(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def square_and_die(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Commit the square, as the worker does, and die before it is told."""
+    """Commit the square, as the worker does, and die before the reply."""
     order = {"work": f"{__name__}:square_and_die", "job": dict(job), "label": "dies"}
     content = cell_content(order, Beginning(), result=square(job, folder))
     commit(folder, to_json(content), seconds=1.0)
@@ -57,7 +57,7 @@ def square_and_die(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def die_once(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Die, unless somebody has done so before."""
+    """Die in the first call only."""
     mark = folder / "died"
     if not mark.exists():
         mark.touch()
@@ -79,7 +79,7 @@ def nothing(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def spin(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Spin in native code that never comes back to Python, under a hard limit."""
+    """Loop in native code that never returns to Python, under a hard limit."""
     with (folder / "done").open("a") as file:
         file.write(f"{os.getpid()}\n")
     with hard_limit(job.get("limit")):
@@ -92,7 +92,7 @@ def rescue(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def within_limit(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """End in time, of limits within limits; return what is left of them."""
+    """Return the time that nested limits leave, after an end in time."""
     with hard_limit(60.0):
         for _ in range(3):
             with hard_limit(30.0):
@@ -102,7 +102,7 @@ def within_limit(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def not_in_time(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Spend what an outer limit leaves, in an inner one that would allow more."""
+    """Exceed an outer limit within an inner one that allows more time."""
     with hard_limit(0.2), hard_limit(60.0):
         time.sleep(60.0)
     return {}
@@ -140,7 +140,7 @@ def text_of(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def compile_in_limit(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Make machine code for longer than the limit, and work for less."""
+    """Compile for longer than the limit, and work for less."""
     del folder
     with hard_limit(job["limit"]):
         with compiling():

@@ -1,4 +1,4 @@
-"""Bounds of a comparison: cells apart from the solvers', after them, of plans only."""
+"""Bounds of a comparison: cells of their own, after the solvers', for plans only."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def outcome(result: dict[str, Any] | None, failure: str = "") -> Outcome:
 
 
 def solved(given: Contest, costs: Sequence[float | None], sense: int = 1) -> Any:
-    """Return outcomes of the solvers' cells; None: not feasible."""
+    """Return outcomes of the solvers' cells; None means infeasible."""
     cells = [cell for entry in given.entries for cell in entry.cells]
     assert len(cells) == len(costs)
     return {
@@ -57,7 +57,7 @@ def solved(given: Contest, costs: Sequence[float | None], sense: int = 1) -> Any
 def sought(
     given: Sequence[Contest], outcomes: Any, *results: Outcome
 ) -> tuple[list[Cell], dict[str, Any]]:
-    """Return the cells that are to be done, and what is known when they are."""
+    """Return the cells to be done, with their knowledge of the best cost."""
     asked: list[Cell] = []
 
     def done(cells: Sequence[Cell]) -> Sequence[Outcome]:
@@ -68,7 +68,7 @@ def sought(
 
 
 def test_the_best_confirmed_cost_is_what_a_bound_begins_with() -> None:
-    """An answer that is not feasible says nothing, whatever it costs."""
+    """An infeasible answer does not count, at any cost."""
     one = contest()
     outcomes = solved(one, [13.0, None, 12.5])
     ((cell,), _) = sought([one], outcomes, outcome(None, "it died"))

@@ -1,4 +1,4 @@
-"""Cells of comparisons: what a scenario is compared by, by whom, in which order."""
+"""Cells of comparisons: plans or runs, their solvers and their order."""
 
 from collections.abc import Sequence
 

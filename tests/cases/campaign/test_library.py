@@ -102,7 +102,7 @@ def test_problems_with_names_stand_beside_scenarios() -> None:
     problems: dict[str, Compared] = {"landing": landing(), "side": "passing_side"}
     rows = ss.compare(problems, "ipopt", seeds=1, budget="2000evals")
     assert [row.entry.scenario for row in rows] == ["landing", "side"]
-    # From zero controls IPOPT passes the disc on the dear side, here with a margin.
+    # From zero controls IPOPT passes the disc on the costlier side, with a margin.
     assert rows[1].costs == pytest.approx([1802.0], abs=0.1)
 
 

@@ -1,4 +1,4 @@
-"""The chapter's claims as data: complete, and each with all that judges it."""
+"""The chapter's claims as data: complete, and each with its parts."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_every_claim_of_the_chapter_is_there_once() -> None:
 
 
 def test_every_claim_of_a_scenario_of_the_chapter_is_part_of_one() -> None:
-    """But for copies on a second flight of the same kind, and where one computes."""
+    """Except copies on a second flight of the same kind, and computed claims."""
     named = {part.claim for c in WHOLE.claims for part in c.parts}
     computed = {str(c.id) for c in WHOLE.claims if all(p.compute for p in c.parts)}
     for name in shipped():
@@ -110,7 +110,7 @@ def test_the_commands_are_those_of_the_cells() -> None:
 def test_measures_make_the_verdict(
     values: list[float | None], verdict: Verdict, expected: bool
 ) -> None:
-    """Of claim 1, which is expected to hold in part: here both parts fly alike."""
+    """Claim 1 is expected to hold in part: here both parts have equal flights."""
     parts = planned(WHOLE, claim(1), seeds=None)
     outcomes = {
         cell.key: outcome(v)
@@ -191,7 +191,7 @@ def test_one_sentence_has_one_bound_in_both_experiments() -> None:
 
 
 def test_better_is_a_ratio_below_1() -> None:
-    """Nothing that is compared with another run has a factor of ours."""
+    """Parts that are compared with another run have no factor of this project."""
     for one in WHOLE.claims:
         for part in planned(WHOLE, one, seeds=1):
             if part.claim.against is not None:

@@ -1,4 +1,4 @@
-"""A run's record says what its linear law stands on."""
+"""A run's record states whether its linear law is certified."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from swarmstart.cases.format.scenario import read_document, resolve
 def test_sets_that_are_not_certified_are_named_in_the_status(
     variant: str, enabled: str, is_said: bool
 ) -> None:
-    """The literal law has no certificate; it is flown when the scenario asks for it."""
+    """The literal law has no certificate; it is used if the scenario asks for it."""
     assignments = ("steps=1", f"dual_mode.enabled={enabled}")
     resolved = resolve(
         read_document("formation_v"), variant=variant, assignments=assignments

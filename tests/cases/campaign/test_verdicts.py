@@ -1,4 +1,4 @@
-"""What several runs say of a claim."""
+"""Verdicts of several runs on a claim."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def test_the_level_as_printed_exceeds_the_bounds_and_with_the_inverse_it_does_no
 
 
 def test_moved_continuously_the_printed_law_converges_and_leaves_its_set() -> None:
-    """Leaving is a property of the linear loop: the wings of the set are small.
+    """Leaving is a property of the linear loop: the ends of the set are small.
 
     e(t) = exp((A - B K) t) e(0) of other states of the edge, to t = 4 s.
     """

@@ -188,7 +188,7 @@ def test_laws_of_the_chain(
     np.testing.assert_allclose(P @ h, h, rtol=0, atol=1e-12)
     assert (h[dead] == 0.0).all() and (h[optimal] == 1.0).all()
     assert (h[~dead] > 0.0).all() and (h <= 1.0 + 1e-12).all()
-    # T = 1 + P T where it is finite: where no dead state can be reached
+    # T = 1 + P T in states with finite T: no dead state can be reached from them
     T = hitting_times(chain).by_state
     finite = np.isfinite(T)
     np.testing.assert_array_equal(finite, h > 1.0 - 1e-9)

@@ -1,4 +1,4 @@
-"""What every kind offers."""
+"""Parts that every kind of scenario has."""
 
 from __future__ import annotations
 

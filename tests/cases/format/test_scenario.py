@@ -50,7 +50,7 @@ def test_every_shipped_scenario_is_valid_in_every_variant(
 ) -> None:
     scenario = resolved(name, variant=variant).scenario
     assert scenario.name == name
-    if scenario.source.startswith("Chapter 5"):  # Flown as the text does.
+    if scenario.source.startswith("Chapter 5"):  # With the search of the text.
         assert scenario.polish == "none"
         assert scenario.search.name == SEARCH[scenario.kind]
 
@@ -181,7 +181,7 @@ def test_every_claim_of_a_shipped_scenario_says_where_it_is_made() -> None:
 
 
 def test_a_claim_is_of_flights_as_long_as_the_file_says() -> None:
-    """But for one whose `when` names other steps."""
+    """Except a claim whose `when` names other steps."""
 
     def wanted(*assignments: str) -> dict[str, int]:
         scenario = resolved("reconfiguration", assignments=assignments).scenario

@@ -1,4 +1,4 @@
-"""Flights of scenarios, made as the commands make them, and flights by hand."""
+"""Flights of scenarios, built as in the commands, and flights by hand."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def flown_by_hand(
     plan: Callable[[int, int], dict[str, Any]] | None = None,
     dt: float = 1.0,
 ) -> Trajectory:
-    """Return a flight of known states; the plan of (step, agent) may say more."""
+    """Return a flight of known states, with changed plans for some (step, agent)."""
     steps = controls.shape[1]
     spent = np.zeros(steps) if costs is None else np.asarray(costs, dtype=np.float64)
 

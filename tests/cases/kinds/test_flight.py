@@ -1,4 +1,4 @@
-"""A flight of what a kind poses, and the planning problem of its first step."""
+"""A closed loop from posed agents, and the planning problem of its first step."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def test_a_given_plan_is_neither_searched_nor_polished() -> None:
 
 
 def test_an_open_loop_knows_its_signals_and_begins_at_its_guess() -> None:
-    """One that is given is flown as it is, and verified with what it knew."""
+    """A given plan is applied unchanged, and verified with the values known to it."""
     x, u, wanted = (ca.SX.sym(name) for name in ("x", "u", "wanted"))
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=u),

@@ -114,7 +114,7 @@ def test_a_folder_without_room_is_refused(
 
 
 def full_device(size: int) -> bytes:
-    """Fail as the system does."""
+    """Raise an error like that of the system."""
     raise OSError(28, os.strerror(28))
 
 

@@ -1,4 +1,4 @@
-"""A plan on disk is read as it was made, or refused with the reason."""
+"""A plan on disk is read unchanged, or refused with the reason."""
 
 from pathlib import Path
 

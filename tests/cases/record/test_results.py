@@ -1,4 +1,4 @@
-"""Saved results, and records, read again as data."""
+"""Saved results and records, read back as data."""
 
 import json
 from dataclasses import replace
@@ -64,7 +64,7 @@ def test_a_saved_flight_is_the_same_flight_again(
 
 
 class Still:
-    """A controller that pushes nothing and plans nothing."""
+    """A controller with zero controls and without plans."""
 
     dt = 0.25
 

@@ -1,4 +1,4 @@
-"""Results as tables of pandas, and the sentence where there is no pandas."""
+"""Results as tables of pandas, and the message without pandas."""
 
 import sys
 

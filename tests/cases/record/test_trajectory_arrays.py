@@ -1,4 +1,4 @@
-"""Plans of a flight: which count, once each, and which steps found one."""
+"""Plans of a flight: each counts once; steps that found a plan are known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A cell's key changes with what determines its result, and with nothing else."""
+"""Keys of cells: they change with all that determines a result, and only then."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WORK = "swarmstart.tests.cases.campaign.campaign_work:square"
 
 @pytest.fixture(autouse=True)
 def fresh() -> Iterator[None]:
-    """No hashes of another test."""
+    """Remove the hashes of other tests."""
     cell_keys._code.cache_clear()
     yield
     cell_keys._code.cache_clear()
@@ -35,8 +35,10 @@ def fresh() -> Iterator[None]:
 def changes(
     monkeypatch: pytest.MonkeyPatch, module: str, work: str, job: dict[str, object]
 ) -> bool:
-    """Return whether an edit of a module makes another key."""
-    text = fingerprint.source(module)  # A name that is none would change nothing.
+    """Return whether an edit of a module changes the key."""
+    text = fingerprint.source(
+        module
+    )  # Fails for an unknown name, which would change nothing.
     before = key_of(work, job)
     cell_keys._code.cache_clear()
     with monkeypatch.context() as patch:

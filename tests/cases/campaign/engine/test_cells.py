@@ -1,4 +1,4 @@
-"""Campaigns: nothing finished is lost, nothing is done twice, nobody is left behind."""
+"""Campaigns: nothing finished is lost or done twice, and no process is left."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ def test_code_that_was_edited_meanwhile_is_not_mixed(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_stops_the_campaign_and_loses_nothing(tmp_path: Path) -> None:
-    """RLIMIT_FSIZE refuses what a full disk would, whoever writes it."""
+    """RLIMIT_FSIZE makes writes fail like a full disk, in every process."""
     root = tmp_path / "cells"
     small, large = cell("square", 3), cell("text_of", 10**6)
     limited = program(root, [small, large], workers=1).replace(
@@ -292,7 +292,7 @@ def test_workers_in_native_code_end_with_the_command(
 
 
 def workers_of(root: Path) -> set[int]:
-    """Return the processes that have noted that they do a cell."""
+    """Return the processes that have marked that they work on a cell."""
     return {
         int(line)
         for file in root.glob("*/done")

@@ -1,4 +1,4 @@
-"""Cells on a Dask cluster: same results, whatever of it is killed."""
+"""Cells on a Dask cluster: same results, also if parts of it are killed."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def scheduler(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 
 @contextmanager
 def workers(address: str, folder: Path, count: int = 2) -> Iterator[list[int]]:
-    """Workers with a nanny, which starts one anew that is killed."""
+    """Workers with a nanny, which restarts a killed worker."""
     options = ("--nworkers", str(count), "--nthreads", "1", "--no-dashboard")
     process = dask("worker", address, *options, "--local-directory", folder)
     try:

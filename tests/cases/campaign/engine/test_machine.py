@@ -1,4 +1,4 @@
-"""The machine is told, and nothing of its owner."""
+"""The description of the machine has no data about its owner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A hard limit ends a process of cells in native code, and nothing else ever."""
+"""A hard limit ends a process of cells in native code, and no other process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What solvers side by side show, by hand."""
+"""Results of compared solvers, against values by hand."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FAR = None
 
 
 def rows(**costs: Sequence[float | None]) -> dict[str, Row]:
-    """Return the rows of solvers with these verified costs, one a seed."""
+    """Return the rows of solvers with these verified costs, one for each seed."""
     entries, outcomes = [], {}
     for name, own in costs.items():
         cells = []
@@ -60,7 +60,7 @@ def test_each_is_compared_with_the_first_seed_by_seed() -> None:
     assert found["pso"].against_first.startswith("no difference shown (cheaper in 0, ")
 
 
-def test_an_answer_that_is_not_feasible_is_dearer_than_any_that_is() -> None:
+def test_an_answer_that_is_not_feasible_is_costlier_than_any_that_is() -> None:
     found = rows(de=[10.0] * 8, ga=[FAR] * 8, pso=[FAR, *[10.0] * 7])
     assert found["ga"].against_first.startswith(
         "costlier (cheaper in 0, costlier in 8 of"

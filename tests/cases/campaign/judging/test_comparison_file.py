@@ -1,4 +1,4 @@
-"""A comparison is read again; anything else is refused in one message."""
+"""A comparison is read again; other files are refused in one message."""
 
 from __future__ import annotations
 
@@ -50,17 +50,17 @@ def test_another_file_is_refused(text: str, found: str, tmp_path: Path) -> None:
     [
         (["scenarios"], None, "scenarios = null instead of a list"),
         (["scenarios", 0], 3, r"scenarios\[0\] = 3 instead of a mapping"),
-        (["scenarios", 0, "rows", 0, "costs", 1], "1", r"costs\[1\] = .1., where a"),
-        (["scenarios", 0, "rows", 0, "costs", 1], True, r"costs\[1\] = true, where"),
+        (["scenarios", 0, "rows", 0, "costs", 1], "1", r"costs\[1\] = .1. instead"),
+        (["scenarios", 0, "rows", 0, "costs", 1], True, r"costs\[1\] = true instead"),
         (["scenarios", 0, "rows", 0, "costs"], [1.0], "2 runs and 1 costs of \"de\""),
         (["scenarios", 0, "rows", 0, "near"], [1], "of \"de\" on \"s\" instead of 2"),
-        (["scenarios", 0, "rows", 0, "runs"], -1, "runs = -1, where a count"),
+        (["scenarios", 0, "rows", 0, "runs"], -1, "runs = -1 instead of a count"),
         (["scenarios", 0, "best_cost"], 10**400, "best_cost = 1000"),
         (["near"], [0.01], "1 distances in near"),
-        (["seeds"], [0.5], r"seeds\[0\] = 0.5, where a count"),
+        (["seeds"], [0.5], r"seeds\[0\] = 0.5 instead of a count"),
         (["seeds"], [], "2 runs and 2 costs of \"de\" on \"s\" instead of 0"),
-        (["is_noisy"], 0, "is_noisy = 0, where true or false"),
-        (["headline"], None, "headline = null, where a text"),
+        (["is_noisy"], 0, "is_noisy = 0 instead of true or false"),
+        (["headline"], None, "headline = null instead of a text"),
     ],
 )  # fmt: skip
 def test_damage_is_named_with_its_place(

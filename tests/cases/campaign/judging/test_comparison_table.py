@@ -1,4 +1,4 @@
-"""A comparison as text: one line a solver, the same for everyone."""
+"""A comparison as text: one line for each solver, equal in all calls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A comparison's content is complete, repeatable and true, however little there is."""
+"""A comparison's content is complete, repeatable and true, also with little data."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ def test_limits_say_what_cannot_be_concluded() -> None:
     ],
 )
 def test_a_bound_stands_beside_the_best_known(sense: int, words: str) -> None:
-    """Costs and bounds are minimised inside, and told in the user's sense."""
+    """Costs and bounds are minimised inside, and shown in the user's sense."""
     about = {"s": About(bound={"value": 9.9375, "kind": "proven", "reason": "proof"})}
     results = {"s": {"de": [10.0] * 8, "ga": [10.5] * 8}}
     content = made_up(results, about=about, more=lambda _: {"sense": sense})

@@ -1,4 +1,4 @@
-"""The one sentence says what the numbers show, and no more."""
+"""The headline states what the numbers show, and no more."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is claimed of pairs of solvers, and what is not."""
+"""Claims about pairs of solvers, and missing ones."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_one_family_holds_costs_and_successes() -> None:
 
 
 def test_a_test_without_seeds_that_differ_costs_the_others_nothing() -> None:
-    """No answer but one is near the best: one pair differs, and can show nothing."""
+    """Only one answer is near the best: one pair differs, which shows nothing."""
     (pair,) = judged(results(20 + TEN, 40 + TEN))
     assert pair.cost.p == pytest.approx(2**-9 / 0.8)
     assert pair.success.verdict == "no difference shown"
@@ -75,7 +75,7 @@ def test_with_the_fewest_seeds_a_difference_can_be_shown(pairs: int) -> None:
     assert 2.0 ** (2 - seeds) * 2 * pairs / 0.8 > LEVEL or seeds == 6
 
 
-def test_infeasible_is_dearer_than_any_cost_and_equal_to_itself() -> None:
+def test_infeasible_is_costlier_than_any_cost_and_equal_to_itself() -> None:
     first = [10.0 + k for k in range(10)]
     (pair,) = judged(results(first, [INF] * 10))
     assert pair.cost.verdict == "costlier" and pair.shift is None
@@ -107,7 +107,7 @@ def test_units_of_the_cost_change_nothing() -> None:
 
 
 def test_two_deterministic_solvers_are_compared_without_a_test() -> None:
-    """One run each, however many seeds: thirty copies of it are no thirty pairs."""
+    """One run each for any number of seeds: thirty copies are not thirty pairs."""
     (pair,) = judged(results([10.0] * 30, [12.0] * 30, sure=(True, True)))
     assert (pair.cost.verdict, pair.cost.p) == ("costlier", None)
     assert pair.cost.words == "costlier (both deterministic, one run each)"
@@ -151,7 +151,7 @@ def test_a_maximiser_reads_of_better_and_worse() -> None:
 
 
 def test_the_word_is_that_of_the_signed_ranks() -> None:
-    """Many small gains, as many as few great losses: the ranks decide, not the mean."""
+    """Many small gains and few great losses: the ranks decide, not the mean."""
     first = np.full(14, 10.0)
     other = first - np.linspace(0.1, 0.2, 14)
     other[0] = 1000.0

@@ -1,4 +1,4 @@
-"""A Parquet file has every run of a table, typed, and says what its columns are."""
+"""A Parquet file has every run of a table, with types and descriptions of columns."""
 
 from __future__ import annotations
 

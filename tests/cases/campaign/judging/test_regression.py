@@ -84,7 +84,7 @@ def test_answers_that_are_lost_are_worse() -> None:
 
 
 def test_success_is_held_to_the_best_of_both() -> None:
-    """The newer one finds 10 always; the older one's 12 was its best, and is none."""
+    """The newer one always finds 10; the older one's best, 12, is not near that."""
     before, now = content(np.full(30, 12.0)), content(np.full(30, 10.0))
     found = row(before, now, 0)
     assert (found["before"], found["now"], found["verdict"]) == (0.0, 1.0, "better")

@@ -1,4 +1,4 @@
-"""A table of comparisons grows, and keeps what it has."""
+"""A table of comparisons grows and keeps its rows."""
 
 from __future__ import annotations
 

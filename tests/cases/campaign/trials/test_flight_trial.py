@@ -1,4 +1,4 @@
-"""Whole flights as trials: judged by what was flown."""
+"""Whole flights as trials: judged by the path flown."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -66,10 +66,13 @@ def test_two_uavs_nearer_than_the_safe_distance_are_no_feasible_flight() -> None
     avoidance = scenario.avoidance  # type: ignore[attr-defined]
     wider = avoidance.model_copy(update={"safe_distance_m": 1.1 * safe})  # type: ignore[operator]
     asked = scenario.model_copy(update={"avoidance": wider})
-    _, excess = kind.flown(asked, near.flight, near.trajectory, near.measures)
+    _, excess = kind.whole_run(asked, near.flight, near.trajectory, near.measures)
     assert excess == pytest.approx(1 - 1 / 1.1)
     assert excess > FLOWN_TOLERANCE
-    assert kind.flown(scenario, near.flight, near.trajectory, near.measures).excess == 0
+    assert (
+        kind.whole_run(scenario, near.flight, near.trajectory, near.measures).excess
+        == 0
+    )
     assert flown_trial(near)["feasible"]
     judged = flown_trial(replace(near, resolved=replace(near.resolved, scenario=asked)))
     assert judged["claimed_feasible"] and not judged["feasible"]

@@ -1,4 +1,4 @@
-"""The any-time history: marks, order, budgets, and what is never better."""
+"""The any-time history: marks, order, budgets, and its final value."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_what_is_not_finite_is_never_the_best(bad: float) -> None:
 
 
 def test_what_was_not_answered_does_not_count_as_better() -> None:
-    """A search by penalty may answer a point that this order puts behind."""
+    """A search by penalty can answer with a point that is worse in this order."""
     found = meter()
     generations(found, [(5.0, 0.0), (2.0, 0.0)], 10)
     history = found.history(final=(3.0, 0.0))

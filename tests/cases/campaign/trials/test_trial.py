@@ -63,7 +63,7 @@ def job_of(
 
 
 def untimed(found: dict[str, Any]) -> dict[str, Any]:
-    """Return what must be the same each time."""
+    """Return the part of a result that must be equal each time."""
     kept = {key: value for key, value in found.items() if key not in TIMED}
     return {**kept, "history": {**found["history"], "seconds": []}}
 
@@ -147,7 +147,7 @@ def test_a_budget_of_seconds_is_kept_by_every_kind_of_solver(tmp_path: Path) -> 
 
 
 def test_the_system_ends_what_does_not_look_at_the_clock(tmp_path: Path) -> None:
-    """A peer that never comes back: what it had found until then is judged."""
+    """A peer that never returns is judged by its best answer until then."""
     job = job_of("passing_side", "scipy-de", seconds=0.5)
     code = """
     import json, os, sys

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class Fly(Protocol):
-    """Return a flight by hand: everybody in the slot, but for the offsets."""
+    """Return a flight by hand: every UAV in its slot, plus the offsets."""
 
     def __call__(
         self,

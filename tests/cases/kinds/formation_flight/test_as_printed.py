@@ -1,4 +1,4 @@
-"""The printed formulas of the terminal set: what they give, and do not keep."""
+"""The printed formulas of the terminal set: their values and broken bounds."""
 
 import casadi as ca
 import numpy as np

@@ -121,7 +121,7 @@ def test_clearance_is_to_the_edge_and_negative_inside(
     (disc,) = scenario.obstacles
     offsets = np.zeros((UAVS, 4, DENSE))
     slots = flight.posed.slots(np.linspace(0.0, STEPS, DENSE))
-    offsets[:, Y] += 1000.0  # everybody far away
+    offsets[:, Y] += 1000.0  # all UAVs far away
     offsets[3, 0] = -slots[3, 0]  # it stands at each step: so none passes nearer
     inside, outside = 3 * SUBSTEPS + 1, 6 * SUBSTEPS
     for number, y in ((inside, disc.y_m + 2.0), (outside, disc.y_m + 17.0)):

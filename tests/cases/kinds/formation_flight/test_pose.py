@@ -147,7 +147,7 @@ def test_dual_mode_is_on_as_corrected_and_off_as_printed(
 
 
 def terminal_cost(flight: FormationFlight, error: np.ndarray) -> float:
-    """Return what the plans' cost adds for an error at the horizon's end."""
+    """Return the plans' cost of an error at the horizon's end."""
     problem = team_of(flight).agents[4].controller.planner.problem
     parts = ca.Function(
         "end", [problem.model.states, problem.signals], [problem.terminal_cost]

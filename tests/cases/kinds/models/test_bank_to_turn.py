@@ -71,7 +71,7 @@ def test_a_turn_at_constant_speed_is_a_circle(
     start = [v, psi, 3.0, -7.0]
     found = flown(bank_to_turn(turn=turn), start, [0.0, phi], 1.5)
     radius = v**2 / (G * of(phi))
-    # The arc is at most 45 m: 1e-8 is what the integrator is told to keep, and more.
+    # The arc is at most 45 m: 1e-8 is above the tolerance of the integrator.
     assert found == pytest.approx(on_the_circle(start, radius, 1.5), abs=1e-8)
 
 

@@ -20,7 +20,7 @@ from swarmstart.cases.kinds.models.horseshoe_vortex import (
 AIRCRAFT = Aircraft()
 YBAR = math.pi * 30 / 4
 ROUNDED = 1e-5
-"""Relative; what is expected is rounded to six digits, 5e-6 at worst."""
+"""Relative tolerance: expected values are rounded to six digits, 5e-6 at worst."""
 
 
 @pytest.mark.parametrize(

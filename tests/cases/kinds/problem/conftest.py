@@ -44,7 +44,7 @@ def scenario_of(text: str) -> ProblemScenario:
 
 
 def simulated(text: str, seed: int = 0) -> tuple[Trajectory, Mapping[str, Measure]]:
-    """Return the path of a problem and what is measured on it."""
+    """Return the path of a problem and its measures."""
     resolved = stated(text)
     flight = flight_of(resolved.kind.pose(resolved.scenario), resolved.scenario)
     rng = np.random.default_rng(seed)
@@ -55,7 +55,7 @@ def simulated(text: str, seed: int = 0) -> tuple[Trajectory, Mapping[str, Measur
 
 @pytest.fixture
 def refused() -> Callable[[str, str], str]:
-    """Return how the pendulum is refused, with one part of its text replaced."""
+    """Return the message for the pendulum with one part of its text replaced."""
 
     def message(part: str, other: str) -> str:
         assert part in PENDULUM

@@ -120,7 +120,7 @@ def test_decided_parameter_and_start_are_flown_and_measured() -> None:
     assert found["decided_x"] == path.states[0, 0]
     assert found["decided_v"] == path.states[1, 0]
     assert found["decided_mean"] == pytest.approx(found["drift"])
-    # What is flown is what is planned only with the decided parameter.
+    # The simulation follows the plan only with the decided parameter.
     assert found["miss"] == pytest.approx(0, abs=1e-4)
     assert found["terminal_excess"] == pytest.approx(0, abs=1e-4)
     assert found["flown_cost"] == pytest.approx(found["cost"], rel=1e-5)
@@ -362,7 +362,7 @@ search: {name: none}
     gap = found["decided_gap"]
     assert found["decided_x_a"] == pytest.approx(gap, abs=1e-6)
     assert "decided_x_b" not in found and path.states[1, 0] == 0.0
-    # 2 (gap - 2)^2 + gap^2: the other vehicle stays where it is.
+    # 2 (gap - 2)^2 + gap^2: the other vehicle does not move.
     assert gap == pytest.approx(4 / 3, abs=1e-6)
 
 

@@ -1,4 +1,4 @@
-"""What docs/problem.md shows is valid, runs, and lists all keys with their defaults."""
+"""Examples of docs/problem.md are valid and run; it lists all keys and defaults."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -116,7 +116,7 @@ def _parts(kind: Any, mark: str) -> Iterator[tuple[type[BaseModel], str]]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a default without the difference of texts and numbers."""
+    """Return a default in one form for texts and numbers."""
     try:
         return float(value)
     except (TypeError, ValueError):

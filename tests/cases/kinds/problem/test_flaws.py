@@ -1,4 +1,4 @@
-"""Every wrong part of a problem is named where it stands, in the file's own words."""
+"""Every error of a problem is reported at its place, in the file's own words."""
 
 import re
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Many starts in YAML: on the screen, in the record, and where they are not."""
+"""Many starts in YAML: on the screen, in the record, and switched off."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a file says becomes that planning problem, of one vehicle or of several."""
+"""A file becomes the planning problem that it states, with one or more vehicles."""
 
 import casadi as ca
 import numpy as np

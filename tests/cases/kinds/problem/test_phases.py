@@ -239,7 +239,7 @@ TWO_AT_END = "    intervals: 6\n    terminal_cost: x\n"
          "10:5", "a phase must have no periodic states"),
         ("stage_cost: 1 + u**2\n", "", "1:1", "expected a cost"),
         ("    intervals: 6\n", TWO_AT_END,
-         "13:20", "terminal cost of the last phase once"),
+         "13:20", "no terminal cost in the last phase"),
         ("integral(u**2)", "integral(w**2)", "17:29", "unknown name 'w'"),
     ],
 )  # fmt: skip

@@ -40,7 +40,7 @@ prediction: {{horizon_s: 4, intervals: 4}}
 search: {{name: none}}
 {more}
 """
-"""u is 1, whatever is planned."""
+"""Return a text in which u is always 1."""
 LINE = """\
 kind: problem
 states: {{x: {{start: -3, rate: 1 + a}}, y: {{start: 0, rate: w}}}}
@@ -71,7 +71,7 @@ def posed(text: str) -> ProblemPosed:
 
 
 def flown(text: str) -> tuple[Array, dict[str, Any]]:
-    """Return the states of the path, and what is measured."""
+    """Return the states of the path and the measures."""
     path, measures = simulated(text)
     return path.dense_states, dict(measures)
 
@@ -160,7 +160,7 @@ def test_a_disturbance_is_added_to_the_rate_of_its_state() -> None:
 
 
 def noise_of(states: Array, substeps: int) -> Array:
-    """Return what was added to the rates, in each of the plant's steps."""
+    """Return the values added to the rates, in each of the plant's steps."""
     return np.diff(states, axis=1) * substeps - 1
 
 

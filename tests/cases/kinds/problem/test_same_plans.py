@@ -1,7 +1,7 @@
 """Two of the chapter's scenarios, written as problems, are planned the same.
 
-The peers are the kinds made for them: `kind: problem` states the same model, costs and
-constraints in other words.
+The plans are compared with those of the special kinds: `kind: problem` states the same
+model, costs and constraints in another form.
 """
 
 import json
@@ -138,7 +138,7 @@ def _search(name: str) -> str:
 
 
 def _plans(resolved: Resolved, steps: int, seed: int = 0) -> Iterator[Array]:
-    """Yield the plans of the first steps, and where they led."""
+    """Yield the plans of the first steps with the states after them."""
     flight = flight_of(resolved.kind.pose(resolved.scenario), resolved.scenario)
     rng = np.random.default_rng(seed)
     flown = simulate(flight.plant, flight.controller, flight.x0, steps=steps, rng=rng)

@@ -1,4 +1,4 @@
-"""The shipped stirred tank: do-mpc's cost, and what a hotter plant does."""
+"""The shipped stirred tank: do-mpc's cost, and the effect of a hotter plant."""
 
 import pytest
 

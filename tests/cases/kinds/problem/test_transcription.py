@@ -1,4 +1,4 @@
-"""Collocation in YAML: as in Python, and what is refused."""
+"""Collocation in YAML: as in Python, and its error messages."""
 
 import casadi as ca
 import pytest

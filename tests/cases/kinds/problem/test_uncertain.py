@@ -123,7 +123,7 @@ def test_plans_in_receding_horizon_are_for_all_members() -> None:
 
 
 def test_members_have_controls_of_their_own_after_the_robust_horizon() -> None:
-    """As in Python; what all share is flown."""
+    """The answer is that of Python; the controls that all members share are applied."""
     text = LAG.replace("risk: worst", "risk: worst, robust_horizon: 2")
     text += "feedback: receding_horizon\nsteps: 3\n"
     flown = run(stated(text), seed=0)

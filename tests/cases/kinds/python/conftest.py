@@ -60,7 +60,7 @@ class Project:
 
     @property
     def runs(self) -> int:
-        """How often the file was run."""
+        """Number of times that the file was run."""
         marks = self.folder / "marks"
         return len(marks.read_text().splitlines()) if marks.exists() else 0
 

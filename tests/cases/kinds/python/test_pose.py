@@ -1,4 +1,4 @@
-"""The problem that a function returns is solved, flown and measured like any other."""
+"""A problem from a function is solved, simulated and measured like any other."""
 
 from __future__ import annotations
 

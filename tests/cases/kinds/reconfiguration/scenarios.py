@@ -1,4 +1,4 @@
-"""Reconfigurations as a few words of a scenario."""
+"""Parts of scenarios of reconfigurations as text."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ def reconfiguration(
 
 
 def listed(rows: Sequence[Sequence[float]], keys: Sequence[str]) -> str:
-    """Return rows of numbers as a list of mappings, as a scenario has it."""
+    """Return rows of numbers as a list of mappings, as in a scenario."""
     entries = (
         ", ".join(f"{key}: {float(v)!r}" for key, v in zip(keys, row, strict=True))
         for row in rows

@@ -61,7 +61,7 @@ def test_a_formation_that_never_leaves_its_slots(measured: Any) -> None:
 def test_the_error_of_a_horizon_is_the_largest_at_its_end(measured: Any) -> None:
     states = in_slots()
     uavs = by_uav(states, UAVS)
-    uavs[0, X, 0] += 30.0  # where it starts is no horizon's end
+    uavs[0, X, 0] += 30.0  # the start is not the end of a horizon
     uavs[0, X, 2], uavs[0, Y, 2] = uavs[0, X, 2] + 3, uavs[0, Y, 2] - 4
     uavs[4, Y, 2] += 1.0
     uavs[3, X, 4] -= 0.25

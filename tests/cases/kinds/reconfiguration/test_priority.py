@@ -1,4 +1,4 @@
-"""UAV after UAV plans: order, links, problems with room to spare, a flight."""
+"""Priority planning: order, links, problems with unused signals, a flight."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_only_links_that_are_links_keep_the_communication_distance() -> None:
     assert problem.model.np == 2 + 2 and problem.ns == 4 + 2 * (2 + 1)
     fitness, checks = Fitness(problem, backend="casadi"), problem.checks
     leader, x0 = np.array([2.0, 0, 0, 0]), np.array([2.0, 0, 0, 0])
-    at = np.array([*leader, 0, 53, 0, FAR, 0, FAR])  # a link 3 m too far, and nobody
+    at = np.array([*leader, 0, 53, 0, FAR, 0, FAR])  # a link 3 m too far, no others
     still = np.array([[2000.0], [0.0]])
 
     def violation(first: float, second: float) -> float:
@@ -154,7 +154,7 @@ def test_only_links_that_are_links_keep_the_communication_distance() -> None:
 
 
 def test_the_parts_of_all_are_the_cost_and_the_penalty_of_the_whole() -> None:
-    """With everybody in range, and a communication distance that nobody comes to."""
+    """With all UAVs in range, and a communication distance that none reaches."""
     posed = ("leader=straight", "distances.communication_m=1e4", "weights=[1, 2, 3, 4]")
     whole = build(reconfiguration(*posed, variant="corrected"))
     scenario = priority(*posed)

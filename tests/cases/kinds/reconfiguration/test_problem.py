@@ -181,7 +181,7 @@ def test_within_the_distances_the_penalty_is_exactly_zero(
 def test_a_formation_that_flies_as_one_costs_nothing(
     flight: ReconfigurationFlight,
 ) -> None:
-    """J = 0 is kept by any control that all have in common: the V drifts freely."""
+    """J = 0 with any control that is the same for all UAVs: the V drifts freely."""
     in_slots = np.hstack([np.tile([7.0, 0.4], (UAVS, 1)), V + np.array([30.0, -40.0])])
     for thrust, bank in ((DRAG, 0.0), (6000.0, 1.0), (0.0, -np.pi / 3)):
         together = np.tile([thrust, bank], (UAVS, 1)).reshape(-1, 1)
@@ -239,7 +239,7 @@ def test_a_margin_is_kept_to_both_limits(make: Make) -> None:
 
 
 def test_the_polish_keeps_the_margin_that_the_search_keeps(make: Make) -> None:
-    """Both see points; without it the polish would give back what was asked for."""
+    """Both check points; without the margin the polish would keep the given plan."""
     flight = build(make("distances.margin_m=0.5", *PAIR))
     problem = flight.loop.planner.problem
     apart = [c for c in problem.constraints if isinstance(c, Separation)]

@@ -1,4 +1,4 @@
-"""The best costs known, against values known before and a search of another kind."""
+"""The best known costs, against earlier values and another kind of search."""
 
 from __future__ import annotations
 

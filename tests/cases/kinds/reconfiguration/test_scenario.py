@@ -1,4 +1,4 @@
-"""What is wrong with a reconfiguration is said at its place."""
+"""Errors of a reconfiguration are reported at their places."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FAR_START = "expected a start at most 50 m (distances.communication_m) from that
 def complaints(
     *assignments: str, name: str = "reconfiguration"
 ) -> list[tuple[str, str]]:
-    """Return the flaws: the option, or what the file has at the place; and what."""
+    """Return the errors: the option or the text at the place, and the message."""
     with pytest.raises(InvalidScenarioError) as caught:
         resolve(read_document(name), assignments=assignments)
     lines = shipped()[name].read_text(encoding="utf-8").splitlines()

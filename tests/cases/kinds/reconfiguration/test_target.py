@@ -1,4 +1,4 @@
-"""Slots: who gets which, and how far everybody is from its own."""
+"""Slots: their assignment, and the distance of each UAV from its own."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def formations(draw: st.DrawFn) -> tuple[Array, Array, int]:
 
 
 def posed(starts: Array, slots: Array, leader: int) -> ReconfigurationScenario:
-    """Return a scenario with the shortest assignment, its distances not looked at."""
+    """Return a scenario with the shortest assignment, without checks of distances."""
     return reconfiguration().model_copy(
         update={
             "uavs": [

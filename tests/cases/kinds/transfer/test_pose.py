@@ -1,4 +1,4 @@
-"""The transfer's problem, its answer, and how it is flown."""
+"""The transfer's problem, its answer and its flight."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flat paths: what they ask of an aircraft is what flies them."""
+"""Flat paths: the controls of a path make an aircraft fly that path."""
 
 from __future__ import annotations
 

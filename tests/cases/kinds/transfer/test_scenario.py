@@ -1,4 +1,4 @@
-"""What a transfer's scenario refuses, and where it says so."""
+"""Errors of a transfer's scenario, with their places."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_what_cannot_be_is_refused_with_its_reason(
 
 
 def test_goals_are_checked_as_they_are_assigned(make: Make) -> None:
-    """A goal at its UAV's own start is another's; one out of reach is nobody's."""
+    """A goal at its UAV's own start goes to another UAV; one out of reach to none."""
     pair = (
         "uavs=[{start: {speed_m_s: 5, heading_rad: 0, x_m: 0, y_m: 0}, "
         "goal: {x_m: %s, y_m: 0}}, {start: {speed_m_s: 5, heading_rad: pi, x_m: 50, "
