@@ -1,4 +1,4 @@
-"""The command `replicate` as a user types it, and the table of docs/chapter/index.md."""
+"""The command `replicate` as a user types it; the table of docs/chapter/index.md."""
 
 from __future__ import annotations
 
