@@ -53,6 +53,15 @@ class Box:
     Raises:
         InvalidBoxError: If the bounds are no vectors of one length, not finite, or a
             lower bound is above its upper bound, or per_step does not divide dim.
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> box = ss.Box(lower=[-1, 0], upper=[1, 5])
+        >>> box.dim, box.width.tolist()
+        (2, [2.0, 5.0])
+        >>> box.contains(np.array([[0.0, 0.0], [3.0, 7.0]])).tolist()
+        [True, False]
     """
 
     lower: Array

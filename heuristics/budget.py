@@ -46,8 +46,9 @@ class Budget:
             of its range.
 
     Example:
-        >>> Budget(evaluations=20_000, target=1e-8).evaluations
-        20000
+        >>> import swarmstart as ss
+        >>> ss.Budget(evaluations=20_000, seconds=2.0, target=1e-8)
+        Budget(evaluations=20000, seconds=2.0, target=1e-08, stagnation=None)
     """
 
     evaluations: int | None = None

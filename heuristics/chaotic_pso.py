@@ -245,6 +245,20 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
         InvalidSettingsError: If a value is out of its range.
 
     Source: chapter 5, section 5.2.4 (parameters).
+
+    Example:
+        Lengths taken from the box, so that nothing depends on the units:
+
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 3,
+        ...     algorithm=ss.ChaoticPSO(velocity_max=None, search_length=None),
+        ...     budget=5000,
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost < 1e-3)
+        True
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=remember)

@@ -335,6 +335,18 @@ class CMAES(BoundHandled):
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x[0] - 1) ** 2 + 100 * (x[1] - x[0] ** 2) ** 2,
+        ...     bounds=[(-2, 2), (-2, 2)],
+        ...     algorithm=ss.CMAES(sigma=0.2, restarts=False),
+        ...     budget=3000,
+        ...     seed=0,
+        ... )
+        >>> found.x.round(4).tolist()
+        [1.0, 1.0]
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)

@@ -30,8 +30,9 @@ def default_algorithm(evaluations: int | None) -> Algorithm:
         evaluations: The budget; None where it is wall time.
 
     Example:
-        >>> type(default_algorithm(20_000)).__name__
-        'LSHADE'
+        >>> import swarmstart as ss
+        >>> [type(ss.default_algorithm(n)).__name__ for n in (100, 20_000)]
+        ['ChaoticPSO', 'LSHADE']
     """
     if evaluations is not None and evaluations < FEWEST:
         return ChaoticPSO(
@@ -53,7 +54,8 @@ def default_order(tolerance: float = 0.0) -> Order:
         InvalidOrderError: If the tolerance is negative or not finite.
 
     Example:
-        >>> default_order(1e-6) == epsilon_level(1e-6)
+        >>> import swarmstart as ss
+        >>> ss.default_order(1e-6) == ss.epsilon_level(1e-6)
         True
     """
     return epsilon_level(tolerance)

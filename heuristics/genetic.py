@@ -229,6 +229,18 @@ class GeneticAlgorithm(OfFixedSize):
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 3,
+        ...     algorithm=ss.GeneticAlgorithm(size=40),
+        ...     budget=5000,
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost < 0.05)
+        True
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)

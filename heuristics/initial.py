@@ -28,6 +28,20 @@ class Initial:
     Raises:
         InvalidSettingsError: If the sampling is unknown, or there are violations
             without costs, or costs without points.
+
+    Example:
+        Start from a guess; the other points are drawn as a Latin hypercube:
+
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 2,
+        ...     budget=100,
+        ...     initial=ss.Initial(sampling="latin_hypercube", points=[[0.1], [0.0]]),
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost <= 0.1**2)
+        True
     """
 
     sampling: Sampling | None = None

@@ -281,6 +281,18 @@ class LSHADE(BoundHandled):
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 3,
+        ...     algorithm=ss.LSHADE(size=40),
+        ...     budget=5000,
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost < 1e-6)
+        True
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)

@@ -107,11 +107,12 @@ def minimize(  # noqa: PLR0913
         SearchInterrupted: On Ctrl-C, once a generation is finished.
 
     Example:
-        >>> found = minimize(
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
         ...     lambda x: (x**2).sum(axis=0), bounds=[(-1, 2)] * 3, budget=5000, seed=0
         ... )
-        >>> bool(found.cost < 1e-9)
-        True
+        >>> found.evaluations, bool(found.cost < 1e-9)
+        (5000, True)
     """
     budget = budget_of(budget)
     _require_callable(objective, on_generation)

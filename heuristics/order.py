@@ -124,6 +124,21 @@ def static_penalty(weight: float) -> Order:
 
     Raises:
         InvalidOrderError: If the weight is negative or not finite.
+
+    Example:
+        A weight that is too small gives an infeasible answer, here 0.5 for 1:
+
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x[0] ** 2, np.maximum(1 - x[0], 0)),  # x >= 1
+        ...     bounds=[(-2, 2)],
+        ...     budget=2000,
+        ...     order=ss.static_penalty(1.0),
+        ...     seed=0,
+        ... )
+        >>> found.x.round(6).tolist()
+        [0.5]
     """
     _require_nonnegative("weight", weight)
     return Order(rule=STATIC_PENALTY, weight=float(weight), tolerance=0.0)
@@ -142,6 +157,19 @@ def feasibility_first(tolerance: float = 0.0) -> Order:
         InvalidOrderError: If the tolerance is negative or not finite.
 
     Source: Deb (2000).
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x[0] ** 2, np.maximum(1 - x[0], 0)),  # x >= 1
+        ...     bounds=[(-2, 2)],
+        ...     budget=2000,
+        ...     order=ss.feasibility_first(),
+        ...     seed=0,
+        ... )
+        >>> found.x.round(6).tolist(), found.violation
+        ([1.0], 0.0)
     """
     _require_nonnegative("tolerance", tolerance)
     return Order(rule=FEASIBILITY_FIRST, weight=0.0, tolerance=float(tolerance))
@@ -178,6 +206,20 @@ def epsilon_level(
         InvalidOrderError: If a number is out of its range.
 
     Source: Takahama and Sakai (2006).
+
+    Example:
+        An equality constraint, met to 1e-4 in the end:
+
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x[0] + x[1], abs(x[0] ** 2 + x[1] ** 2 - 2)),
+        ...     bounds=[(-2, 2)] * 2,
+        ...     budget=20_000,
+        ...     order=ss.epsilon_level(1e-4),
+        ...     seed=0,
+        ... )
+        >>> found.x.round(2).tolist(), found.violation <= 1e-4
+        ([-1.0, -1.0], True)
     """
     for name, value in (("tolerance", tolerance), ("power", power)):
         _require_nonnegative(name, value)

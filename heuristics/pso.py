@@ -122,6 +122,18 @@ class ParticleSwarm(OfFixedSize, BoundHandled):
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 3,
+        ...     algorithm=ss.ParticleSwarm(size=30, neighbours=2),
+        ...     budget=5000,
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost < 1e-3)
+        True
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=remember)

@@ -96,6 +96,18 @@ class Search:
         order: How individuals are ordered.
         rng: Source of randomness; the search advances it.
         compile_seconds: Wall time spent on machine code, by now [s].
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> box = ss.Box(lower=[-1, -1], upper=[2, 2])
+        >>> search = ss.Search(ss.LSHADE(size=20), box, rng=np.random.default_rng(0))
+        >>> for _ in range(100):
+        ...     population = search.ask()  # (dim, size)
+        ...     cost = (population**2).sum(axis=0)
+        ...     search.tell(cost, np.zeros_like(cost))
+        >>> bool(search.best.cost < 1e-6)
+        True
     """
 
     def __init__(  # noqa: PLR0913 - what a search can be told, by name

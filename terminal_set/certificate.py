@@ -39,6 +39,12 @@ class Weights:
     Raises:
         NotFiniteError: Q or R holds NaN or infinity.
         InvalidShapeError: Q or R is no matrix.
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> ss.Weights(Q=np.diag([10, 1]), R=[[0.1]]).Q.tolist()
+        [[10.0, 0.0], [0.0, 1.0]]
     """
 
     Q: Array

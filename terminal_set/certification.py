@@ -80,8 +80,17 @@ class ProofOptions:
             integrator's error and that of the growth.
 
     Raises:
-        NotPositiveError: substeps is below 1, or max_seconds not above 0.
-        TypeError: substeps is no whole number.
+        NotPositiveError: If substeps is below 1, or max_seconds not above 0.
+        TypeError: If substeps is no whole number.
+
+    Example:
+        Prove that e'Pe falls by 0.1 e'e at least in every hold:
+
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> options = ss.ProofOptions(Q_m=0.1 * np.eye(2), max_seconds=10)
+        >>> options.substeps
+        1
     """
 
     Q_m: ArrayLike | None = None
@@ -169,8 +178,28 @@ def certify(
         NotSmoothError: The dynamics have no second derivatives at the reference.
         UnknownIntervalOperationError: They have an operation without interval form.
         UnprovenSetError: No level could be proven.
-        NotPositiveError: No bound limits the level.
+        NotPositiveError: If no bound limits the level.
         SwarmstartError: As `refuted_level` and `prove_level` say.
+
+    Example:
+        A pendulum that hangs, its torque held for 0.1 s:
+
+        >>> import casadi as ca
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> f = ca.Function("f", [x, u], [ca.vertcat(x[1], u - ca.sin(x[0]))])
+        >>> rest = ss.Reference(x_ref=[0, 0], u_ref=[0], u_lower=[-1], u_upper=[1])
+        >>> design = ss.sampled_terminal_set(
+        ...     f, rest, dt=0.1, Q=np.eye(2), R=np.eye(1)
+        ... )
+        >>> certified = ss.certify(
+        ...     f, rest, design, dt=0.1, rng=np.random.default_rng(0)
+        ... )
+        >>> certified.certificate is not None
+        True
+        >>> bool(0.9 * design.alpha < certified.alpha <= design.alpha)
+        True
     """
     options = options or ProofOptions()
     _require_smooth(dynamics, reference)

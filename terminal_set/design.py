@@ -229,7 +229,22 @@ def sampled_terminal_set(
     Raises:
         InvalidReserveError: kappa is negative or too large.
         SwarmstartError: As `linearise`, `hold`, `sampled_lqr` say; NotPositiveError
-            also when no bound limits alpha.
+            also if no bound limits alpha.
+
+    Example:
+        A double integrator, |u| <= 1 held for 0.1 s:
+
+        >>> import casadi as ca
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> cart = ca.Function("cart", [x, u], [ca.vertcat(x[1], u)])
+        >>> rest = ss.Reference(x_ref=[0, 0], u_ref=[0], u_lower=[-1], u_upper=[1])
+        >>> terminal = ss.sampled_terminal_set(
+        ...     cart, rest, dt=0.1, Q=np.eye(2), R=np.eye(1)
+        ... )
+        >>> terminal.K.round(3).tolist(), round(terminal.alpha, 2)
+        ([[0.917, 1.636]], 6.67)
     """
     A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
     Ad, Bd = hold(A, B, dt)

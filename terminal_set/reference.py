@@ -27,6 +27,14 @@ class Reference:
         SaturatedReferenceError: x_ref or u_ref is on or outside a bound.
         NotFiniteError: A value is NaN, or one of x_ref or u_ref infinite.
         InvalidShapeError: An array is no vector, or sizes differ.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> upright = ss.Reference(
+        ...     x_ref=[0, 0], u_ref=[0], u_lower=[-8], u_upper=[5]
+        ... )
+        >>> upright.u_max.tolist(), upright.e_max.tolist()
+        ([5.0], [inf, inf])
     """
 
     x_ref: Array
