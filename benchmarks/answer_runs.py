@@ -1,7 +1,7 @@
 """Runs of `solve` and of IPOPT from random starts, kept line by line in a file.
 
 Each run is a line of JSON, written as it ends. A run whose line is there is not done
-again, so a long measurement goes on where it was stopped; a new state of the code wants
+again, so a long measurement goes on if it was stopped; a new state of the code wants
 a new file. Costs are as the problem states them.
 """
 

@@ -5,7 +5,7 @@
         [--seeds 20] [--lanes N] [--short] [--out results/answers]
 
 Every run is a line of OUT/runs.jsonl; what is there is not done again, so a measurement
-goes on where it was stopped, and the page is made of what is there. It wants a quiet
+goes on if it was stopped, and the page is made of what is there. It wants a quiet
 machine: some twenty minutes. A new state of the code wants a new folder.
 """
 
@@ -89,7 +89,7 @@ def is_hit(run: Run, value: float, sense: float) -> bool:
     Args:
         run: The run.
         value: The best that is known, as the problem states it.
-        sense: -1 where costs are gains.
+        sense: -1 if costs are gains.
     """
     return run.feasible and sense * (run.cost - value) <= WITHIN * abs(value)
 
@@ -100,7 +100,7 @@ def worse(answers: Iterable[Run], others: Sequence[Run], sense: float) -> int:
     Args:
         answers: Of `solve`.
         others: Solves from other starts.
-        sense: -1 where costs are gains.
+        sense: -1 if costs are gains.
     """
     number = 0
     feasible = [run.cost for run in others if run.feasible]

@@ -1,6 +1,6 @@
 """Flies the runs of the bars and measures what only they ask for.
 
-`name[k]`: entry k of a list. `wall_s`: wall time of the run. `settled`: 1 where x and y
+`name[k]`: entry k of a list. `wall_s`: wall time of the run. `settled`: 1 if x and y
 both settle. `error_in_turn_ft`: largest distance from the slot while the leader turns.
 `best_cost_per_horizon[k]`: the best J known from the states flown; `search_gap_max`: by
 how much the search's own answers miss it, before the polish. `steps_worse_than_search`:

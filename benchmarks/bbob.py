@@ -38,7 +38,7 @@ class Bbob(NamedTuple):
         algorithm: Its settings.
         function: Number of the function.
         gap: Cost above the optimum that is the target.
-        ert: Its expected running time; None where only successes count.
+        ert: Its expected running time; None if only successes count.
         tolerance: Of the expected running time, relative.
         successes: Least part of the runs that must succeed.
         source: Which implementation, and its successes where only they count.

@@ -1,4 +1,4 @@
-"""How often a comparison claims a difference where there is none, and where there is.
+"""How often a comparison claims a difference if there is none, and if there is.
 
     python benchmarks/false_claims.py [--repetitions 1000]
 

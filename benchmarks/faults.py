@@ -99,7 +99,7 @@ class Outcome(Enum):
 
 
 class Drawn(NamedTuple):
-    """A fault and where it is.
+    """A fault and if it is.
 
     Attributes:
         file: Path of its file in the tree.

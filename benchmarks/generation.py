@@ -191,7 +191,7 @@ def draw(
     Args:
         rng: Source of the numbers.
         counts: How many uniform, normal and Cauchy numbers.
-        numbers: Where they are stored, shape (at least their sum,).
+        numbers: If they are stored, shape (at least their sum,).
         times: How many generations.
     """
     uniforms, normals, cauchys = counts

@@ -248,7 +248,7 @@ def _polished(
     decided: Array,
     number: int,
 ) -> float:
-    """Return IPOPT's cost from one of the starts; infinite where it is infeasible."""
+    """Return IPOPT's cost from one of the starts; infinite if it is infeasible."""
     if planner.polisher is None:
         raise TypeError("expected a planner with a polish")
     start = started(planner.problem, x0, decided[:, number])

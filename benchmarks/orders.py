@@ -3,7 +3,7 @@
     python benchmarks/orders.py --seeds 25 --write docs/measured/orders.md
 
 Every order with the same searches, evaluations and seeds. A run is solved if its answer
-violates by at most 1e-6 and lies within 1e-4 of the best known cost, relative where
+violates by at most 1e-6 and lies within 1e-4 of the best known cost, relative if
 that is above 1. Wilcoxon's signed-rank test on paired seeds compares each order with
 feasibility first, corrected by Holm over the orders of a column.
 """
@@ -91,7 +91,7 @@ class Job(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The gap to the best known cost, relative where that is above 1; a violation."""
+    """The gap to the best known cost, relative if that is above 1; a violation."""
 
     gap: float
     violation: float

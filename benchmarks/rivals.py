@@ -50,7 +50,7 @@ class Contestant(NamedTuple):
 
     Attributes:
         run: Evaluates it; this is timed.
-        outputs: Cost and violation, each (size,), that `run` fills; None where it
+        outputs: Cost and violation, each (size,), that `run` fills; None if it
             returns them.
         keeps_alive: What must live as long as `run` is called.
     """

@@ -45,7 +45,7 @@ def algorithm_of(
     Args:
         given: Settings; or a class of settings, or a name of ALGORITHMS, for its
             defaults; None or "default" for `default_algorithm`.
-        evaluations: The budget, for the default; None where it is wall time.
+        evaluations: The budget, for the default; None if it is wall time.
 
     Raises:
         InvalidSettingsError: If it is something else.
@@ -78,7 +78,7 @@ def box_of(given: Box | ArrayLike | None, bounds: Box | ArrayLike | None = None)
 
     Args:
         given: A box, or pairs (lower, upper), one for each variable.
-        bounds: The same by another name; exactly one of both is not None.
+        bounds: Another name for it; exactly one of the two must be given.
 
     Raises:
         InvalidBoxError: If they are not pairs, or no bounds of a box.
@@ -116,7 +116,8 @@ def generator_of(
 
     Args:
         rng: A generator.
-        seed: An integer of at least 0, or several; exactly one of both is not None.
+        seed: An integer of at least 0, or several; exactly one of rng and seed must be
+            given.
 
     Raises:
         InvalidSettingsError: If both are given or neither, or one is of another kind.

@@ -1,6 +1,6 @@
 """Random search: every generation is drawn uniformly in the box.
 
-What any other algorithm must beat.
+It is the baseline that every other algorithm must beat.
 """
 
 from dataclasses import dataclass

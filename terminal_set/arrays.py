@@ -130,8 +130,8 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         A read-only copy.
 
     Raises:
-        NotFiniteError: The value holds NaN, infinity or no real numbers.
-        InvalidShapeError: The shape differs.
+        NotFiniteError: If the value holds NaN, infinity or no real numbers.
+        InvalidShapeError: If the shape differs.
     """
     array = bound_array(name, value, shape)
     if not np.all(np.isfinite(array)):
@@ -151,8 +151,8 @@ def bound_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> A
         A read-only copy, without NaN.
 
     Raises:
-        NotFiniteError: The value holds NaN or no real numbers.
-        InvalidShapeError: The shape differs.
+        NotFiniteError: If the value holds NaN or no real numbers.
+        InvalidShapeError: If the shape differs.
     """
     try:
         array = np.asarray(value).astype(np.float64, casting="same_kind")
@@ -180,7 +180,7 @@ def columns_of(name: str, value: ArrayLike, size: int) -> Array:
         The value as a float array.
 
     Raises:
-        InvalidShapeError: The number of rows differs.
+        InvalidShapeError: If the number of rows differs.
     """
     columns = np.asarray(value, dtype=np.float64)
     if columns.ndim not in {1, 2} or len(columns) != size:
@@ -207,8 +207,8 @@ def square_matrix(name: str, value: ArrayLike, size: int | None = None) -> Array
         A read-only copy.
 
     Raises:
-        NotFiniteError: The value holds NaN, infinity or no real numbers.
-        InvalidShapeError: It is no matrix, not square or of another size.
+        NotFiniteError: If the value holds NaN, infinity or no real numbers.
+        InvalidShapeError: If it is no matrix, not square or of another size.
     """
     matrix = finite_array(name, value, (size, size))
     if matrix.shape[0] != matrix.shape[1]:
@@ -228,10 +228,10 @@ def positive_definite(name: str, value: ArrayLike, size: int | None = None) -> A
         A read-only copy, made symmetric to the last bit.
 
     Raises:
-        NotFiniteError: The value holds NaN, infinity or no real numbers.
-        InvalidShapeError: It is no matrix, not square or of another size.
-        AsymmetricMatrixError: It is not symmetric.
-        IndefiniteMatrixError: An eigenvalue is negative or, to rounding, zero.
+        NotFiniteError: If the value holds NaN, infinity or no real numbers.
+        InvalidShapeError: If it is no matrix, not square or of another size.
+        AsymmetricMatrixError: If it is not symmetric.
+        IndefiniteMatrixError: If an eigenvalue is negative or, to rounding, zero.
     """
     matrix, smallest, rounding = _symmetric(name, value, size)
     if not smallest > rounding:
@@ -253,10 +253,10 @@ def positive_semidefinite(
         A read-only copy, made symmetric to the last bit.
 
     Raises:
-        NotFiniteError: The value holds NaN, infinity or no real numbers.
-        InvalidShapeError: It is no matrix, not square or of another size.
-        AsymmetricMatrixError: It is not symmetric.
-        IndefiniteMatrixError: An eigenvalue is negative beyond rounding.
+        NotFiniteError: If the value holds NaN, infinity or no real numbers.
+        InvalidShapeError: If it is no matrix, not square or of another size.
+        AsymmetricMatrixError: If it is not symmetric.
+        IndefiniteMatrixError: If an eigenvalue is negative beyond rounding.
     """
     matrix, smallest, rounding = _symmetric(name, value, size)
     if not smallest >= -rounding:

@@ -37,8 +37,8 @@ class Weights:
         kappa: Decay of e'Pe kept in reserve: 1/s if continuous, a share if sampled.
 
     Raises:
-        NotFiniteError: Q or R holds NaN or infinity.
-        InvalidShapeError: Q or R is no matrix.
+        NotFiniteError: If Q or R holds NaN or infinity.
+        InvalidShapeError: If Q or R is no matrix.
 
     Example:
         >>> import numpy as np
@@ -96,9 +96,9 @@ class Certificate:
         Q_m: Margin: e'Pe falls by e'Q_m e, per second or per hold, shape (nx, nx).
         held: Margins of a held input; None for one that moves all the time.
         proof: Of the decrease.
-        refutation: The nearest counterexample known; None where none was found.
+        refutation: The nearest counterexample known; None if none was found.
         design: What the design is called.
-        weights: Of the design; None where it has none.
+        weights: Of the design; None if it has none.
         seal: Digest of what was proven, from `sealed`; "" if nothing was.
     """
 
@@ -126,7 +126,7 @@ class Certificate:
 
     @property
     def gap(self) -> float | None:
-        """Refuted level over proven level, less 1; None where none is refuted."""
+        """Refuted level over proven level, less 1; None if none is refuted."""
         if self.refutation is None:
             return None
         return self.refutation.alpha / self.alpha - 1
@@ -229,7 +229,7 @@ def certificate_text(certificate: Certificate) -> str:
         The file's text; floats so that they are read back to the last bit.
 
     Raises:
-        UnknownIntervalOperationError: The dynamics have an operation a file has not.
+        UnknownIntervalOperationError: If the dynamics have an operation a file has not.
     """
     content = _content(certificate)
     content["sha256"] = digest(content)

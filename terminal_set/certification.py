@@ -130,9 +130,9 @@ def certified_terminal_set(
         K, P, the largest level of its bounds that was proven, and the certificate.
 
     Raises:
-        NotAnEquilibriumError: The reference moves in a state that matters or has
+        NotAnEquilibriumError: If the reference moves in a state that matters or has
             bounds, by more than the set can bear.
-        UnprovenSetError: No level could be proven.
+        UnprovenSetError: If no level could be proven.
         SwarmstartError: As the designs, `refuted_level` and `prove_level` say.
     """
     Q, R, kappa = weights.Q, weights.R, weights.kappa
@@ -171,13 +171,13 @@ def certify(
         The design with the proven level, dt and the certificate.
 
     Raises:
-        NotAnEquilibriumError: The reference moves in a state that matters or has
+        NotAnEquilibriumError: If the reference moves in a state that matters or has
             bounds, by more than the set can bear.
-        HeldTooLongError: The law does not survive the hold.
-        TooFewSubstepsError: The Runge-Kutta map of a hold is too far from the flow.
-        NotSmoothError: The dynamics have no second derivatives at the reference.
-        UnknownIntervalOperationError: They have an operation without interval form.
-        UnprovenSetError: No level could be proven.
+        HeldTooLongError: If the law does not survive the hold.
+        TooFewSubstepsError: If the Runge-Kutta map of a hold is too far from the flow.
+        NotSmoothError: If the dynamics have no second derivatives at the reference.
+        UnknownIntervalOperationError: If they have an operation without interval form.
+        UnprovenSetError: If no level could be proven.
         NotPositiveError: If no bound limits the level.
         SwarmstartError: As `refuted_level` and `prove_level` say.
 
@@ -264,7 +264,7 @@ def _levels_of_bounds(design: TerminalSet, reference: Reference) -> tuple[float,
     """Return the levels of the bounds of inputs and of states, rounding taken off.
 
     Raises:
-        NotPositiveError: Neither is finite, or one is not positive.
+        NotPositiveError: If neither is finite, or one is not positive.
     """
     # F P^-1 F' is computed with an error of about eps times the condition of P.
     condition = float(np.linalg.cond(design.P))

@@ -122,7 +122,7 @@ def _quick_findings(certificate: Certificate, deadline: Deadline) -> Iterator[Fi
             yield Finding(Verdict.SKIPPED, "nothing is stated between samples")
         else:
             sampled = falsification.check_growth_by_samples(certificate, deadline)
-            # Where it is labelled proven, the proof's line replaces that of samples.
+            # If it is labelled proven, the proof's line replaces that of samples.
             if sampled.verdict is Verdict.REFUSED or not certificate.growth_proven:
                 yield sampled
 

@@ -47,9 +47,9 @@ class Candidate:
     Attributes:
         scale: The scalar in its weights.
         terminal_set: The design, with the level that was proven; with the level of its
-            bounds where none was.
+            bounds if none was.
         level: What was proven and refuted.
-        size: Of the proven set; minus infinity where none was.
+        size: Of the proven set; minus infinity if none was.
     """
 
     scale: float
@@ -91,7 +91,7 @@ def largest_proven_set(
         All of them, the largest first; those with nothing proven last, in their order.
 
     Raises:
-        NoProvenSetError: No level was proven for any scale.
+        NoProvenSetError: If no level was proven for any scale.
         SwarmstartError: As `design`, `refuted_level` and `prove_level` say.
     """
     found = []

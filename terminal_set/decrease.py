@@ -31,7 +31,7 @@ from swarmstart.terminal_set.design import TerminalSet
 
 @dataclass(eq=False)
 class MovingCentreError(SwarmstartError, ValueError):
-    """A motion that should leave the deviation 0 where it is does not.
+    """A motion that should leave the deviation 0 if it is does not.
 
     Attributes:
         motion: The motion at e = 0.
@@ -60,11 +60,11 @@ class Change:
         function: e -> c(e), made from the others.
 
     Raises:
-        InvalidShapeError: Q_m or the motion is of another size than P.
-        NotFiniteError: P or Q_m holds NaN or infinity.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        MovingCentreError: The motion is not 0 at 0, or is no number there.
+        InvalidShapeError: If Q_m or the motion is of another size than P.
+        NotFiniteError: If P or Q_m holds NaN or infinity.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        MovingCentreError: If the motion is not 0 at 0, or is no number there.
     """
 
     motion: ca.Function
@@ -110,8 +110,8 @@ def continuous_change(
         Q_m: Margin, shape (nx, nx), symmetric; None means 0.
 
     Raises:
-        InvalidShapeError: Q_m has another shape.
-        NotFiniteError: Q_m holds NaN or infinity.
+        InvalidShapeError: If Q_m has another shape.
+        NotFiniteError: If Q_m holds NaN or infinity.
     """
     return _change(dynamics, terminal_set, Q_m, is_held=False)
 
@@ -127,8 +127,8 @@ def held_change(
         Q_m: Margin, shape (nx, nx), symmetric; None means 0.
 
     Raises:
-        InvalidShapeError: Q_m has another shape.
-        NotFiniteError: Q_m holds NaN or infinity.
+        InvalidShapeError: If Q_m has another shape.
+        NotFiniteError: If Q_m holds NaN or infinity.
     """
     return _change(step, terminal_set, Q_m, is_held=True)
 

@@ -103,12 +103,12 @@ class TerminalSet:
         ellipsoid: {e : e'Pe <= alpha}; made from P and alpha.
 
     Raises:
-        InvalidShapeError: Sizes do not agree.
-        NotFiniteError: An array holds NaN or infinity.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        NotPositiveError: alpha or dt is not positive and finite.
-        ForeignCertificateError: The certificate is of another set or a smaller one.
+        InvalidShapeError: If sizes do not agree.
+        NotFiniteError: If an array holds NaN or infinity.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        NotPositiveError: If alpha or dt is not positive and finite.
+        ForeignCertificateError: If the certificate is of another set or a smaller one.
     """
 
     K: Array
@@ -166,7 +166,7 @@ class TerminalSet:
             u - u_ref, shape (nu,) or (nu, n).
 
         Raises:
-            InvalidShapeError: e has another number of rows.
+            InvalidShapeError: If e has another number of rows.
         """
         return np.asarray(-self.K @ columns_of("e", e, len(self.P)))
 
@@ -180,7 +180,7 @@ class TerminalSet:
             The value, shape () or (n,).
 
         Raises:
-            InvalidShapeError: e has another number of rows.
+            InvalidShapeError: If e has another number of rows.
         """
         return self.ellipsoid.value(e)
 
@@ -194,7 +194,7 @@ class TerminalSet:
             Whether it is inside, shape () or (n,).
 
         Raises:
-            InvalidShapeError: e has another number of rows.
+            InvalidShapeError: If e has another number of rows.
         """
         return self.ellipsoid.contains(e)
 
@@ -227,7 +227,7 @@ def sampled_terminal_set(
         bounds hold at the samples, not necessarily between them.
 
     Raises:
-        InvalidReserveError: kappa is negative or too large.
+        InvalidReserveError: If kappa is negative or too large.
         SwarmstartError: As `linearise`, `hold`, `sampled_lqr` say; NotPositiveError
             also if no bound limits alpha.
 
@@ -285,9 +285,9 @@ def continuous_terminal_set(
         K of the continuous Riccati equation, P as above, alpha of the bounds.
 
     Raises:
-        InvalidReserveError: kappa is negative or not below the slowest mode's decay.
+        InvalidReserveError: If kappa is negative or not below the slowest mode's decay.
         SwarmstartError: As `linearise`, `continuous_lqr`, `continuous_lyapunov` say;
-            NotPositiveError also when no bound limits alpha.
+            NotPositiveError also if no bound limits alpha.
     """
     A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
     K = continuous_lqr(A, B, Q, R).K

@@ -1,7 +1,7 @@
 """Drift: what is left of f at a reference, and the core that it leaves undecided.
 
 A reference is given in floats, so f(x_ref, u_ref) = r need not be 0 there. Entries on
-which f does not depend, and which have no bounds, may move: the deviation is from where
+which f does not depend, and which have no bounds, may move: the deviation is from if
 they have moved to. All others are held, and the motion is the relative one
 (`decrease.py`) plus a drift, |.|_P being the root of e'Pe:
 
@@ -101,7 +101,7 @@ class Drift:
             alpha: Level of the set.
 
         Raises:
-            NotAnEquilibriumError: It is too much of the set.
+            NotAnEquilibriumError: If it is too much of the set.
         """
         if self.size == 0:
             return 0.0
@@ -138,8 +138,8 @@ class ReferenceMotion:
         """Evaluate f at the reference.
 
         Raises:
-            NotFiniteError: f is NaN or infinite there.
-            UnknownIntervalOperationError: f has an operation without interval form.
+            NotFiniteError: If f is NaN or infinite there.
+            UnknownIntervalOperationError: If f has an operation without interval form.
         """
         xdot = np.array(dynamics(reference.x_ref, reference.u_ref)).ravel()
         xdot = finite_array("the rate at the reference", xdot, (None,))
@@ -205,7 +205,7 @@ def bearable_drift(
         The drift; it costs at most MOST_SHARE of the decrease near the reference.
 
     Raises:
-        NotAnEquilibriumError: It is too much for any level up to alpha_max.
+        NotAnEquilibriumError: If it is too much for any level up to alpha_max.
     """
     with np.errstate(invalid="ignore"):
         parts = np.where(moved > 0, moved * np.sqrt(np.diag(change.P)), 0.0)

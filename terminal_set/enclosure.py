@@ -44,7 +44,7 @@ from swarmstart.terminal_set.taylor import TaylorForm, evaluated
 
 
 class Undecided(NamedTuple):
-    """Boxes where nothing is shown yet.
+    """Boxes if nothing is shown yet.
 
     Attributes:
         lower: Lower corners, shape (1 + nx, m).
@@ -72,8 +72,8 @@ class DecreaseBounds:
             change: c and what it is made of.
 
         Raises:
-            UnknownIntervalOperationError: c has an operation without interval form.
-            NotSmoothError: c jumps at the reference, or leaves its domain.
+            UnknownIntervalOperationError: If c has an operation without interval form.
+            NotSmoothError: If c jumps at the reference, or leaves its domain.
         """
         zero, one = np.zeros((len(change.P), 1)), np.eye(len(change.P))
         form = TaylorForm(change.function, one)
@@ -215,7 +215,7 @@ class _Rays:
     """The motion along rays from the centre, (s, w) -> ...
 
     Attributes:
-        kinks: Where it has kinks and cuts.
+        kinks: If it has kinks and cuts.
         bends: -> (b, d) of the bound by second derivatives.
         slopes: -> a bound of c / s^2 by first ones.
     """

@@ -18,7 +18,7 @@ class Proof:
         boxes: How many were looked at.
         seconds: Wall time [s].
         counterexample: A deviation with c >= 0 or at which c is no number, shape (nx,),
-            where one was met; None otherwise.
+            if one was met; None otherwise.
     """
 
     proven: bool
@@ -53,7 +53,7 @@ class UnprovenSetError(SwarmstartError, ArithmeticError):
 
     Attributes:
         smallest: The smallest level that was tried.
-        refuted: The refuted level; None where none was.
+        refuted: The refuted level; None if none was.
         seconds: The time that was allowed [s].
     """
 

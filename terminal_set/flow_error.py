@@ -65,7 +65,7 @@ class FlowError:
 
     Attributes:
         relative: c with |flow - curve|_P <= c |e|_P at all times of the hold, for every
-            e of the ellipsoid; infinite where none was proven.
+            e of the ellipsoid; infinite if none was proven.
         boxes: How many were looked at.
     """
 
@@ -144,7 +144,7 @@ class ErrorSearch:
         self._weights = np.array(
             [[late.weight(early) for early in self._pieces] for late in self._pieces]
         )
-        rng = np.random.default_rng(0)  # Where it is looked changes no bound.
+        rng = np.random.default_rng(0)  # If it is looked changes no bound.
         w = rng.normal(size=(residual.nx, POINTS))
         rho = self._radius * np.linspace(0.5, 1.0, POINTS)
         at = np.vstack([rho, w / np.abs(w).max(axis=0)])

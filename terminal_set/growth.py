@@ -72,7 +72,7 @@ def prove_growth(
         max_seconds: After how many seconds it is given up [s].
 
     Raises:
-        UnknownIntervalOperationError: The motion has an operation without interval
+        UnknownIntervalOperationError: If the motion has an operation without interval
             form.
     """
     began = clock.perf_counter()
@@ -136,7 +136,7 @@ class _GrowthBounds:
         self.defect = defect(T, P, np.eye(nx))
 
     def __call__(self, lower: Array, upper: Array) -> Undecided:
-        """Return where it is not shown; see `DecreaseBounds`."""
+        """Return if it is not shown; see `DecreaseBounds`."""
         quadratic = quadratic_bound(*self._M, lower[1:], upper[1:])
         from_zero = lower.copy()
         from_zero[0] = 0.0

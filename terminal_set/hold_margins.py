@@ -102,7 +102,7 @@ def provable_hold(
             `time.perf_counter` [s].
 
     Raises:
-        UnprovenSetError: No level can be proven.
+        UnprovenSetError: If no level can be proven.
     """
     top = min(bounds.inputs, bounds.states)
     growth, falls = motion.measured(top, rng)
@@ -165,8 +165,8 @@ def _affordable_error(
         The level and the error there.
 
     Raises:
-        UnprovenSetError: There is no decrease to pay with.
-        CoarseHoldError: It is affordable at no level that was tried.
+        UnprovenSetError: If there is no decrease to pay with.
+        CoarseHoldError: If it is affordable at no level that was tried.
     """
     if not decrease > 0:
         raise UnprovenSetError(top, None, until - clock.perf_counter())

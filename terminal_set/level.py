@@ -74,9 +74,9 @@ def smaller_side(
         min(upper - reference, reference - lower) > 0, shape (n,), read-only.
 
     Raises:
-        SaturatedReferenceError: The reference is on or outside a bound.
-        NotFiniteError: An argument holds NaN, or the reference infinity.
-        InvalidShapeError: The sizes differ.
+        SaturatedReferenceError: If the reference is on or outside a bound.
+        NotFiniteError: If an argument holds NaN, or the reference infinity.
+        InvalidShapeError: If the sizes differ.
     """
     reference = finite_array(name, reference, (None,))
     lower = bound_array(f"the lower bound of {name}", lower, reference.shape)
@@ -96,17 +96,17 @@ def level_from_inputs(K: ArrayLike, P: ArrayLike, u_max: ArrayLike) -> float:
         K: Gain, shape (nu, nx).
         P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
         u_max: Room of each input around its reference (see `smaller_side`), shape
-            (nu,), > 0; infinite where there is no bound.
+            (nu,), > 0; infinite if there is no bound.
 
     Returns:
         alpha = min_i u_max_i^2 / (K_i P^-1 K_i'); infinite if no bound is ever reached.
 
     Raises:
-        InvalidShapeError: The sizes do not agree.
-        NotFiniteError: K or P holds NaN or infinity, or u_max NaN.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        NotPositiveError: An entry of u_max is zero or negative.
+        InvalidShapeError: If the sizes do not agree.
+        NotFiniteError: If K or P holds NaN or infinity, or u_max NaN.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        NotPositiveError: If an entry of u_max is zero or negative.
     """
     P, K = _ellipsoid_and_rows(P, K)
     return _level(_squared_reach(P, K), _room("u_max", u_max, len(K)))
@@ -118,17 +118,17 @@ def level_from_states(P: ArrayLike, e_max: ArrayLike) -> float:
     Args:
         P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
         e_max: Room of each state around its reference (see `smaller_side`), shape
-            (nx,), > 0; infinite where there is no bound.
+            (nx,), > 0; infinite if there is no bound.
 
     Returns:
         alpha = min_j e_max_j^2 / (P^-1)_jj; infinite if there is no bound.
 
     Raises:
-        InvalidShapeError: The sizes do not agree.
-        NotFiniteError: P holds NaN or infinity, or e_max NaN.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        NotPositiveError: An entry of e_max is zero or negative.
+        InvalidShapeError: If the sizes do not agree.
+        NotFiniteError: If P holds NaN or infinity, or e_max NaN.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        NotPositiveError: If an entry of e_max is zero or negative.
     """
     P = positive_definite("P", P)
     return _level(_squared_reach(P, np.eye(len(P))), _room("e_max", e_max, len(P)))
@@ -148,11 +148,11 @@ def input_excess(K: ArrayLike, P: ArrayLike, alpha: float, u_max: ArrayLike) -> 
         shape (nu,). The bounds hold on the set if no entry is above 1.
 
     Raises:
-        InvalidShapeError: The sizes do not agree.
-        NotFiniteError: K or P holds NaN or infinity, or u_max NaN.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        NotPositiveError: alpha or an entry of u_max is zero or negative.
+        InvalidShapeError: If the sizes do not agree.
+        NotFiniteError: If K or P holds NaN or infinity, or u_max NaN.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        NotPositiveError: If alpha or an entry of u_max is zero or negative.
     """
     P, K = _ellipsoid_and_rows(P, K)
     if not 0 < alpha < np.inf:

@@ -4,7 +4,7 @@
     refuted    the nearest counterexample, of the proof or of a search for it, is above
                all that can be proven
     downwards  shares of that, until one is proven: the model may not be defined, or
-               be thin-featured where no search looks
+               be thin-featured if no search looks
     upwards    levels between the highest proven and the lowest that is not
 
 until the two are within TIGHT of each other or time is up. A level counts as unproven
@@ -47,7 +47,7 @@ class ProvenLevel:
     """The largest level that could be proven.
 
     Attributes:
-        proof: Of the largest level that was proven, or the last try where none was.
+        proof: Of the largest level that was proven, or the last try if none was.
         refutation: The nearest counterexample below the level asked for; None if none
             was found.
     """
@@ -57,7 +57,7 @@ class ProvenLevel:
 
     @property
     def alpha(self) -> float:
-        """The proven level; 0 where none was."""
+        """The proven level; 0 if none was."""
         return self.proof.alpha if self.proof.proven else 0.0
 
 
@@ -77,7 +77,7 @@ def proven_level(
         max_seconds: For all proofs together [s].
 
     Returns:
-        The level wanted where it is proven, else the largest that was found; unproven
+        The level wanted if it is proven, else the largest that was found; unproven
         if none was.
 
     Raises:

@@ -68,9 +68,9 @@ def linearise(
         read-only.
 
     Raises:
-        InvalidDynamicsError: The function has other inputs or outputs.
-        InvalidShapeError: A reference has another size than the function's input.
-        NotFiniteError: A reference or a derivative there is NaN or infinite.
+        InvalidDynamicsError: If the function has other inputs or outputs.
+        InvalidShapeError: If a reference has another size than the function's input.
+        NotFiniteError: If a reference or a derivative there is NaN or infinite.
     """
     nx, nu = _sizes(dynamics)
     point = [finite_array("x_ref", x_ref, (nx,)), finite_array("u_ref", u_ref, (nu,))]
@@ -98,9 +98,9 @@ def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, Array]:
         Ad of shape (nx, nx) and Bd of shape (nx, nu), read-only.
 
     Raises:
-        NotPositiveError: dt is not positive and finite.
-        NotFiniteError: A or B holds NaN or infinity.
-        InvalidShapeError: A is not square or B has another number of rows.
+        NotPositiveError: If dt is not positive and finite.
+        NotFiniteError: If a or B holds NaN or infinity.
+        InvalidShapeError: If a is not square or B has another number of rows.
     """
     block, nx = _block(A, B, dt)
     exponential = scipy.linalg.expm(block)[:nx]
@@ -124,9 +124,9 @@ def runge_kutta_hold(
         Ad of shape (nx, nx) and Bd of shape (nx, nu), read-only.
 
     Raises:
-        NotPositiveError: dt is not positive and finite.
-        NotFiniteError: A or B holds NaN or infinity, or so does the result.
-        InvalidShapeError: A is not square or B has another number of rows.
+        NotPositiveError: If dt is not positive and finite.
+        NotFiniteError: If a or B holds NaN or infinity, or so does the result.
+        InvalidShapeError: If a is not square or B has another number of rows.
     """
     block, nx = _block(A, B, dt / substeps)
     one = np.eye(len(block))
@@ -167,9 +167,9 @@ def held_spectral_radius(A: ArrayLike, B: ArrayLike, K: ArrayLike, dt: float) ->
         The factor by which the slowest mode shrinks (or grows) per step.
 
     Raises:
-        NotPositiveError: dt is not positive and finite.
-        NotFiniteError: A matrix holds NaN or infinity.
-        InvalidShapeError: The sizes of the matrices do not agree.
+        NotPositiveError: If dt is not positive and finite.
+        NotFiniteError: If a matrix holds NaN or infinity.
+        InvalidShapeError: If the sizes of the matrices do not agree.
     """
     Ad, Bd = hold(A, B, dt)
     return growth(Ad - Bd @ finite_array("K", K, Bd.T.shape), SAMPLED)

@@ -72,13 +72,13 @@ def continuous_lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Ga
         The gain, its Riccati matrix and the poles of the loop.
 
     Raises:
-        InvalidShapeError: The sizes of the matrices do not agree.
-        NotFiniteError: A matrix holds NaN or infinity.
-        AsymmetricMatrixError: Q or R is not symmetric.
-        IndefiniteMatrixError: Q or R has an eigenvalue of the wrong sign.
-        NotStabilisableError: No input reaches a mode that does not decay.
-        UnweightedModeError: Q does not see a mode on the boundary of stability.
-        UnreliableSolutionError: The Riccati solution fails a check.
+        InvalidShapeError: If the sizes of the matrices do not agree.
+        NotFiniteError: If a matrix holds NaN or infinity.
+        AsymmetricMatrixError: If Q or R is not symmetric.
+        IndefiniteMatrixError: If Q or R has an eigenvalue of the wrong sign.
+        NotStabilisableError: If no input reaches a mode that does not decay.
+        UnweightedModeError: If Q does not see a mode on the boundary of stability.
+        UnreliableSolutionError: If the Riccati solution fails a check.
     """
     return _design(A, B, Q, R, CONTINUOUS)
 
@@ -96,13 +96,13 @@ def sampled_lqr(Ad: ArrayLike, Bd: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Gai
         The gain, its Riccati matrix and the multipliers of the loop.
 
     Raises:
-        InvalidShapeError: The sizes of the matrices do not agree.
-        NotFiniteError: A matrix holds NaN or infinity.
-        AsymmetricMatrixError: Q or R is not symmetric.
-        IndefiniteMatrixError: Q or R has an eigenvalue of the wrong sign.
-        NotStabilisableError: No input reaches a mode that does not decay.
-        UnweightedModeError: Q does not see a mode on the boundary of stability.
-        UnreliableSolutionError: The Riccati solution fails a check.
+        InvalidShapeError: If the sizes of the matrices do not agree.
+        NotFiniteError: If a matrix holds NaN or infinity.
+        AsymmetricMatrixError: If Q or R is not symmetric.
+        IndefiniteMatrixError: If Q or R has an eigenvalue of the wrong sign.
+        NotStabilisableError: If no input reaches a mode that does not decay.
+        UnweightedModeError: If Q does not see a mode on the boundary of stability.
+        UnreliableSolutionError: If the Riccati solution fails a check.
     """
     return _design(Ad, Bd, Q, R, SAMPLED)
 

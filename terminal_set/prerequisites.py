@@ -88,8 +88,8 @@ def require_enough_substeps(
         substeps: Runge-Kutta steps a hold.
 
     Raises:
-        TooFewSubstepsError: They do not.
-        NotPositiveError: dt is not positive and finite.
+        TooFewSubstepsError: If they do not.
+        NotPositiveError: If dt is not positive and finite.
     """
     root = np.linalg.cholesky(law.P).T
     Ad, Bd = hold(A, B, dt)
@@ -128,8 +128,8 @@ def require_stable_hold(A: Array, B: Array, K: Array, dt: float) -> None:
         dt: How long the input is held [s].
 
     Raises:
-        HeldTooLongError: The held loop has a spectral radius of 1 or more.
-        NotPositiveError: dt is not positive and finite.
+        HeldTooLongError: If the held loop has a spectral radius of 1 or more.
+        NotPositiveError: If dt is not positive and finite.
     """
     radius = held_spectral_radius(A, B, K, dt)
     if radius < 1:

@@ -50,8 +50,8 @@ def prove_level(
         The proof; not proven means no more than that, unless it has a counterexample.
 
     Raises:
-        NotPositiveError: alpha is not positive and finite.
-        UnknownIntervalOperationError: c has an operation without interval form.
+        NotPositiveError: If alpha is not positive and finite.
+        UnknownIntervalOperationError: If c has an operation without interval form.
     """
     if not 0 < alpha < np.inf:
         raise NotPositiveError("alpha", alpha)
@@ -117,7 +117,7 @@ class Search:
     Attributes:
         finished: Whether every box was decided.
         boxes: How many were looked at.
-        counterexample: Where one was met.
+        counterexample: If one was met.
     """
 
     finished: bool

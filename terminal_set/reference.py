@@ -24,9 +24,9 @@ class Reference:
         x_upper: Upper bounds of the state, shape (nx,); None: unbounded.
 
     Raises:
-        SaturatedReferenceError: x_ref or u_ref is on or outside a bound.
-        NotFiniteError: A value is NaN, or one of x_ref or u_ref infinite.
-        InvalidShapeError: An array is no vector, or sizes differ.
+        SaturatedReferenceError: If x_ref or u_ref is on or outside a bound.
+        NotFiniteError: If a value is NaN, or one of x_ref or u_ref infinite.
+        InvalidShapeError: If an array is no vector, or sizes differ.
 
     Example:
         >>> import swarmstart as ss
@@ -54,7 +54,7 @@ class Reference:
             if bound is not None:
                 size = self.u_ref.size if name.startswith("u") else self.x_ref.size
                 object.__setattr__(self, name, bound_array(name, bound, (size,)))
-        _ = self.u_max, self.e_max  # Raises where there is no room.
+        _ = self.u_max, self.e_max  # Raises if there is no room.
 
     @property
     def u_max(self) -> Array:

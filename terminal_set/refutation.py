@@ -51,10 +51,10 @@ def refuted_level(
         rng: Source of the rays' directions.
 
     Returns:
-        The counterexample; None where none was found, which proves nothing.
+        The counterexample; None if none was found, which proves nothing.
 
     Raises:
-        NotPositiveError: alpha_max is not positive and finite.
+        NotPositiveError: If alpha_max is not positive and finite.
     """
     if not 0 < alpha_max < np.inf:
         raise NotPositiveError("alpha_max", alpha_max)

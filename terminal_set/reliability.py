@@ -1,6 +1,6 @@
 """Checks of the solutions of matrix equations.
 
-SciPy's solvers return a matrix also where no useful one exists: for a unicycle at rest
+SciPy's solvers return a matrix also if no useful one exists: for a unicycle at rest
 a "gain" that leaves a mode at modulus 1, for an unstable loop a negative definite P. So
 every solution is put back into its equation and measured.
 """
@@ -55,7 +55,7 @@ def reliable_solution(equation: str, P: Array, residual: Array) -> Array:
         P, made symmetric to the last bit, as a read-only copy.
 
     Raises:
-        UnreliableSolutionError: One of the four does not hold.
+        UnreliableSolutionError: If one of the four does not hold.
     """
     norm = float(np.linalg.norm(P))
     if not np.isfinite(norm):

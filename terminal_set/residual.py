@@ -78,7 +78,7 @@ class Residual:
             substeps: Runge-Kutta steps a hold.
 
         Raises:
-            UnknownIntervalOperationError: f jumps, or has an operation without interval
+            UnknownIntervalOperationError: If f jumps, or has an operation without interval
                 form.
         """
         self.nx, self.substeps, self.h = len(law.P), substeps, dt / substeps

@@ -153,7 +153,7 @@ def require_smooth(function: ca.Function, at: Array) -> None:
         at: The point, shape (n,).
 
     Raises:
-        NotSmoothError: With the operation that jumps there, or whose derivatives are
+        NotSmoothError: If With the operation that jumps there, or whose derivatives are
             unbounded. A kink is no jump.
         UnknownIntervalOperationError: If it jumps, or has an operation without interval
             form.
@@ -177,7 +177,7 @@ def require_bounded(function: ca.Function, at: Array) -> None:
         at: The point, shape (n,).
 
     Raises:
-        NotSmoothError: With the operation, if it is one that has edges.
+        NotSmoothError: If With the operation, if it is one that has edges.
         UnknownIntervalOperationError: If it has an operation without interval form.
     """
     tape, name = expanded_tape(function), function.name()

@@ -3,7 +3,7 @@
 e' = F e decays when every eigenvalue of F has a negative real part; e+ = F e when
 every one lies inside the unit circle. Of (A, B) the Popov-Belevitch-Hautus test asks,
 at each eigenvalue lam that does not decay, whether [A - lam I, B] has full row rank;
-where it has not, no feedback moves lam. The same test on (A', Q') finds the modes that
+if it has not, no feedback moves lam. The same test on (A', Q') finds the modes that
 a weight Q does not see.
 
 Source: M. L. J. Hautus, Controllability and observability conditions of linear
@@ -141,8 +141,8 @@ def growth(F: ArrayLike, domain: TimeDomain) -> float:
         max Re(lam) [1/s] if continuous, max |lam| if sampled.
 
     Raises:
-        NotFiniteError: F holds NaN or infinity.
-        InvalidShapeError: F is not square.
+        NotFiniteError: If F holds NaN or infinity.
+        InvalidShapeError: If F is not square.
     """
     return float(np.max(domain.growth(_eigenvalues(square_matrix("F", F)))))
 
@@ -155,7 +155,7 @@ def require_stable(F: Array, domain: TimeDomain) -> None:
         domain: CONTINUOUS or SAMPLED.
 
     Raises:
-        UnstableLoopError: The growth of F is not below the domain's limit.
+        UnstableLoopError: If the growth of F is not below the domain's limit.
     """
     value = growth(F, domain)
     if not value < domain.limit:
@@ -171,7 +171,7 @@ def require_stabilisable(A: Array, B: Array, domain: TimeDomain) -> None:
         domain: CONTINUOUS or SAMPLED.
 
     Raises:
-        NotStabilisableError: There is one.
+        NotStabilisableError: If there is one.
     """
     eigenvalues = _eigenvalues(A)
     lasting = eigenvalues[domain.growth(eigenvalues) >= domain.limit]
@@ -189,7 +189,7 @@ def require_weighted(A: Array, Q: Array, domain: TimeDomain) -> None:
         domain: CONTINUOUS or SAMPLED.
 
     Raises:
-        UnweightedModeError: There is one.
+        UnweightedModeError: If there is one.
     """
     eigenvalues = _eigenvalues(A)
     distance = np.abs(domain.growth(eigenvalues) - domain.boundary)
@@ -242,6 +242,6 @@ def _listed(modes: ComplexArray, directions: ComplexArray) -> str:
 
 
 def _number(value: complex) -> str:
-    """Write a complex number to three decimals, as a real one where it is."""
+    """Write a complex number to three decimals, as a real one if it is."""
     value = complex(round(value.real, 3) + 0.0, round(value.imag, 3) + 0.0)
     return f"{value:.3g}" if value.imag else f"{value.real:.3g}"

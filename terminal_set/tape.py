@@ -50,7 +50,7 @@ def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
         The instructions; the number of the value of each entry of xdot.
 
     Raises:
-        UnknownIntervalOperationError: It has an operation that a file cannot hold.
+        UnknownIntervalOperationError: If it has an operation that a file cannot hold.
     """
     tape, writer, numbers = expanded_tape(dynamics), _Writer(), list[int]()
     for node in tape.nodes:

@@ -45,7 +45,7 @@ class TaylorForm:
             T: e = T z, shape (n, n).
 
         Raises:
-            UnknownIntervalOperationError: c has an operation without interval form.
+            UnknownIntervalOperationError: If c has an operation without interval form.
         """
         e = ca.SX.sym("e", len(T))
         value = c(e)
@@ -90,12 +90,12 @@ class TaylorForm:
                 bound = np.where(kinks, first, bound)
                 spread = np.where(kinks, wide, spread)
         bound, spread = np.where(cuts, np.inf, bound), np.where(cuts, np.nan, spread)
-        # Where nothing is known the widest side is cut.
+        # If nothing is known the widest side is cut.
         known = np.isfinite(spread).all(axis=0)
         return bound, np.where(known, spread, cells.half)
 
     def _bounded(self, cells: Cells) -> tuple[Array, Array]:
-        """Return bounds and spread, NaN where a derivative is unbounded."""
+        """Return bounds and spread, NaN if a derivative is unbounded."""
         size, d = self._size, cells.reach
         at = self._T @ cells.z
         low, high = self._value_and_slope(at, at)
@@ -220,7 +220,7 @@ def evaluated(
             who asks for it looks for the kinks (`smoothness.py`).
 
     Raises:
-        UnknownIntervalOperationError: It has an operation without interval form.
+        UnknownIntervalOperationError: If it has an operation without interval form.
     """
     function = ca.Function("the_change_of_V", [v], [ca.cse(expression)])
     return interval_function(function, takes_jumps=takes_jumps)

@@ -65,7 +65,7 @@ class LowerBound:
 
         Returns:
             (cost - bound) / |cost|, or (bound - cost) / |cost| of a maximised cost;
-            NaN if there is no bound; 0 where both are the same.
+            NaN if there is no bound; 0 if both are the same.
         """
         if not self.kind.is_bound:
             return float("nan")

@@ -37,8 +37,8 @@ def certificate_content(evidence: Evidence) -> dict[str, object]:
         what is infinite; "sha256" the digest of the rest.
 
     Raises:
-        UnknownIntervalOperationError: The problem has an operation that a file has not.
-        ValueError: A number is not finite that must be.
+        UnknownIntervalOperationError: If the problem has an operation that a file has not.
+        ValueError: If a number is not finite that must be.
     """
     content: dict[str, object] = {
         "format": FORMAT,

@@ -73,7 +73,7 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Pruning:
-    """Two steps that show where no cheaper trajectory passes; see the module's head.
+    """Two steps that show if no cheaper trajectory passes; see the module's head.
 
     Attributes:
         come: C, without end.

@@ -39,7 +39,7 @@ class Bounds(NamedTuple):
     """Lower bounds of a function over m boxes.
 
     Attributes:
-        low: Shape (m,); -inf where nothing is known.
+        low: Shape (m,); -inf if nothing is known.
         spread: How much the function spreads along each coordinate, shape (d, m).
     """
 
@@ -191,7 +191,7 @@ def settled(at: Quadratic, pairs: list[tuple[int, int]]) -> Bounds:
     spread = spread + at.pull
     lost = ~np.isfinite(low)
     low[lost] = -np.inf
-    # Where nothing is known the longest side is cut.
+    # If nothing is known the longest side is cut.
     known = np.isfinite(spread).all(axis=0) & ~lost
     return Bounds(low, np.where(known, spread, at.reach))
 

@@ -37,7 +37,7 @@ class Statement:
             its size.
         horizon: Earliest and latest end [s].
         control_box: Lower and upper bounds of the controls, each (m,), finite.
-        state_box: Lower and upper bounds of the states, each (n,), infinite where there
+        state_box: Lower and upper bounds of the states, each (n,), infinite if there
             are none; admissible trajectories keep them at all times.
         path: Expressions g(t, x) that are at most 0 at all times.
         ends: Expressions e(t, x) that are at most 0 at the end, t its time.

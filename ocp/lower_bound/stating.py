@@ -207,7 +207,7 @@ class _Maker:
 
 
 def _between(number: ca.SX, lower: float, upper: float) -> Iterator[ca.SX]:
-    """Yield what is at most 0 where a number is between limits.
+    """Yield what is at most 0 if a number is between limits.
 
     A distance is compared by its square, which is smooth at 0 too.
     """

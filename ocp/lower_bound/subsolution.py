@@ -106,7 +106,7 @@ class Round:
     """The outcome of a round.
 
     Attributes:
-        step: What was proven; None where a proof was not tried or did not end.
+        step: What was proven; None if a proof was not tried or did not end.
         value: Value of the linear program: what the step would give without slack.
         share: Of a step that prunes, the part of the set that it cuts off.
         cuts: All points so far.

@@ -46,7 +46,7 @@ def is_positive_definite(matrix: arb_mat) -> bool:
         matrix: Symmetric, shape (n, n).
 
     Returns:
-        False where balls cannot tell.
+        False if balls cannot tell.
     """
     n = matrix.nrows()
     factor = [[arb(0)] * n for _ in range(n)]

@@ -7,7 +7,7 @@ where R is the motion relative to the reference. Three bounds decide a box:
   1. Y = Au + rho Z with Z in the second Taylor coefficients over [0, rho]: the
      quadratic part u'Bu is bounded nearly exactly, the rest by rho. No 0/0 at the
      origin: this is what finishes the core.
-  2. The sign of a derivative: where q is monotone in a coordinate, only the end where
+  2. The sign of a derivative: where q is monotone in a coordinate, only the end if
      it is larger is looked at any further.
   3. The mean-value form around that end or the middle.
 Boxes that remain are split where |derivative| times width is largest, depth first.
@@ -192,7 +192,7 @@ class Search:
             box: Intervals of time, rho and w.
 
         Returns:
-            Nothing where it is proven, its parts, or the reason to stop.
+            Nothing if it is proven, its parts, or the reason to stop.
         """
         s = self.statement
         ray = self._ray(box)
@@ -344,7 +344,7 @@ class Search:
         return self._stages[key]
 
     def _duration(self, algebra: Algebra, times: Interval) -> Jet:
-        """The time as a jet, with its own monomial where it is an interval."""
+        """The time as a jet, with its own monomial if it is an interval."""
         last = len(self.statement.T) + 1
         if algebra is RAY_AND_TIME:
             return algebra.variable(hull(*times), {3: arb(1)})

@@ -41,7 +41,7 @@ def check_drift(certificate: Certificate, deadline: Deadline = NEVER) -> Finding
         The finding.
 
     Raises:
-        TimeIsUpError: When the deadline has passed.
+        TimeIsUpError: If the deadline has passed.
     """
     program = Program.of(certificate, deadline)
     resting = _resting(certificate)

@@ -130,7 +130,7 @@ def check_refuted(certificate: Certificate, deadline: Deadline) -> Finding:
         The finding.
 
     Raises:
-        TimeIsUpError: When the deadline has passed.
+        TimeIsUpError: If the deadline has passed.
     """
     refuted = certificate.refuted
     if refuted is None:
@@ -162,7 +162,7 @@ def find_counterexample(certificate: Certificate, deadline: Deadline) -> Finding
         The refusal, or None if no point fails.
 
     Raises:
-        TimeIsUpError: When the deadline has passed.
+        TimeIsUpError: If the deadline has passed.
     """
     points = PointwiseChange(certificate, deadline)
     for e in _candidates(certificate):
@@ -188,7 +188,7 @@ def check_integrator(certificate: Certificate, deadline: Deadline) -> Finding:
         The finding.
 
     Raises:
-        TimeIsUpError: When the deadline has passed.
+        TimeIsUpError: If the deadline has passed.
     """
     if certificate.integrator is None:
         text = "the error of the Runge-Kutta map: what is proven holds for the map"
@@ -236,7 +236,7 @@ def check_growth_by_samples(certificate: Certificate, deadline: Deadline) -> Fin
         The finding.
 
     Raises:
-        TimeIsUpError: When the deadline has passed.
+        TimeIsUpError: If the deadline has passed.
     """
     motion, steps = SampledMotion(certificate, deadline), certificate.substeps or 1
     growth, dt = certificate.growth or 1.0, certificate.dt or 0.0

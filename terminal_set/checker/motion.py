@@ -77,7 +77,7 @@ class Program:
         """Iterate over the steps, an eye on the clock.
 
         Raises:
-            TimeIsUpError: When the deadline has passed.
+            TimeIsUpError: If the deadline has passed.
         """
         for first in range(0, len(self.steps), _STEPS_A_LOOK):
             self.deadline.check()
@@ -96,7 +96,7 @@ def rate(program: Program, x: Sequence[Jet], u: Sequence[Jet]) -> list[Jet]:
         The state's rate, shape (nx,).
 
     Raises:
-        TimeIsUpError: When the program's deadline has passed.
+        TimeIsUpError: If the program's deadline has passed.
     """
     algebra = x[0].algebra
     results: dict[int, Jet] = {}

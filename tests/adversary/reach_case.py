@@ -26,7 +26,7 @@ class EndCost:
     Attributes:
         symbolic: y, shape (m, 1) -> scalar.
         numeric: y, shape (m, k) -> shape (k,).
-        breaks: Where it has kinks or jumps; one output only.
+        breaks: If it has kinks or jumps; one output only.
         kinks: y, shape (m,) -> zero on them.
     """
 

@@ -188,7 +188,7 @@ def cube(dim: int, half_width: float) -> Box:
 
 
 def step(x: Array) -> tuple[Array, Array]:
-    """De Jong's third; infeasible outside, where it would fall on."""
+    """De Jong's third; infeasible outside, if it would fall on."""
     excess = np.maximum(np.abs(x) - 5.12, 0.0).sum(axis=0)
     return 30.0 + np.floor(x).sum(axis=0), excess
 

@@ -39,7 +39,7 @@ def test_states_of_a_certified_set_do_what_it_promises(
 def test_proven_and_refuted_levels_meet_within_two_percent(
     terminal_set: TerminalSet,
 ) -> None:
-    """Where nothing is refuted within the bounds, the level is that of the bounds."""
+    """If nothing is refuted within the bounds, the level is that of the bounds."""
     certificate = terminal_set.certificate
     assert certificate is not None and certificate.proof.proven
     assert certificate.gap is None or certificate.gap <= 0.02

@@ -131,7 +131,7 @@ def cut_by(boxes: Boxes, constraint: Model) -> tuple[Boxes, Flags]:
         room = rest + others - constraint.middle
         room += ROUNDING * (rest + others + np.abs(constraint.middle)) + TINY
         reach = room / sizes[a]
-        # The bound of s_a, moved out; at least -1 where the box is not empty.
+        # The bound of s_a, moved out; at least -1 if the box is not empty.
         reach += ROUNDING * np.abs(reach) + TINY
         at = np.clip(reach, -1.0, 1.0) * radius[a]
         at += ROUNDING * radius[a] + TINY

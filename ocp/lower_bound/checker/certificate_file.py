@@ -47,7 +47,7 @@ class Problem:
         x0: Initial state.
         horizon: Earliest and latest end.
         control_box: Lower and upper bounds.
-        state_box: Likewise, None where there are none.
+        state_box: Likewise, None if there are none.
         offset: Added to the cost.
         sense: 1 or -1.
     """

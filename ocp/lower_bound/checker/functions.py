@@ -61,13 +61,13 @@ def _composed(a: Model, factors: list[Array], last: Array) -> Model:
 
 
 def _least_size(a: Model) -> Array:
-    """Lower bound of |a| over the box; NaN where 0 may be in it."""
+    """Lower bound of |a| over the box; NaN if 0 may be in it."""
     least = np.maximum(a.lower, -a.upper)
     return np.where(least > 0.0, least, np.nan)
 
 
 def _positive(a: Model) -> Array:
-    """Lower bound of a over the box; NaN where it may reach 0."""
+    """Lower bound of a over the box; NaN if it may reach 0."""
     low = a.lower
     return np.where(low > 0.0, low, np.nan)
 

@@ -95,7 +95,7 @@ def lowest(model: Model) -> Array:
         model: Models.
 
     Returns:
-        Shape (N,); NaN where nothing is known.
+        Shape (N,); NaN if nothing is known.
     """
     d, c = model.algebra.d, model.coefficients
     total = c[0] - model.error

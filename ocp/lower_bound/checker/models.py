@@ -103,7 +103,7 @@ class Model:
     Attributes:
         algebra: The monomials.
         coefficients: Shape (M, N).
-        error: Shape (N,), >= 0; NaN where nothing is known.
+        error: Shape (N,), >= 0; NaN if nothing is known.
     """
 
     __slots__ = ("_sums", "algebra", "coefficients", "error")

@@ -21,8 +21,8 @@ class Outcome:
     Attributes:
         proven: Whether it holds everywhere.
         boxes: How many boxes it took.
-        counterexample: (t, x) where it does not hold for certain; None: none found.
-        remark: Why it is open, where it is.
+        counterexample: (t, x) if it does not hold for certain; None: none found.
+        remark: Why it is open, if it is.
     """
 
     proven: bool

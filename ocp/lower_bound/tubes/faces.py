@@ -149,7 +149,7 @@ def rates_at_faces(
 
     Returns:
         Shape (K,) [1/s]; -infinity for a face that is not part of the polytope at any
-        time of the slab, infinity where nothing bounds the rate.
+        time of the slab, infinity if nothing bounds the rate.
     """
     ends = np.array([template.levels(level) for level in levels])
     reach = template.reach(levels)

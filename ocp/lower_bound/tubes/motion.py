@@ -98,7 +98,7 @@ def motion_of(statement: Statement) -> Motion:
         statement: The statement.
 
     Raises:
-        UnknownIntervalOperationError: f jumps, or has an operation without interval
+        UnknownIntervalOperationError: If f jumps, or has an operation without interval
             form.
     """
     y = ca.vertcat(statement.time, statement.states, statement.controls)

@@ -55,7 +55,7 @@ def terms_of(function: ca.Function) -> Terms:
         function: y (n, 1) -> a column.
 
     Raises:
-        UnknownIntervalOperationError: It has an operation that is unknown.
+        UnknownIntervalOperationError: If it has an operation that is unknown.
     """
     tape = expanded_tape(function)
     forms: list[_Form] = []

@@ -12,7 +12,7 @@ d_k x rises more slowly than s_k on each of them for a while, and the other face
 not reached at once. The bounds of the states are part of the polytope there, with
 levels that stand still, since admissible trajectories keep them.
 
-r depends on the s at the slab's end, which is raised until all rates fit; where that
+r depends on the s at the slab's end, which is raised until all rates fit; if that
 does not settle, the slab is halved. A face that nowhere touches the polytope is free to
 move: it is drawn in until it does.
 
@@ -93,7 +93,7 @@ def tube_of(
 
     Args:
         statement: With 1, 2 or 3 states.
-        slabs: Pieces of time, at least 1; where they are too long, they are halved.
+        slabs: Pieces of time, at least 1; if they are too long, they are halved.
         cells: Parts of a face along each of its coordinates; None: as CELLS says.
         faces: Number of faces for two states, a multiple of 8, so that the diagonals
             are among them; there are 2 for one state, 26 for three. Those between
@@ -103,7 +103,7 @@ def tube_of(
         The tube, from 0 to the latest end; proven, rounding included.
 
     Raises:
-        NoTubeError: There are more states, the dynamics jump or have an operation
+        NoTubeError: If there are more states, the dynamics jump or have an operation
             without interval form, or the trajectories cannot be bounded.
     """
     if statement.n not in CELLS:

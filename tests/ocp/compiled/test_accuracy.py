@@ -108,7 +108,7 @@ def with_bounds(
     """Return CasADi's values of a tape's output and their running error bounds.
 
     A value's bound is how far the bounds of its operands move it, and its magnitude:
-    its own rounding is one unit. Infinite where nothing can be said.
+    its own rounding is one unit. Infinite if nothing can be said.
     """
     values: list[Array] = []
     bounds: list[Array] = []

@@ -65,7 +65,7 @@ SPECIAL = np.concatenate([VALUES, -VALUES])
 
 
 def agrees(name: str, got: Array, want: Array, ulps: Callable[..., Array]) -> bool:
-    """Return whether values are what CasADi has: NaN where NaN, inf where inf."""
+    """Return whether values are what CasADi has: NaN if NaN, inf if inf."""
     apart = ulps(got, want)
     if name == "constpow":  # 1 / x^n where x^n over- or underflows.
         apart[(np.abs(got) < 2.0**-1021) & (np.abs(want) < 2.0**-1021)] = 0
