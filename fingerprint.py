@@ -1,8 +1,8 @@
 """Fingerprints: hashes of everything that compiled code is made from.
 
-The machine code of a Numba kernel depends on its own bytecode, on that of every function
-it calls, and on the value of every global name it reads, in any module. Its fingerprint
-is a hash of all of these, found from the function itself:
+The machine code of a Numba kernel depends on its own bytecode, on that of every
+function it calls, and on the value of every global name it reads, in any module. Its
+fingerprint is a hash of all of these, found from the function itself:
 
     fingerprint(f) = hash(bytecode, constants, names, defaults and closure of f,
                           and the fingerprint of each global that f reads)

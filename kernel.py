@@ -4,11 +4,11 @@ Numba is imported untyped; this is the one place where that meets the type check
 With NUMBA_DISABLE_JIT=1 the same functions run as plain Python. No fast-math: both give
 the same bits.
 
-Numba's own cache keeps code beside the source, under the hash of the file that holds the
-function. It does not notice a change in another file that the function calls. Here code
-is kept in `code_cache`, under a key of everything that it is made from: the function's
-fingerprint, the types it is compiled for, the processor, and the versions and options
-of Numba, LLVM, NumPy and Python.
+Numba's own cache keeps code beside the source, under the hash of the file that holds
+the function. It does not notice a change in another file that the function calls. Here
+code is kept in `code_cache`, under a key of everything that it is made from: the
+function's fingerprint, the types it is compiled for, the processor, and the versions
+and options of Numba, LLVM, NumPy and Python.
 """
 
 import hashlib

@@ -48,7 +48,7 @@ def algorithm_of(
         evaluations: The budget, for the default; None if it is wall time.
 
     Raises:
-        InvalidSettingsError: If it is something else.
+        InvalidSettingsError: If it is none of these kinds.
 
     Example:
         >>> algorithm_of("cma") == algorithm_of(CMAES) == CMAES()

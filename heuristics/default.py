@@ -1,8 +1,8 @@
 """The default algorithm for a given budget, and the default order.
 
 The default algorithm is L-SHADE. Below 400 evaluations, which are too few for its
-population to shrink, it is the chaotic swarm with c1 = c2 = 1.496 and lengths taken from
-the box. Both were chosen by measurements on this project's own planning problems:
+population to shrink, it is the chaotic swarm with c1 = c2 = 1.496 and lengths taken
+from the box. Both were chosen by measurements on this project's own planning problems:
 docs/measured/planning.md, made by benchmarks/planning.py. CMA-ES alone, or with half of
 the budget from the best point of L-SHADE, has no advantage after the polish:
 docs/measured/search_2017.md, docs/measured/lane_searches.md.

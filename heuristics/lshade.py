@@ -37,8 +37,8 @@ D_k      is |cost(u) - cost(x)| if both count as feasible, else the difference o
          units do not matter. Under a static penalty it is the difference of the
          penalised costs. A constant added to the cost changes none of them.
 x_i      whose cost was not finite goes neither to the archive nor into the means.
-N_0      is by default clip(E_max / 80, 40, 200): 18 dim is too large for small budgets.
-         Chosen here, measured in docs/measured/planning.md.
+N_0      is by default clip(E_max / 80, 40, 200), chosen here: 18 dim is too large for
+         small budgets.
 
 Source: Tanabe and Fukunaga (2014), Improving the search performance of SHADE using
 linear population size reduction, IEEE Congress on Evolutionary Computation.

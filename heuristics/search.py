@@ -1,7 +1,7 @@
 """Ask and tell: a search one generation at a time.
 
-A generation is `points = search.ask()`, then `search.tell(*objective(points))`; the best
-point so far is `search.best`.
+A generation is `points = search.ask()`, then `search.tell(*objective(points))`; the
+best point so far is `search.best`.
 """
 
 import copy
@@ -258,8 +258,8 @@ class Search:
                 first ones count. None means no points.
 
         Returns:
-            The points as columns, shape (dim, size): a new array, read-only. Individuals
-            of the initial population whose costs are known are left out.
+            The points as columns, shape (dim, size): a new array, read-only.
+            Individuals of the initial population whose costs are known are left out.
 
         Raises:
             AskTellError: If the generation asked before was not told yet.

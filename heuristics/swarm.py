@@ -5,8 +5,8 @@ With r1, r2 uniform in [0, 1), drawn anew for each coordinate of each particle,
     v <- w v + c1 r1 (p - x) + c2 r2 (g - x),    |v| <= v_max                (2.11)
     x <- x + v
 
-p is the best point that the particle has seen. g is its second attractor: the best point
-that any particle has seen (gbest), or the best p among itself and its nearest k
+p is the best point that the particle has seen. g is its second attractor: the best
+point that any particle has seen (gbest), or the best p among itself and its nearest k
 particles on a ring, k/2 on each side (lbest). All particles move before any is
 evaluated.
 

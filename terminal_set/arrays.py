@@ -1,10 +1,10 @@
-"""Arrays as this package needs them: finite, of the right shape, read-only copies.
+"""Validated arrays: finite, of the right shape, read-only copies.
 
-A gain computed from a NaN or from a weight of the wrong sign is worse than none, so
-every array that comes in passes here first and is refused by its name.
+A gain computed from a NaN or from a weight of the wrong sign would be wrong without
+notice, so every input array is validated here; errors name the array.
 
-The errors are data classes; their fields are also the arguments they are made of, in
-order, so that they survive the way back from a worker process.
+The errors are data classes whose fields are their arguments, in order, so that they can
+be pickled by a worker process.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class NotFiniteError(SwarmstartError, ValueError):
     name: str
 
     def __str__(self) -> str:
-        """Say which array."""
+        """Return a message with the array's name."""
         return f"{self.name} must hold finite real numbers only"
 
 
@@ -169,7 +169,7 @@ def bound_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> A
 
 
 def columns_of(name: str, value: ArrayLike, size: int) -> Array:
-    """Take a point, or many side by side, without a copy; NaN passes.
+    """Return a point, or many as columns, without a copy; NaN is allowed.
 
     Args:
         name: What an error calls it.
@@ -190,7 +190,7 @@ def columns_of(name: str, value: ArrayLike, size: int) -> Array:
 
 
 def read_only(array: Array) -> Array:
-    """Lock an array of our own against writing and return it."""
+    """Set an array of the library itself read-only and return it."""
     array.setflags(write=False)
     return array
 

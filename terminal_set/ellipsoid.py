@@ -27,9 +27,9 @@ class InvalidPlaneError(SwarmstartError, ValueError):
     """A plane is not spanned by two different axes of the ellipsoid.
 
     Attributes:
-        i: First axis asked for.
-        j: Second axis asked for.
-        nx: Number of axes there are.
+        i: First axis as given.
+        j: Second axis as given.
+        nx: Number of axes of the ellipsoid.
     """
 
     i: int
@@ -37,7 +37,7 @@ class InvalidPlaneError(SwarmstartError, ValueError):
     nx: int
 
     def __str__(self) -> str:
-        """Say which axes there are."""
+        """Return a message with the axes that exist."""
         return (
             f"a plane needs two different axes from 0 to {self.nx - 1}, got "
             f"{self.i} and {self.j}"
@@ -85,14 +85,14 @@ class Ellipsoid:
         return np.asarray(np.einsum("i...,ij,j...->...", columns, self.P, columns))
 
     def contains(self, e: ArrayLike, *, tolerance: float = 0.0) -> Mask:
-        """Tell whether e'Pe <= alpha (1 + tolerance).
+        """Return whether e'Pe <= alpha (1 + tolerance).
 
         Args:
             e: A deviation from the reference, shape (nx,), or many, shape (nx, n).
             tolerance: Allowance relative to alpha, for rounding.
 
         Returns:
-            Whether it is inside, shape () or (n,); False for NaN.
+            True for deviations inside, shape () or (n,); False for NaN.
 
         Raises:
             InvalidShapeError: If e has another number of rows.
@@ -106,8 +106,8 @@ class Ellipsoid:
     def boundary(self, directions: ArrayLike) -> Array:
         """Map directions onto the boundary, e'Pe = alpha.
 
-        Directions that are uniform on the unit sphere cover the ellipsoid uniformly in
-        the coordinates if it is a ball.
+        Directions that are uniform on the unit sphere are mapped to points that are
+        uniform in the coordinates in which the ellipsoid is a ball.
 
         Args:
             directions: One direction, shape (nx,), or many, shape (nx, n), not zero.

@@ -1,4 +1,4 @@
-"""Levels: how large the ellipsoid e'Pe <= alpha may be before a bound is reached.
+"""Levels: the largest alpha for which the ellipsoid e'Pe <= alpha keeps all bounds.
 
 On the ellipsoid a row F_i e reaches at most sqrt(alpha F_i P^-1 F_i'), so with the
 bounds |F_i e| <= g_i
@@ -6,10 +6,10 @@ bounds |F_i e| <= g_i
     alpha = min_i g_i^2 / (F_i P^-1 F_i').
 
 F = K and g = u_max is the input bound, (5.14) corrected; F = I and g = e_max the state
-bound. The ellipsoid is symmetric, so of unequal bounds the nearer one counts.
+bound. The ellipsoid is symmetric, so the nearer one of two unequal bounds counts.
 
-A level of this kind bounds inputs and states only. That e'Pe also falls under the
-nonlinear dynamics is a further condition, which no formula here looks at.
+Such a level keeps the bounds of inputs and states only. That e'Pe also decreases under
+the nonlinear dynamics is a further condition, which is not checked here.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from swarmstart.terminal_set.arrays import (
 
 @dataclass(eq=False)
 class SaturatedReferenceError(SwarmstartError, ValueError):
-    """A reference lies on or outside its bounds: no feedback has room there.
+    """A reference lies on or outside its bounds, which leaves no room for feedback.
 
     Attributes:
         name: Name of the reference.
-        index: Which of its entries (the first, if several).
+        index: Index of the entry (the first, if several).
         value: That entry.
         lower: Its lower bound.
         upper: Its upper bound.
@@ -49,7 +49,7 @@ class SaturatedReferenceError(SwarmstartError, ValueError):
     upper: float
 
     def __str__(self) -> str:
-        """Say which entry and its bounds."""
+        """Return a message with the entry and its bounds."""
         return (
             f"{self.name}[{self.index}] must lie between its bounds "
             f"{self.lower:.6g} and {self.upper:.6g}, not on or outside them; "
@@ -60,12 +60,12 @@ class SaturatedReferenceError(SwarmstartError, ValueError):
 def smaller_side(
     name: str, reference: ArrayLike, *, lower: ArrayLike, upper: ArrayLike
 ) -> Array:
-    """Measure the room between a reference and the nearer of its two bounds.
+    """Return the distance between a reference and the nearer of its two bounds.
 
     For bounds that are already relative to the reference, the reference is zero.
 
     Args:
-        name: What an error calls the reference.
+        name: Name of the reference in errors.
         reference: Reference values, shape (n,).
         lower: Lower bounds, shape (n,); -inf if missing.
         upper: Upper bounds, shape (n,); inf if missing.
@@ -135,7 +135,7 @@ def level_from_states(P: ArrayLike, e_max: ArrayLike) -> float:
 
 
 def input_excess(K: ArrayLike, P: ArrayLike, alpha: float, u_max: ArrayLike) -> Array:
-    """Compute how far each input reaches on an ellipsoid, in units of its bound.
+    """Compute the largest value of each input on an ellipsoid, relative to its bound.
 
     Args:
         K: Gain, shape (nu, nx).
@@ -182,6 +182,6 @@ def _squared_reach(P: Array, F: Array) -> Array:
 
 
 def _level(squared_reach: Array, room: Array) -> float:
-    """Compute min room^2 / reach^2; a row that reaches nowhere leaves it infinite."""
+    """Compute min room^2 / reach^2; a row with reach 0 counts as infinite."""
     with np.errstate(divide="ignore", over="ignore"):
         return float(np.min(room**2 / squared_reach))

@@ -1,4 +1,4 @@
-"""Lyapunov matrices: e'Pe falls along a stable linear loop by exactly e'Qe.
+"""Lyapunov matrices P, for which e'Pe decreases along a stable loop by exactly e'Qe.
 
     continuous  F'P + PF = -Q      (5.12), corrected
     sampled     F'PF - P = -Q
@@ -23,7 +23,7 @@ from swarmstart.terminal_set.stability import CONTINUOUS, SAMPLED, require_stabl
 
 
 def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
-    """Solve F'P + PF = -Q, what (5.12) means.
+    """Solve F'P + PF = -Q, the corrected form of (5.12).
 
     Args:
         F: Stable loop e' = F e, shape (nx, nx), 1/s.

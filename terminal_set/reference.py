@@ -15,13 +15,13 @@ class Reference:
     """A reference state and input inside their bounds; arrays copied and read-only.
 
     Attributes:
-        x_ref: Reference state, shape (nx,), SI units. Of a reference that moves (a
-            leader), the entries the dynamics depend on must stay constant.
+        x_ref: Reference state, shape (nx,), SI units. If the reference moves (a
+            leader), the entries that the dynamics depend on must stay constant.
         u_ref: Reference input, shape (nu,).
         u_lower: Lower bounds of the input, shape (nu,); -inf if missing.
         u_upper: Upper bounds of the input, shape (nu,); inf if missing.
-        x_lower: Lower bounds of the state, shape (nx,); None: unbounded.
-        x_upper: Upper bounds of the state, shape (nx,); None: unbounded.
+        x_lower: Lower bounds of the state, shape (nx,); None if unbounded.
+        x_upper: Upper bounds of the state, shape (nx,); None if unbounded.
 
     Raises:
         SaturatedReferenceError: If x_ref or u_ref is on or outside a bound.
@@ -45,7 +45,7 @@ class Reference:
     x_upper: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check and copy; refuse a reference that leaves feedback no room."""
+        """Check and copy; the reference must lie strictly inside its bounds."""
         for name in ("x_ref", "u_ref"):
             checked = finite_array(name, getattr(self, name), (None,))
             object.__setattr__(self, name, checked)

@@ -1,8 +1,9 @@
 """The interface of population evaluators, and the choice of machine code or CasADi.
 
 The choice is `backend`: "llvm", "casadi", or "auto" (None means the same). "auto" takes
-the environment's SWARMSTART_BACKEND if it is set, else machine code if that is possible.
-If machine code is not possible, CasADi's map evaluates, and one warning says why.
+the environment's SWARMSTART_BACKEND if it is set, else machine code if that is
+possible. If machine code is not possible, CasADi's map evaluates, and one warning says
+why.
 """
 
 import os

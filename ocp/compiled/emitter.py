@@ -6,9 +6,10 @@ frame.py describes what a kernel reads and writes.
 
 The tape is simplified first: multiples of one value in a sum are merged. CasADi keeps
 sums as they are written: the classical Runge-Kutta step of a constant rate k is
-h/6 (((k + 2 k) + 2 k) + k). Here it becomes h k, which equals the h k of the last stage,
-so that one sine serves both. This removes some roundings. Multiples are merged only if
-they have one sign, so that nothing cancels, and if nothing else uses the partial sum.
+h/6 (((k + 2 k) + 2 k) + k). Here it becomes h k, which equals the h k of the last
+stage, so that one sine serves both. This removes some roundings. Multiples are merged
+only if they have one sign, so that nothing cancels, and if nothing else uses the
+partial sum.
 """
 
 import math

@@ -3,9 +3,9 @@
     void kernel(double **in, double **out, int64 n)
 
 LLVM takes longer to compile a roll-out of hundreds of intervals than a whole search
-takes to run. This kernel is compiled once on a machine and cached. It reads a function's
-instructions from a table and applies each to a block of individuals, so that reading
-takes little time compared with the arithmetic.
+takes to run. This kernel is compiled once on a machine and cached. It reads a
+function's instructions from a table and applies each to a block of individuals, so that
+reading takes little time compared with the arithmetic.
 
 An instruction is (operation, target, first, second), the last three being places in a
 work vector, as CasADi numbers them. in[0] is the argument that differs per individual,

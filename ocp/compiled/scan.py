@@ -33,8 +33,8 @@ from swarmstart.tape import Tape, read_tape
 Role = Literal["carried", "individual", "interval", "both", "shared"]
 """Role of an argument of a step: "carried" from turn to turn, at first (rows, n);
 "individual", the same in all intervals, (rows, n); "interval", the same for all
-individuals, (turns * rows,); "both", of each interval and individual, (turns * rows, n),
-interval after interval; "shared" by all, (rows,)."""
+individuals, (turns * rows,); "both", of each interval and individual, (turns * rows,
+n), interval after interval; "shared" by all, (rows,)."""
 
 MOST_INSTRUCTIONS = 40_000
 """Largest number of instructions of a step: LLVM takes about 3 s for 30,000."""

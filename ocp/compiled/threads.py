@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache, partial
 
 LEAST = 256
-"""Least number of individuals of a part: for fewer, a thread costs more than it saves."""
+"""Least number of individuals of a part; for fewer a thread does not pay."""
 _BLOCK = 64
 """Individuals; a multiple of every kernel's block."""
 

@@ -1,8 +1,8 @@
 """Distinct local optima among the answers of many local solves, counted.
 
 Two answers count as the same optimum if the root mean square distance of their states
-along the path is below 0.08, each state divided by how far the cheapest answer moves it.
-The value was chosen here: 0.03 and 0.15 give the same counts on the problems tried.
+along the path is below 0.08, each state divided by how far the cheapest answer moves
+it. The value was chosen here: 0.03 and 0.15 give the same counts on the problems tried.
 Mirror images have the same cost, but are two optima.
 
 The unseen share U is the probability that another answer is an optimum not found yet.

@@ -27,11 +27,11 @@ _SWEPT = 8
 interval (16 to 80 were seen). Sweeps that must be too long are so refused without
 counting, which would take seconds."""
 LIGHT, HEAVY = (0.1, 1.0), (10.0, 1e4)
-"""Ranges of the first weight of the end's rows, log-uniform, for half of the lanes each.
-The weight decides more than the guess which optimum a lane finds."""
+"""Ranges of the first weight of the end rows, log-uniform, each for half of the lanes.
+The weight influences more than the guess which optimum a lane finds."""
 FORWARD, SLOPED = 2.0, 2.0
 """Roll-outs per iteration by sweeps, and by slopes (forward and back): one full step,
-and on average one more that is tried shorter. Measured here."""
+and on average one more that is tried shorter."""
 PATH = 1.0
 """First weight of the rows of intervals; with heavier ones lanes zigzag."""
 

@@ -67,7 +67,7 @@ def compile_sweeps(program: NonlinearProgram, options: LaneOptions) -> Sweeps:
 
     Args:
         program: The problem's NLP.
-        options: When lanes end.
+        options: Conditions at which lanes end.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.
