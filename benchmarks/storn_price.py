@@ -22,12 +22,12 @@ class StornPrice(NamedTuple):
     Attributes:
         name: The function.
         objective: The function.
-        box: Where the first population is drawn.
+        box: Box in which the first population is drawn.
         settings: NP, F, CR.
-        published: Evaluations on the mean.
-        seeds: Runs.
-        tolerance: Relative.
-        successes: Least part of the runs that must succeed.
+        published: Mean number of evaluations.
+        seeds: Number of runs.
+        tolerance: Relative tolerance.
+        successes: Least fraction of the runs that must succeed.
     """
 
     name: str
@@ -52,7 +52,7 @@ def rosenbrock(x: Array) -> tuple[Array, Array]:
 
 
 def step(x: Array) -> tuple[Array, Array]:
-    """The third function of De Jong; infeasible outside, if it would fall on."""
+    """The third function of De Jong; infeasible outside its box, where it decreases."""
     excess = np.maximum(np.abs(x) - 5.12, 0.0).sum(axis=0)
     return 30.0 + np.floor(x).sum(axis=0), excess
 
