@@ -1,6 +1,6 @@
 """The decorators of every function that Numba compiles, and the cache of its code.
 
-Numba is imported untyped; this is the one place where that meets the type checker.
+Numba is imported untyped; only this module has to deal with that.
 With NUMBA_DISABLE_JIT=1 the same functions run as plain Python. No fast-math: both give
 the same bits.
 

@@ -31,7 +31,7 @@ REPEATED = 10
 
 
 def fly(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Simulate a run; called in a worker, in place of `flown.fly`."""
+    """Simulate a run of a bar, in a worker."""
     del folder
     finished = run(resolved_again(job["settings"], job["variant"]), seed=job["seed"])
     measures: dict[str, Measure] = {**finished.measures, "wall_s": finished.wall_s}

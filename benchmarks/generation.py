@@ -71,7 +71,7 @@ class Draws(NamedTuple):
 
 
 def swarm_draws(shape: Shape) -> Draws:
-    """r1 and r2 for each coordinate (`swarm.fly`); reflection draws nothing."""
+    """Return r1 and r2 for each coordinate; reflection draws nothing."""
     return Draws(2.0 * shape.size * shape.dim)
 
 

@@ -297,7 +297,7 @@ def formation(scenario: str) -> list[Instance]:
     controller = flight.controller
     team = controller.team if isinstance(controller, DualMode) else controller
     if not isinstance(team, Team):
-        raise TypeError(f"{scenario} flies no team")
+        raise TypeError(f"{scenario} has no team")
 
     def plan(number: int, state: Array, seen: tuple[Array, ...]) -> Plan:
         controller = team.agents[number].controller

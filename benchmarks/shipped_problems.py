@@ -33,7 +33,7 @@ WHOLE = "lotka_volterra_whole"
 """Problem with an integer control: no optimum is known, and its bar was written down
 before it was measured."""
 MOST, MEDIAN, RELAXED = 1.3508, 1.3501, 1.34466
-"""Its bar: worst cost and median of a genetic algorithm; optimum of the relaxation."""
+"""Its bar: worst and best cost of a genetic algorithm; optimum of the relaxation."""
 WITHIN = 1e-4
 """Relative tolerance of a value."""
 TEXT = """# The shipped problems

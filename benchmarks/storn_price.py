@@ -52,7 +52,7 @@ def rosenbrock(x: Array) -> tuple[Array, Array]:
 
 
 def step(x: Array) -> tuple[Array, Array]:
-    """The third function of De Jong; infeasible outside its box, where it decreases."""
+    """The third function of De Jong; infeasible outside, since it decreases there."""
     excess = np.maximum(np.abs(x) - 5.12, 0.0).sum(axis=0)
     return 30.0 + np.floor(x).sum(axis=0), excess
 

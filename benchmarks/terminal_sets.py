@@ -161,7 +161,7 @@ def _violations(
         rtol=TOLERANCE, atol=TOLERANCE,
     )  # fmt: skip
     if not flown.success:
-        raise ArithmeticError(f"the samples could not be flown: {flown.message}")
+        raise ArithmeticError(f"the samples could not be simulated: {flown.message}")
     x = flown.y[:, -1].reshape(nx, count + 1)
     before, after = found.value(e), found.value(x[:, :-1] - x[:, -1:])
     du = found.feedback(e)

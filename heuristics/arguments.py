@@ -89,7 +89,7 @@ def box_of(given: Box | ArrayLike | None, bounds: Box | ArrayLike | None = None)
         [1.0, 5.0]
     """
     if given is not None and bounds is not None:
-        raise InvalidSettingsError("bounds", bounds, "None where box is given")
+        raise InvalidSettingsError("bounds", bounds, "None if box is given")
     chosen = bounds if given is None else given
     if isinstance(chosen, Box):
         return chosen
@@ -129,7 +129,7 @@ def generator_of(
         True
     """
     if rng is not None and seed is not None:
-        raise InvalidSettingsError("seed", seed, "None where rng is given")
+        raise InvalidSettingsError("seed", seed, "None if rng is given")
     if rng is not None:
         if not isinstance(rng, np.random.Generator):
             allowed = "a numpy.random.Generator (an integer is for seed)"

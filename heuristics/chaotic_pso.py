@@ -204,7 +204,7 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
     the text's, c1 = c2 = 1.496 is recommended.
 
     velocity_max and search_length are in the units of the variables, as in the text.
-    If both are None, nothing depends on those units.
+    With None for both, nothing depends on those units.
 
     The text leaves some points open. Here:
 

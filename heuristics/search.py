@@ -148,7 +148,7 @@ class Search:
         if not isinstance(rng, np.random.Generator):
             raise InvalidSettingsError("rng", rng, "a numpy.random.Generator")
         if initial is not None and snapshot is not None:
-            allowed = "None where snapshot is given"
+            allowed = "None if snapshot is given"
             raise InvalidSettingsError("initial", initial, allowed)
         _require_basins(basins, box)
         ok = isinstance(radius, Real) and bool(radius > 0.0)

@@ -61,7 +61,7 @@ class InvalidShapeError(SwarmstartError, ValueError):
 
 @dataclass(eq=False)
 class NotPositiveError(SwarmstartError, ValueError):
-    """A step, a level or a bound is zero, negative or infinite where it must not be.
+    """A step, a level or a bound must be positive and finite, but is not.
 
     Attributes:
         name: Name of the number.

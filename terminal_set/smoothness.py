@@ -190,7 +190,7 @@ def require_bounded(function: ca.Function, at: Array) -> None:
         for edge in _EDGES.get(operation, ()):
             of = number if operation == "hypot" else node.arguments[0]
             if low[of] <= edge <= high[of]:
-                reason = "is at the edge of where it is smooth"
+                reason = "is at the edge of its smooth domain"
                 raise NotSmoothError(name, operation, reason)
         if not bounded[number]:
             raise NotSmoothError(name, operation, "leaves its domain")

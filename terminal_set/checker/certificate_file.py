@@ -277,7 +277,7 @@ def _substeps(value: object, *, held: bool) -> int | None:
     if held:
         return _integer(value, "substeps", 1, MOST_SUBSTEPS)
     if value is not None:
-        raise unusable("substeps", "null where dt is null", value)
+        raise unusable("substeps", "null if dt is null", value)
     return None
 
 
@@ -293,7 +293,7 @@ def _margins(value: object, *, held: bool) -> _Margins:
     if not held:
         for name, margin in margins.items():
             if margin is not None:
-                raise unusable(f"margins.{name}", "null where dt is null", margin)
+                raise unusable(f"margins.{name}", "null if dt is null", margin)
     error = growth = None
     taken = proven = False
     if margins["integrator"] is not None:

@@ -16,7 +16,7 @@ from swarmstart.tests.adversary.linear_case import formulas_of, substeps_of, tru
 
 Array = NDArray[np.float64]
 WIDER = 3.0
-"""How much wider the bounds are than what the optimum uses."""
+"""Ratio of the bounds and the range that the optimum uses."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

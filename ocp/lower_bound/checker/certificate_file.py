@@ -154,7 +154,7 @@ def _certificate(content: dict[str, object]) -> Certificate:
         raise unusable("prunings", f"at most {MOST_PRUNINGS}", len(prunings))
     known = content["known"]
     if known is None and prunings:
-        raise unusable("known", "a number where there are prunings", known)
+        raise unusable("known", "a number if there are prunings", known)
     _check_statements(content["statements"], prunings=len(prunings))
     return Certificate(
         problem=problem,

@@ -6,7 +6,7 @@ in [lo, hi], with beta = b + 2 q v and w = u - v,
     b u + q u^2 = b v + q v^2 + beta w + q w^2
 
 and beta w + q w^2 >= -beta^2 / (4 q) for all w; with lo - v <= w <= hi - v and
-|beta| <= R on the side where it counts, also >= -D,
+|beta| <= R on the side that matters, it is also >= -D,
 
     D = R^2 / (4 q) if R <= 2 q W, else W (R - q W),  W = v - lo (beta > 0) or hi - v.
 

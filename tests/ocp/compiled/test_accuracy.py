@@ -23,7 +23,7 @@ SIZES = (0, 1, 7, 8, 9, 1000)
 INPUTS, DRAWN, KEPT = 6, 40, 8
 
 LINEAR = "add sub mul neg sq twice fabs fmin fmax copysign if_else_zero".split()
-"""What stays so near each operand's change that a bound may exceed the value."""
+"""Operations whose result changes no more than their operands do."""
 
 COMMON = "add sub mul sq twice add sub mul neg".split()
 UNUSED = {"assign", "lift"}
