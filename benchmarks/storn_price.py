@@ -23,6 +23,7 @@ from swarmstart.heuristics import (
     Objective,
     minimize,
 )
+from swarmstart.heuristics.minimize import values_of
 
 
 class StornPrice(NamedTuple):
@@ -178,12 +179,13 @@ def scipy_hit(row: StornPrice, seed: int, strategy: str = "rand1bin") -> int | N
     def cost(x: Array) -> float:
         nonlocal count
         count += 1
-        value, violation = row.objective(x[:, None])
-        if violation[0] > 0.0:
-            return 1e30 + float(violation[0])
-        if value[0] <= 1e-6:
+        values = values_of(row.objective(x[:, None]), 1)
+        value, violation = (float(np.asarray(one)[0]) for one in values)
+        if violation > 0.0:
+            return 1e30 + violation
+        if value <= 1e-6:
             raise _HitError
-        return float(value[0])
+        return value
 
     try:
         differential_evolution(
