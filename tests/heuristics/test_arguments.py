@@ -65,7 +65,7 @@ def test_refuses_what_is_no_list_of_pairs(given: Any) -> None:
 def test_refuses_no_box_and_two() -> None:
     with pytest.raises(InvalidSettingsError, match="bounds must be a Box, or pairs"):
         box_of(None)
-    with pytest.raises(InvalidSettingsError, match="bounds must be None where box is"):
+    with pytest.raises(InvalidSettingsError, match="bounds must be None if box is"):
         box_of([(0, 1)], [(0, 1)])
 
 
